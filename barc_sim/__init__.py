@@ -1,0 +1,1 @@
+"""The BARC vehicle simulator for ROS 2: model, controller, recorder, plots and replays."""

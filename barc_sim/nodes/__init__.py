@@ -1,0 +1,1 @@
+"""The nodes; each converts messages, calls a pure function and publishes."""

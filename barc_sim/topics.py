@@ -1,0 +1,12 @@
+"""Topic names, relative so that a namespace moves them all, and their quality of service."""
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+ECU = 'ecu'
+STATE = 'z_vhcl'
+STATE_ERROR = 'ez_vhcl'
+ENVIRONMENT = 'environment'
+PID_STATE = 'pid_state'
+
+#: Every topic of a run: reliable, with room for a second of 100 Hz.
+QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
