@@ -1,0 +1,43 @@
+"""What the commands share: one-line errors and exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from typing import TYPE_CHECKING, NoReturn
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+USAGE_ERROR = 2
+INTERRUPTED = 130
+
+
+class Parser(argparse.ArgumentParser):
+    """An ArgumentParser whose errors are one line; `--help` says the rest."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print `message` on stderr in one line and exit with code 2."""
+        self.exit(USAGE_ERROR, f'{self.prog}: error: {message} (see --help)\n')
+
+
+def call(prog: str, main: Callable[[], int | None]) -> int:
+    """Run `main` and return the command's exit code.
+
+    A UserError becomes one line on stderr and code 2, Ctrl-C code 130, and a reader that went
+    away (`| head`) ends the command silently.
+    """
+    try:
+        return main() or 0
+    except UserError as error:
+        print(f'{prog}: error: {error}', file=sys.stderr)  # noqa: T201
+        return USAGE_ERROR
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Python flushes stdout at exit once more: let that go nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0

@@ -1,0 +1,81 @@
+"""The PID speed controller."""
+
+from __future__ import annotations
+
+from math import inf
+
+
+class PID:
+    """A PID controller in parallel form, with limited output.
+
+    With the error e = reference - measurement, over each interval dt::
+
+        u = kp e + I + D      I = Σ ki e dt      D = -kd Δmeasurement / dt
+
+    and the output is `u` cut to `[output_min, output_max]`.
+
+    - Anti-windup is by conditional integration ("clamping"; Åström and Hägglund, "Advanced PID
+      Control", 3.5): where the output is cut, the integral does not move further into the limit.
+    - The derivative is that of the measurement, so that a changed reference does not kick, and the
+      first sample, which has no predecessor, has no derivative and adds nothing to the integral.
+    - The integral is kept in units of the output: a changed `ki` counts from then on.
+
+    The gains and limits may be changed at any time; `proportional`, `integral`, `derivative` and
+    `saturated` tell of the latest call.
+    """
+
+    def __init__(
+        self,
+        kp: float,
+        ki: float,
+        kd: float,
+        *,
+        dt: float = 0.02,
+        output_min: float = -inf,
+        output_max: float = inf,
+    ) -> None:
+        """Start at rest; `dt` [s] is the interval between calls that do not give one.
+
+        Raises
+        ------
+        ValueError
+            where `output_min` is not below `output_max`.
+        """
+        if not output_min < output_max:
+            raise ValueError(f'output_min={output_min!r} must be below output_max={output_max!r}')
+        self.kp = kp
+        self.ki = ki
+        self.kd = kd
+        self.dt = dt
+        self.output_min = output_min
+        self.output_max = output_max
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+        self.proportional = 0.0
+        self.integral = 0.0
+        self.derivative = 0.0
+        self.saturated = False
+        self._previous: float | None = None
+
+    def acc_calculate(
+        self, speed_reference: float, speed_current: float, dt: float | None = None
+    ) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        dt = self.dt if dt is None else dt
+        error = speed_reference - speed_current
+        self.proportional = self.kp * error
+        if self._previous is None or dt <= 0.0:
+            increment = self.derivative = 0.0
+        else:
+            increment = self.ki * error * dt
+            self.derivative = -self.kd * (speed_current - self._previous) / dt
+        self._previous = speed_current
+
+        wanted = self.proportional + self.integral + increment + self.derivative
+        output = min(max(wanted, self.output_min), self.output_max)
+        self.saturated = output != wanted
+        if (wanted - output) * increment <= 0.0:
+            self.integral += increment
+        return output

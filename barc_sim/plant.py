@@ -1,0 +1,61 @@
+"""The vehicle on its road with its sensors: what the simulator node and the rollout step alike."""
+
+from __future__ import annotations
+
+from math import radians
+from typing import NamedTuple
+
+from barc_sim.bike_model import Forces, Input, Motion, State, Vehicle, forces, motion, step
+from barc_sim.road import Road
+from barc_sim.sensor import Deviation, Sensor
+
+
+class Observation(NamedTuple):
+    """All there is to tell of one state."""
+
+    measured: Motion
+    error: Deviation  #: measured minus true
+    theta_deg: float  #: [deg] incline
+    elevation: float  #: [m]
+    forces: Forces
+
+
+class Plant:
+    """Holds the state and the last command; `vehicle` may be replaced between steps."""
+
+    def __init__(
+        self,
+        *,
+        road: Road | None = None,
+        vehicle: Vehicle | None = None,
+        ts: float = 0.02,
+        noise: Deviation | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds."""
+        self.road = road or Road.lab()
+        self.vehicle = vehicle or Vehicle()
+        self.ts = ts
+        self.state = State()
+        self._held = Input()
+        self._sensor = Sensor(noise, seed)
+
+    def observe(self) -> Observation:
+        """Measure the present state; each call draws new measurement noise."""
+        state = self.state
+        theta_deg = self.road.grade_deg(state.x)
+        measured, error = self._sensor.measure(motion(state, self._held.servo, self.vehicle))
+        return Observation(
+            measured=measured,
+            error=error,
+            theta_deg=theta_deg,
+            elevation=self.road.elevation(state.x),
+            forces=forces(state.v, radians(theta_deg), self.vehicle),
+        )
+
+    def advance(self, command: Input | None = None) -> None:
+        """Go one step with `command`; without one, the last holds."""
+        if command is not None:
+            self._held = command
+        theta = radians(self.road.grade_deg(self.state.x))
+        self.state = step(self.state, self._held, theta, self.vehicle, self.ts)

@@ -1,0 +1,108 @@
+"""The road: grade and elevation by distance along its surface."""
+
+from __future__ import annotations
+
+import csv
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import isfinite, radians, sin
+from pathlib import Path
+
+from barc_sim.errors import UserError
+
+STEEPEST_DEG = 90.0
+
+
+@dataclass(frozen=True)
+class Road:
+    """Stretches of constant grade; each owns its left end, the first and last have no outer end.
+
+    `starts[i]` [m] is where the stretch of grade `grades_deg[i]` [deg] begins.
+    """
+
+    starts: tuple[float, ...]
+    grades_deg: tuple[float, ...]
+    name: str = 'road'
+    _heights: tuple[float, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Raise ValueError unless starts rise and each stretch has a grade within ±90°."""
+        if not self.starts or len(self.starts) != len(self.grades_deg):
+            raise ValueError(f'{len(self.starts)} starts and {len(self.grades_deg)} grades')
+        for value in (*self.starts, *self.grades_deg):
+            if not isfinite(value):
+                raise ValueError(f'{value!r} is not a finite number')
+        for left, right in pairwise(self.starts):
+            if not left < right:
+                raise ValueError(f'start {right!r} m must lie beyond the one before it, {left!r} m')
+        for grade in self.grades_deg:
+            if not abs(grade) < STEEPEST_DEG:
+                raise ValueError(f'grade {grade!r} must lie between -90 and 90 degrees')
+        heights = [0.0]
+        for (left, right), grade in zip(pairwise(self.starts), self.grades_deg, strict=False):
+            heights.append(heights[-1] + (right - left) * sin(radians(grade)))
+        object.__setattr__(self, '_heights', tuple(heights))
+
+    @classmethod
+    def lab(cls) -> Road:
+        """Return the lab's road: two hills, of 10° and of 30°."""
+        return cls(
+            starts=tuple(20.0 * i for i in range(9)),
+            grades_deg=(0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0),
+            name='lab',
+        )
+
+    @classmethod
+    def flat(cls) -> Road:
+        """Return a level road."""
+        return cls(starts=(0.0,), grades_deg=(0.0,), name='flat')
+
+    @classmethod
+    def named(cls, name: str) -> Road:
+        """Return the road called `lab` or `flat`, or the one in the CSV file of that name.
+
+        The file has the columns `start_m,grade_deg`, in that order, under such a header; lines
+        beginning with `#` are passed over.
+
+        Raises
+        ------
+        UserError
+            where there is no such road, or the file does not describe one.
+        """
+        if name in ('lab', 'flat'):
+            return cls.lab() if name == 'lab' else cls.flat()
+        path = Path(name)
+        try:
+            lines = path.read_text(encoding='utf-8').splitlines()
+        except (OSError, UnicodeDecodeError, ValueError):
+            raise UserError(
+                f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"
+            ) from None
+        return cls._parse(name, lines)
+
+    @classmethod
+    def _parse(cls, name: str, lines: list[str]) -> Road:
+        header, *rows = [line for line in lines if line.strip() and line[0] != '#'] or ['']
+        if [column.strip() for column in header.split(',')] != ['start_m', 'grade_deg']:
+            raise UserError(f"road file {name!r} must begin with the header 'start_m,grade_deg'")
+        try:
+            stretches = [(float(start), float(grade)) for start, grade in csv.reader(rows)]
+            starts, grades = zip(*stretches, strict=True)
+            return cls(starts, grades, name)
+        except ValueError as error:
+            raise UserError(
+                f'road file {name!r} must hold lines of two numbers, start_m,grade_deg: {error}'
+            ) from None
+
+    def _stretch(self, s: float) -> int:
+        return max(bisect_right(self.starts, s) - 1, 0)
+
+    def grade_deg(self, s: float) -> float:
+        """Return the incline [deg] at `s` metres along the road, positive uphill."""
+        return self.grades_deg[self._stretch(s)]
+
+    def elevation(self, s: float) -> float:
+        """Return the height [m] at `s` metres along the road, above the first stretch's start."""
+        i = self._stretch(s)
+        return self._heights[i] + (s - self.starts[i]) * sin(radians(self.grades_deg[i]))

@@ -1,0 +1,79 @@
+"""The cruise-control loop without ROS: the same trajectory as the nodes', bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from barc_sim.bike_model import Input
+from barc_sim.log import Log
+from barc_sim.pid import PID
+from barc_sim.plant import Plant
+
+#: On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
+KP, KI, KD = 30.0, 200.0, 0.1
+SPEED_REFERENCE = 8.0
+ACCELERATION_LIMIT = 8.0
+
+
+def speed_controller(
+    kp: float = KP, ki: float = KI, kd: float = KD, limit: float = ACCELERATION_LIMIT
+) -> PID:
+    """Return the run's controller: a PID whose output is within ±`limit` [m/s²]."""
+    return PID(kp, ki, kd, output_min=-limit, output_max=limit)
+
+
+def rollout(
+    plant: Plant | None = None,
+    pid: PID | None = None,
+    *,
+    speed_reference: float = SPEED_REFERENCE,
+    distance: float = 180.0,
+    max_duration: float = 600.0,
+) -> Log:
+    """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
+
+    `plant` and `pid` are the run's defaults unless given, and are left as the run left them. The
+    last row is the first state at or beyond `distance`, with the command that answers it.
+    """
+    plant = plant or Plant()
+    pid = pid or speed_controller()
+    rows: list[tuple[float, ...]] = []
+    dt = 0.0
+    period_ns = round(plant.ts * 1e9)
+    steps = round(max_duration / plant.ts)
+    for k in range(steps + 1):
+        seen = plant.observe()
+        command = Input(pid.acc_calculate(speed_reference, seen.measured.v_x, dt), 0.0)
+        rows.append(
+            (
+                k * period_ns / 1e9,
+                *seen.measured,
+                *seen.error,
+                *command,
+                seen.theta_deg,
+                seen.elevation,
+                *seen.forces,
+                speed_reference,
+                pid.proportional,
+                pid.integral,
+                pid.derivative,
+                pid.saturated,
+            )
+        )
+        if plant.state.x >= distance:
+            break
+        plant.advance(command)
+        dt = plant.ts
+    return _log(rows)
+
+
+def _log(rows: list[tuple[float, ...]]) -> Log:
+    """Return the log of rows in the order of `Log`'s fields, `missed` left out."""
+    columns = np.array(rows, dtype=np.float64).T.copy()
+    names = [name for name in Log.__dataclass_fields__ if name != 'missed']
+    arrays = dict(zip(names, columns, strict=True))
+    return Log(
+        **{name: array for name, array in arrays.items() if name != 'saturated'},
+        missed=np.zeros(len(rows), dtype=np.bool_),
+        saturated=arrays['saturated'].astype(np.bool_),
+    )
