@@ -85,8 +85,9 @@ def bikeFE(  # noqa: N802 (the lab's name)
 ) -> list[float]:
     """Return `[x, y, psi, v]` one forward-Euler step of `ts` seconds later.
 
-    Resistance slows the vehicle to a standstill and never pushes it backwards: where friction
-    and drag alone would carry the speed through zero, the next speed is zero.
+    Resistance slows the vehicle to a standstill and never pushes it backwards: in a step that
+    passes through zero speed, the next speed is zero, or what command and gravity alone make of
+    it where they pass through zero, too.
 
     Parameters
     ----------
@@ -120,8 +121,11 @@ def bikeFE(  # noqa: N802 (the lab's name)
     push = -m * g * sin(theta)
     f_ext = push - copysign(resistance, v) if v else push
     v_next = v + ts * (a + f_ext / m)
-    if v * v_next < 0.0 <= v * (v + ts * (a + push / m)):
-        v_next = 0.0
+    v_unresisted = v + ts * (a + push / m)
+    if v > 0.0:
+        v_next = max(v_next, min(v_unresisted, 0.0))
+    elif v < 0.0:
+        v_next = min(v_next, max(v_unresisted, 0.0))
     return [
         x + ts * v * cos(psi + beta),
         y + ts * v * sin(psi + beta),
