@@ -29,7 +29,10 @@ class Road:
     def __post_init__(self) -> None:
         """Raise ValueError unless starts rise and each stretch has a grade within ±90°."""
         if not self.starts or len(self.starts) != len(self.grades_deg):
-            raise ValueError(f'{len(self.starts)} starts and {len(self.grades_deg)} grades')
+            raise ValueError(
+                f'{len(self.starts)} starts and {len(self.grades_deg)} grades must be equally '
+                'many, and at least one of each'
+            )
         for value in (*self.starts, *self.grades_deg):
             if not isfinite(value):
                 raise ValueError(f'{value!r} is not a finite number')
@@ -62,8 +65,8 @@ class Road:
     def named(cls, name: str) -> Road:
         """Return the road called `lab` or `flat`, or the one in the CSV file of that name.
 
-        The file has the columns `start_m,grade_deg`, in that order, under such a header; lines
-        beginning with `#` are passed over.
+        The file has the columns `start_m,grade_deg`, in that order, under such a header; blank
+        lines and lines beginning with `#` are passed over.
 
         Raises
         ------
@@ -74,26 +77,21 @@ class Road:
             return cls.lab() if name == 'lab' else cls.flat()
         path = Path(name)
         try:
-            lines = path.read_text(encoding='utf-8').splitlines()
-        except (OSError, UnicodeDecodeError, ValueError):
+            # Spreadsheets on Windows begin UTF-8 with a byte order mark.
+            lines = path.read_text(encoding='utf-8-sig').splitlines()
+        except (OSError, ValueError):
             raise UserError(
                 f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"
             ) from None
-        return cls._parse(name, lines)
-
-    @classmethod
-    def _parse(cls, name: str, lines: list[str]) -> Road:
-        header, *rows = [line for line in lines if line.strip() and line[0] != '#'] or ['']
-        if [column.strip() for column in header.split(',')] != ['start_m', 'grade_deg']:
-            raise UserError(f"road file {name!r} must begin with the header 'start_m,grade_deg'")
         try:
-            stretches = [(float(start), float(grade)) for start, grade in csv.reader(rows)]
-            starts, grades = zip(*stretches, strict=True)
-            return cls(starts, grades, name)
-        except ValueError as error:
-            raise UserError(
-                f'road file {name!r} must hold lines of two numbers, start_m,grade_deg: {error}'
-            ) from None
+            stretches = _stretches(lines)
+            return cls(
+                starts=tuple(start for start, _ in stretches),
+                grades_deg=tuple(grade for _, grade in stretches),
+                name=name,
+            )
+        except (ValueError, csv.Error) as error:
+            raise UserError(f'road file {name!r} describes no road: {error}') from None
 
     def _stretch(self, s: float) -> int:
         return max(bisect_right(self.starts, s) - 1, 0)
@@ -106,3 +104,22 @@ class Road:
         """Return the height [m] at `s` metres along the road, above the first stretch's start."""
         i = self._stretch(s)
         return self._heights[i] + (s - self.starts[i]) * sin(radians(self.grades_deg[i]))
+
+
+def _stretches(lines: list[str]) -> list[tuple[float, float]]:
+    """Return start [m] and grade [deg] of each row of a road file."""
+    content = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
+    header, *rows = [*csv.reader(content)] or [[]]
+    if [column.strip() for column in header] != ['start_m', 'grade_deg']:
+        raise ValueError(f"its header is {','.join(header)!r}, not 'start_m,grade_deg'")
+    return [_numbers(row) for row in rows]
+
+
+def _numbers(row: list[str]) -> tuple[float, float]:
+    try:
+        start, grade = (float(cell) for cell in row)
+    except ValueError:
+        raise ValueError(
+            f'{",".join(row)!r} must be two numbers, distance [m] and grade [deg]'
+        ) from None
+    return start, grade
