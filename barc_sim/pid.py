@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, isfinite
 
 
 class PID:
@@ -19,6 +19,9 @@ class PID:
     - The derivative is that of the measurement, so that a changed reference does not kick, and the
       first sample, which has no predecessor, has no derivative and adds nothing to the integral.
     - The integral is kept in units of the output: a changed `ki` counts from then on.
+    - Where `dt` is not positive (two samples of one instant), I stands still and D is zero.
+    - A sample that is not finite leaves no trace: `u` follows it (NaN gives NaN), but I stands
+      still, and the next sample counts as the first.
 
     The gains and limits may be changed at any time; `proportional`, `integral`, `derivative` and
     `saturated` tell of the latest call.
@@ -66,16 +69,16 @@ class PID:
         dt = self.dt if dt is None else dt
         error = speed_reference - speed_current
         self.proportional = self.kp * error
-        if self._previous is None or dt <= 0.0:
+        if self._previous is None or not dt > 0.0:
             increment = self.derivative = 0.0
         else:
             increment = self.ki * error * dt
             self.derivative = -self.kd * (speed_current - self._previous) / dt
-        self._previous = speed_current
+        self._previous = speed_current if isfinite(error) else None
 
         wanted = self.proportional + self.integral + increment + self.derivative
         output = min(max(wanted, self.output_min), self.output_max)
-        self.saturated = output != wanted
-        if (wanted - output) * increment <= 0.0:
+        self.saturated = wanted < self.output_min or wanted > self.output_max
+        if isfinite(increment) and (wanted - output) * increment <= 0.0:
             self.integral += increment
         return output
