@@ -31,7 +31,11 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     away (`| head`) ends the command silently.
     """
     try:
-        return main() or 0
+        try:
+            return main() or 0
+        finally:
+            # What waits in the buffer would otherwise fail at exit, where nobody can catch it.
+            sys.stdout.flush()
     except UserError as error:
         print(f'{prog}: error: {error}', file=sys.stderr)  # noqa: T201
         return USAGE_ERROR
