@@ -54,11 +54,12 @@ class Log:
     saturated: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        """Raise ValueError where an array's shape differs from that of `t`."""
+        """Raise ValueError unless every array has one dimension and as many elements as `t`."""
+        expected = (np.size(self.t),)
         for field in fields(self):
             shape = np.shape(getattr(self, field.name))
-            if shape != (len(self.t),):
-                raise ValueError(f'{field.name} has shape {shape}, expected {(len(self.t),)}')
+            if shape != expected:
+                raise ValueError(f'{field.name} has shape {shape}, expected {expected}')
 
     def __len__(self) -> int:
         """Return the number of states."""
