@@ -63,7 +63,8 @@ def rollout(
         if plant.state.x >= distance:
             break
         plant.advance(command)
-        dt = plant.ts
+        # As the nodes take it from stamps, which are whole nanoseconds.
+        dt = period_ns / 1e9
     return _log(rows)
 
 
