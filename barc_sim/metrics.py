@@ -53,7 +53,8 @@ def summary(log: Log) -> Summary:
     NaN where the speed is outside the band at that stretch's end.
     """
     error = log.speed_error
-    beyond = error[log.distance >= RUN_UP]
+    distance = log.distance
+    beyond = error[distance >= RUN_UP]
     stretches = _stretches(log)
     first = stretches[0] if stretches else slice(0)
     return Summary(
@@ -66,8 +67,8 @@ def summary(log: Log) -> Summary:
         missed_deadlines=int(np.count_nonzero(log.missed)),
         stretches=tuple(
             Stretch(
-                start=float(log.distance[part][0]),
-                end=float(log.distance[part][-1]),
+                start=float(distance[part][0]),
+                end=float(distance[part][-1]),
                 theta_deg=float(log.theta_deg[part][0]),
                 rms_error=_rms(error[part]),
                 max_error=_greatest(error[part]),
@@ -81,7 +82,9 @@ def _stretches(log: Log) -> list[slice]:
     """Return the runs of states between changes of grade."""
     if not len(log):
         return []
-    changes = np.flatnonzero(np.diff(log.theta_deg)) + 1
+    before, after = log.theta_deg[:-1], log.theta_deg[1:]
+    both_unknown = np.isnan(before) & np.isnan(after)
+    changes = np.flatnonzero((before != after) & ~both_unknown) + 1
     bounds = [0, *changes.tolist(), len(log)]
     return [slice(left, right) for left, right in pairwise(bounds)]
 
