@@ -21,7 +21,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
-        self.exit(USAGE_ERROR, f'{self.prog}: error: {message} (see --help)\n')
+        self.exit(USAGE_ERROR, f'{_error_line(self.prog, message)} (see --help)\n')
 
 
 def call(prog: str, main: Callable[[], int | None]) -> int:
@@ -37,7 +37,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
             # What waits in the buffer would otherwise fail at exit, where nobody can catch it.
             sys.stdout.flush()
     except UserError as error:
-        print(f'{prog}: error: {error}', file=sys.stderr)  # noqa: T201
+        print(_error_line(prog, str(error)), file=sys.stderr)  # noqa: T201
         return USAGE_ERROR
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -45,3 +45,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         # Python flushes stdout at exit once more: let that go nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _error_line(prog: str, message: str) -> str:
+    return f'{prog}: error: {" ".join(message.splitlines())}'
