@@ -1,0 +1,80 @@
+"""Messages from and to the records of the pure modules."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
+
+from barc_sim.bike_model import Input
+
+if TYPE_CHECKING:
+    from barc_sim.pid import PID
+    from barc_sim.plant import Observation
+
+NANOSECONDS = 1_000_000_000
+
+
+def to_header(stamp_ns: int, frame_id: str = '') -> Header:
+    """Return a header stamped `stamp_ns` [ns]."""
+    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def to_nanoseconds(stamp: Time) -> int:
+    """Return `stamp` in nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def to_state(seen: Observation, header: Header) -> ZDynBkMdl:
+    """Return the state as measured."""
+    x, y, psi, v_x, v_y, psi_dot = seen.measured
+    return ZDynBkMdl(header=header, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, psi_dot=psi_dot)
+
+
+def to_state_error(seen: Observation, header: Header) -> EZDynBkMdl:
+    """Return the measurement's error."""
+    s, ey, epsi, v_x, v_y, psi_dot = seen.error
+    return EZDynBkMdl(header=header, s=s, ey=ey, epsi=epsi, v_x=v_x, v_y=v_y, psi_dot=psi_dot)
+
+
+def to_environment(seen: Observation, header: Header) -> Environment:
+    """Return what the road and the air do."""
+    friction, drag, gravity = seen.forces
+    return Environment(
+        header=header,
+        theta=seen.theta_deg,
+        elevation=seen.elevation,
+        friction=friction,
+        drag=drag,
+        gravity=gravity,
+    )
+
+
+def to_input(message: ECU) -> Input:
+    """Return the command in `message`."""
+    return Input(motor=message.motor, servo=message.servo)
+
+
+def to_ecu(command: Input, header: Header) -> ECU:
+    """Return `command` as a message."""
+    return ECU(header=header, motor=command.motor, servo=command.servo)
+
+
+def to_pid_state(
+    pid: PID, reference: float, measurement: float, output: float, header: Header
+) -> PidState:
+    """Return what `pid` computed in its latest call."""
+    return PidState(
+        header=header,
+        reference=reference,
+        measurement=measurement,
+        error=reference - measurement,
+        proportional=pid.proportional,
+        integral=pid.integral,
+        derivative=pid.derivative,
+        output=output,
+        saturated=pid.saturated,
+    )

@@ -1,0 +1,53 @@
+"""Publishers and subscriptions without the default QoS events, and the one warning instead.
+
+The default event callbacks add two waitables to each endpoint, which every turn of an executor
+would wait for; an incompatible peer is looked for with `incompatible_peers` instead.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+from barc_sim.topics import QOS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+    from rclpy.subscription import Subscription
+
+
+def publisher(node: Node, message_type: type[Any], topic: str) -> Publisher:
+    """Return a publisher of `node` on `topic`."""
+    events = PublisherEventCallbacks(use_default_callbacks=False)
+    return node.create_publisher(message_type, topic, QOS, event_callbacks=events)
+
+
+def subscription(
+    node: Node,
+    message_type: type[Any],
+    topic: str,
+    callback: Callable[[Any], None],
+    group: CallbackGroup,
+) -> Subscription:
+    """Return a subscription of `node` to `topic`, called back in `group`."""
+    events = SubscriptionEventCallbacks(use_default_callbacks=False)
+    return node.create_subscription(
+        message_type, topic, callback, QOS, callback_group=group, event_callbacks=events
+    )
+
+
+def incompatible_peers(node: Node) -> Iterator[str]:
+    """Yield a sentence for each publisher and subscription on a topic of `node` that don't match."""
+    for topic in sorted({end.topic_name for end in (*node.publishers, *node.subscriptions)}):
+        subscribers = node.get_subscriptions_info_by_topic(topic)
+        for source in node.get_publishers_info_by_topic(topic):
+            for sink in subscribers:
+                verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
+                if verdict == QoSCompatibility.ERROR:
+                    yield f'{sink.node_name} cannot hear {source.node_name} on {topic}: {reason}'

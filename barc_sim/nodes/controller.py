@@ -1,0 +1,118 @@
+"""The node `controller`: holds the speed; each state that arrives is answered by a command."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
+from rclpy.node import Node
+
+from barc_sim import topics
+from barc_sim.bike_model import Input
+from barc_sim.cli import call
+from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
+from barc_sim.endpoints import publisher, subscription
+from barc_sim.executor import QuickCallbackGroup
+from barc_sim.parameters import Parameter, declare
+from barc_sim.process import spin
+from barc_sim.rollout import ACCELERATION_LIMIT, KD, KI, KP, SPEED_REFERENCE, speed_controller
+
+if TYPE_CHECKING:
+    from rclpy.parameter import Parameter as RosParameter
+
+_PARAMETERS = [
+    Parameter('kp', KP, 'proportional gain [1/s]', (0.0, 1e6)),
+    Parameter('ki', KI, 'integral gain [1/s²]', (0.0, 1e6)),
+    Parameter('kd', KD, 'derivative gain [-]', (0.0, 1e6)),
+    Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', (-100.0, 100.0)),
+    Parameter('acceleration_limit', ACCELERATION_LIMIT, '[m/s²], either way', (0.01, 100.0)),
+    Parameter(
+        'subtract_error',
+        default=False,
+        description='whether to control the true speed, z_vhcl minus ez_vhcl, not the measured',
+    ),
+]
+
+
+class CruiseController(Node):
+    """Answers each `z_vhcl` with an `ecu` of the same stamp; its dt is the difference of stamps.
+
+    Gains, reference and limit may be changed while it runs.
+    """
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401 (Node's own)
+        """Declare the parameters and wait for states.
+
+        Raises
+        ------
+        UserError
+            where a parameter is out of range.
+        """
+        super().__init__('controller', **options)
+        self._pid = speed_controller()
+        self._values = declare(self, _PARAMETERS)
+        self._apply()
+        self.add_post_set_parameters_callback(self._on_parameters)
+        self._previous: int | None = None
+        self._state: ZDynBkMdl | None = None
+        self._error: EZDynBkMdl | None = None
+
+        self._ecu_pub = publisher(self, ECU, topics.ECU)
+        self._pid_state_pub = publisher(self, PidState, topics.PID_STATE)
+        group = QuickCallbackGroup()
+        subscription(self, EZDynBkMdl, topics.STATE_ERROR, self._on_state_error, group)
+        subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
+
+    def _on_parameters(self, parameters: list[RosParameter]) -> None:
+        self._values.update({parameter.name: parameter.value for parameter in parameters})
+        self._apply()
+
+    def _apply(self) -> None:
+        pid, values = self._pid, self._values
+        pid.kp, pid.ki, pid.kd = values['kp'], values['ki'], values['kd']
+        pid.output_max = values['acceleration_limit']
+        pid.output_min = -pid.output_max
+
+    def _on_state(self, state: ZDynBkMdl) -> None:
+        if self._values['subtract_error']:
+            self._state = state
+            self._join()
+        else:
+            self._answer(state, state.v_x)
+
+    def _on_state_error(self, error: EZDynBkMdl) -> None:
+        if self._values['subtract_error']:
+            self._error = error
+            self._join()
+
+    def _join(self) -> None:
+        """Answer once the state and the error of the same stamp are both there."""
+        state, error = self._state, self._error
+        if state and error and state.header.stamp == error.header.stamp:
+            self._answer(state, state.v_x - error.v_x)
+
+    def _answer(self, state: ZDynBkMdl, speed: float) -> None:
+        stamp = to_nanoseconds(state.header.stamp)
+        dt = 0.0
+        if self._previous is not None:
+            dt = (stamp - self._previous) / NANOSECONDS
+            if dt < 0.0:
+                self._pid.reset()
+        self._previous = stamp
+
+        reference = self._values['speed_reference']
+        acceleration = self._pid.acc_calculate(reference, speed, max(dt, 0.0))
+        self._ecu_pub.publish(to_ecu(Input(motor=acceleration), state.header))
+        self._pid_state_pub.publish(
+            to_pid_state(self._pid, reference, speed, acceleration, state.header)
+        )
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone, until it is told to stop."""
+    return call('controller', lambda: spin(CruiseController, args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,233 @@
+"""The node `vehicle_simulator`: owns time, and steps the plant with the commands it is sent."""
+
+from __future__ import annotations
+
+import sys
+import time
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+
+from barc_sim import topics
+from barc_sim.bike_model import Input, Vehicle
+from barc_sim.claim import claim, taken
+from barc_sim.cli import call
+from barc_sim.convert import (
+    NANOSECONDS,
+    to_environment,
+    to_header,
+    to_input,
+    to_nanoseconds,
+    to_state,
+    to_state_error,
+)
+from barc_sim.endpoints import incompatible_peers, publisher, subscription
+from barc_sim.errors import UserError
+from barc_sim.executor import QuickCallbackGroup
+from barc_sim.parameters import Parameter, declare
+from barc_sim.plant import Observation, Plant
+from barc_sim.process import spin
+from barc_sim.road import Road
+from barc_sim.sensor import Deviation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.timer import Timer
+
+_VEHICLE = Vehicle()
+_PARAMETERS = [
+    Parameter('mass', _VEHICLE.mass, 'm, the mass [kg]', (1.0, 1e6)),
+    Parameter('air_drag_coeff', _VEHICLE.air_drag_coeff, 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
+    Parameter('friction', _VEHICLE.friction, 'F_f, rolling resistance [N]', (0.0, 1e6)),
+    Parameter('l_f', _VEHICLE.l_f, 'centre of mass to front axle [m]', (0.01, 100.0)),
+    Parameter('l_r', _VEHICLE.l_r, 'centre of mass to rear axle [m]', (0.01, 100.0)),
+    Parameter('gravity', _VEHICLE.gravity, 'g [m/s²]', (0.0, 100.0)),
+    Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
+    Parameter('road', 'lab', "'lab', 'flat' or a CSV file with the columns start_m,grade_deg"),
+    Parameter('distance', 0.0, 'the run ends here [m]; 0: it goes on', (0.0, 1e6)),
+    Parameter(
+        'realtime_factor',
+        1.0,
+        'simulated seconds per second; 0: each step as soon as its command has arrived',
+        (0.0, 1000.0),
+    ),
+    Parameter('wait_for_controller', True, 'whether time begins only when somebody publishes ecu'),
+    Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
+    Parameter('noise_s', 0.0, 'standard deviation of position along [m]', (0.0, 1e3)),
+    Parameter('noise_ey', 0.0, 'standard deviation of position across [m]', (0.0, 1e3)),
+    Parameter('noise_epsi', 0.0, 'standard deviation of heading [rad]', (0.0, 1e3)),
+    Parameter('noise_v_x', 0.0, 'standard deviation of v_x [m/s]', (0.0, 1e3)),
+    Parameter('noise_v_y', 0.0, 'standard deviation of v_y [m/s]', (0.0, 1e3)),
+    Parameter('noise_psi_dot', 0.0, 'standard deviation of yaw rate [rad/s]', (0.0, 1e3)),
+]
+_GATE_PERIOD = 0.01
+_CHECK_PERIOD = 1.0
+
+
+class VehicleSimulator(Node):
+    """Publishes the state, and steps it with the command that answers it.
+
+    State `k` is stamped `t_0 + k·T_s`. With a real-time factor the command for state `k` is due
+    when state `k + 1` is; where it has not arrived, the last one holds, and `missed` counts it.
+    Without (`realtime_factor` 0) each step is taken as soon as its command has arrived.
+
+    A command answers the state whose stamp it bears. One without a stamp, as `ros2 topic pub`
+    sends it, holds until the next, and nothing is missed meanwhile.
+
+    Attributes
+    ----------
+    finished
+        Done when a state at or beyond `distance` has been published and answered.
+    steps
+        States published.
+    missed
+        Commands that were not there when they were due.
+    slipped
+        Periods by which simulated time has fallen behind the wall clock.
+    """
+
+    def __init__(
+        self,
+        *,
+        on_step: Callable[[float, Observation], None] | None = None,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        """Declare the parameters, claim the topic, and wait for a controller.
+
+        `on_step` is told the simulated time [s] and what was published; it must be quick.
+
+        Raises
+        ------
+        UserError
+            where a parameter is out of range, or the topic has a simulator already.
+        """
+        super().__init__('vehicle_simulator', **options)
+        values = declare(self, (p._replace(read_only=True) for p in _PARAMETERS))
+        self._claim = claim(self, topics.STATE)
+        self._period_ns = round(NANOSECONDS / values['rate'])
+        self._distance = values['distance'] or inf
+        self._realtime_factor = values['realtime_factor']
+        self._wait_for_controller = values['wait_for_controller']
+        self._plant = Plant(
+            road=Road.named(values['road']),
+            vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
+            ts=self._period_ns / NANOSECONDS,
+            noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
+            seed=values['seed'],
+        )
+        self._on_step = on_step
+        self.finished: Future = Future()
+        self.steps = self.missed = self.slipped = 0
+        self._stamp = 0
+        self._command: Input | None = None
+        self._answered = False
+        self._open_loop = False
+        self._pace: Timer | None = None
+
+        self._state_error_pub = publisher(self, EZDynBkMdl, topics.STATE_ERROR)
+        self._environment_pub = publisher(self, Environment, topics.ENVIRONMENT)
+        self._state_pub = publisher(self, ZDynBkMdl, topics.STATE)
+        self._group = QuickCallbackGroup()
+        subscription(self, ECU, topics.ECU, self._on_command, self._group)
+        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self._warned: set[str] = set()
+        self._timer(_CHECK_PERIOD, self._check_peers)
+        self._gate = self._timer(_GATE_PERIOD, self._begin)
+
+    def destroy_node(self) -> None:
+        """Give up the topic, and destroy the node."""
+        self._claim.close()
+        super().destroy_node()
+
+    def _timer(self, period: float, callback: Callable[[], None]) -> Timer:
+        return self.create_timer(period, callback, self._group, self._wall)
+
+    def _begin(self) -> None:
+        """Publish the first state once there is a controller."""
+        if self._wait_for_controller and not self.count_publishers(topics.ECU):
+            return
+        if self.count_publishers(topics.STATE) > 1:
+            raise UserError(taken(self._state_pub.topic_name, self.context.get_domain_id()))
+        self._gate.cancel()
+        self._stamp = time.time_ns()
+        self._publish_state()
+        if self._realtime_factor:
+            period = self._plant.ts / self._realtime_factor
+            self._due = time.monotonic() + period
+            self._pace = self._timer(period, self._on_deadline)
+
+    def _publish_state(self) -> None:
+        seen = self._plant.observe()
+        header = to_header(self._stamp)
+        self._environment_pub.publish(to_environment(seen, header))
+        self._state_error_pub.publish(to_state_error(seen, header))
+        self._state_pub.publish(to_state(seen, header))
+        if self._on_step:
+            self._on_step(self.steps * self._plant.ts, seen)
+        self.steps += 1
+
+    def _on_command(self, message: ECU) -> None:
+        if not (isfinite(message.motor) and isfinite(message.servo)):
+            self.get_logger().warning(
+                f'refused a command that is not finite: {message.motor}, {message.servo}',
+                throttle_duration_sec=1.0,
+            )
+            return
+        stamp = to_nanoseconds(message.header.stamp)
+        self._command = to_input(message)
+        self._open_loop = stamp == 0
+        self._answered = stamp in (0, self._stamp)
+        if self._answered and not self._realtime_factor:
+            self._advance()
+
+    def _on_deadline(self) -> None:
+        period = self._plant.ts / self._realtime_factor
+        behind = int((time.monotonic() - self._due) / period)
+        self.slipped += behind
+        self._due += (behind + 1) * period
+        if not self._answered:
+            self.missed += 1
+            self.get_logger().warning(
+                f'missed deadline {self.missed}: no command answers state {self.steps - 1} '
+                'in time; the last one holds',
+                throttle_duration_sec=1.0,
+            )
+        self._advance()
+
+    def _advance(self) -> None:
+        """Take the step to the next state, or finish where the present one is the last."""
+        if self._plant.state.x >= self._distance:
+            if self._pace:
+                self._pace.cancel()
+            self.finished.set_result(None)
+            return
+        self._plant.advance(self._command)
+        self._answered = self._open_loop
+        self._stamp += self._period_ns
+        self._publish_state()
+
+    def _check_peers(self) -> None:
+        """Say once what keeps this node from hearing or being heard."""
+        if not self.steps:
+            self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
+        for sentence in incompatible_peers(self):
+            self._warn(sentence)
+
+    def _warn(self, sentence: str) -> None:
+        if sentence not in self._warned:
+            self._warned.add(sentence)
+            self.get_logger().warning(sentence)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone, until it finishes or is told to stop."""
+    return call('vehicle_simulator', lambda: spin(VehicleSimulator, args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Declares a node's parameters from one table: name, default, range and description."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rclpy.node import Node
+
+
+class Parameter(NamedTuple):
+    """A parameter; `between` bounds a number, ends included, and so keeps NaN out."""
+
+    name: str
+    default: float | str | bool
+    description: str
+    between: tuple[float, float] | None = None
+    read_only: bool = False
+
+    def descriptor(self) -> ParameterDescriptor:
+        """Return the ROS descriptor."""
+        descriptor = ParameterDescriptor(description=self.description, read_only=self.read_only)
+        if self.between is None:
+            return descriptor
+        low, high = self.between
+        if isinstance(self.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        else:
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+        return descriptor
+
+
+def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
+    """Declare `parameters` on `node` and return their values by name.
+
+    Raises
+    ------
+    UserError
+        where an override has the wrong type or lies out of range.
+    """
+    return {parameter.name: _declare(node, parameter) for parameter in parameters}
+
+
+def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy has it)
+    owner = f'parameter {parameter.name} of {node.get_name()}'
+    try:
+        return node.declare_parameter(
+            parameter.name, parameter.default, parameter.descriptor()
+        ).value
+    except InvalidParameterTypeException as error:
+        given = str(error).split(', expecting')[0]
+        kind = type(parameter.default).__name__
+        raise UserError(
+            f'{owner} must be a {kind} such as {parameter.default!r}: {given}'
+        ) from None
+    except InvalidParameterValueException as error:
+        span = ' and '.join(str(bound) for bound in parameter.between or ())
+        given = str(error).split('. Reason')[0]
+        raise UserError(f'{owner} must lie between {span}: {given}') from None

@@ -1,0 +1,59 @@
+"""What every process with nodes in it does: start ROS, spin, and end in order."""
+
+from __future__ import annotations
+
+import os
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from barc_sim.errors import UserError
+from barc_sim.executor import QuickExecutor
+from barc_sim.signals import StopSignals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.node import Node
+
+#: Threads for callbacks that may block; the quick ones need none.
+NUM_THREADS = 2
+
+
+@contextmanager
+def ros(args: list[str] | None) -> Iterator[None]:
+    """Initialise ROS with `args`, seen on this machine only unless the user has set it otherwise.
+
+    Raises
+    ------
+    UserError
+        where what follows `--ros-args` is not for ROS.
+    """
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
+        raise UserError(f'ROS refuses its arguments: {error}') from None
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()
+
+
+def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Spin the node that `create` returns until it has `finished` or a signal asks to stop."""
+    with StopSignals() as stop, ros(args):
+        node: Any = create()
+        executor = QuickExecutor(num_threads=NUM_THREADS)
+        executor.add_node(node)
+        done = getattr(node, 'finished', None) or Future()
+        stop.then(lambda: done.set_result(None))
+        try:
+            executor.spin_until_future_complete(done)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    return 0

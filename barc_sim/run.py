@@ -1,0 +1,123 @@
+"""The runs: `python -m barc_sim.run acc`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barc_sim.cli import Parser, call
+from barc_sim.signals import StopSignals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_PROG = 'barc_sim.run'
+_EPILOG = (
+    'What follows --ros-args goes to ROS, for example '
+    '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
+)
+_MAX_SPEED = 100.0
+_MAX_GAIN = 1e6
+_MAX_DISTANCE = 1e6
+_MAX_FACTOR = 1000.0
+_MAX_SEED = 2**53
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line `argv`; return the exit code."""
+    argv = sys.argv[1:] if argv is None else argv
+    return call(_PROG, lambda: _main(argv))
+
+
+def acc() -> int:
+    """Run the cruise control, as `ros2 run barc_sim acc` does."""
+    return main(['acc', *sys.argv[1:]])
+
+
+def _main(argv: list[str]) -> int:
+    cut = argv.index('--ros-args') if '--ros-args' in argv else len(argv)
+    options = _parser().parse_args(argv[:cut])
+    with StopSignals() as stop:
+        from barc_sim.composition import cruise_control  # noqa: PLC0415 (--help is to be quick)
+
+        return cruise_control(options, argv, argv[cut:], stop)
+
+
+def _parser() -> Parser:
+    parser = Parser(prog=f'python -m {_PROG}', description='Run the simulator.', epilog=_EPILOG)
+    modes = parser.add_subparsers(dest='mode', required=True, metavar='acc')
+    mode = modes.add_parser(
+        'acc',
+        help='cruise control: the PID holds a speed over the hills',
+        description='Simulator, PID cruise controller and recorder, until the end of the road.',
+        epilog=_EPILOG,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    mode.add_argument(
+        '--speed', type=_number(-_MAX_SPEED, _MAX_SPEED), metavar='M/S', help='speed to hold'
+    )
+    for gain in ('kp', 'ki', 'kd'):
+        mode.add_argument(
+            f'--{gain}', type=_number(0.0, _MAX_GAIN), metavar='GAIN', help=f'the PID’s {gain}'
+        )
+    mode.add_argument(
+        '--distance',
+        type=_number(0.0, _MAX_DISTANCE),
+        default=180.0,
+        metavar='M',
+        help='the run ends here; 0: it goes on until Ctrl-C',
+    )
+    mode.add_argument(
+        '--road', metavar='ROAD', help="'lab', 'flat', or a CSV file with start_m,grade_deg"
+    )
+    mode.add_argument(
+        '--realtime-factor',
+        type=_factor,
+        metavar='FACTOR',
+        help="simulated seconds per second, or 'max' for as fast as it goes",
+    )
+    bag = mode.add_mutually_exclusive_group()
+    bag.add_argument(
+        '--bag-dir', type=Path, default=Path('bags'), metavar='DIR', help='where bags are kept'
+    )
+    bag.add_argument('--no-bag', action='store_true', help='record nothing')
+    mode.add_argument('--seed', type=_seed, metavar='N', help='seed of the measurement noise')
+    mode.add_argument(
+        '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
+    )
+    return parser
+
+
+def _number(low: float, high: float) -> Callable[[str], float]:
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float('nan')
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r} is not a number from {low:g} to {high:g}')
+        return value
+
+    return convert
+
+
+def _factor(text: str) -> float:
+    """Return the real-time factor; 0.0 stands for `max`."""
+    if text == 'max':
+        return 0.0
+    value = _number(0.0, _MAX_FACTOR)(text)
+    if value == 0.0:
+        raise argparse.ArgumentTypeError("0 is not a factor above 0, nor 'max'")
+    return value
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or not int(text) <= _MAX_SEED:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {_MAX_SEED}')
+    return int(text)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
