@@ -43,7 +43,7 @@ def subscription(
 
 
 def incompatible_peers(node: Node) -> Iterator[str]:
-    """Yield a sentence for each publisher and subscription on a topic of `node` that don't match."""
+    """Yield a sentence for each two endpoints on a topic of `node` whose QoS does not match."""
     for topic in sorted({end.topic_name for end in (*node.publishers, *node.subscriptions)}):
         subscribers = node.get_subscriptions_info_by_topic(topic)
         for source in node.get_publishers_info_by_topic(topic):

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from math import isnan, nan, sqrt
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from barc_sim.log import Log
 
 #: [m] the run-up from standstill, which no controller within its limits can avoid.
@@ -45,76 +41,99 @@ class Summary:
     stretches: tuple[Stretch, ...]
 
 
-def summary(log: Log) -> Summary:
-    """Return what a table or a caption says of a run.
+class SpeedErrors:
+    """Takes a run's states one by one, and tells of them what `Summary` holds.
 
     Overshoot and settling time are those of the step from standstill to the reference, read on
     the first stretch of road, before the first change of grade disturbs it; the settling time is
     NaN where the speed is outside the band at that stretch's end.
     """
-    error = log.speed_error
-    distance = log.distance
-    beyond = error[distance >= RUN_UP]
-    stretches = _stretches(log)
-    first = stretches[0] if stretches else slice(0)
-    return Summary(
-        rms_error=_rms(error),
-        max_error=_greatest(error),
-        rms_error_after_run_up=_rms(beyond),
-        max_error_after_run_up=_greatest(beyond),
-        overshoot=_overshoot(log.speed[first], log.reference[first]),
-        settling_time=_settling_time(log.t[first], error[first], log.reference[first]),
-        missed_deadlines=int(np.count_nonzero(log.missed)),
-        stretches=tuple(
-            Stretch(
-                start=float(distance[part][0]),
-                end=float(distance[part][-1]),
-                theta_deg=float(log.theta_deg[part][0]),
-                rms_error=_rms(error[part]),
-                max_error=_greatest(error[part]),
-            )
-            for part in stretches
-        ),
-    )
+
+    def __init__(self) -> None:
+        """No state yet."""
+        self._all = _Errors()
+        self._after_run_up = _Errors()
+        self._stretches: list[_Errors] = []
+        self._start = nan
+        self._peak = nan  # greatest speed on the first stretch, as a share of the reference
+        self._settled_at = nan
+
+    def add(
+        self, t: float, distance: float, speed: float, reference: float, theta_deg: float
+    ) -> None:
+        """Take a state: [s], [m], [m/s], [m/s], [deg]."""
+        error = reference - speed
+        self._all.add(distance, error)
+        if distance >= RUN_UP:
+            self._after_run_up.add(distance, error)
+        if not self._stretches or not self._stretches[-1].is_on(theta_deg):
+            self._stretches.append(_Errors(theta_deg))
+        self._stretches[-1].add(distance, error)
+        if len(self._stretches) == 1:
+            self._add_step_response(t, speed, reference)
+
+    def _add_step_response(self, t: float, speed: float, reference: float) -> None:
+        if isnan(self._start):
+            self._start = t
+        if reference and not isnan(reference):
+            self._peak = max(speed / reference, 0.0 if isnan(self._peak) else self._peak)
+        if not abs(reference - speed) <= SETTLING_BAND * abs(reference):
+            self._settled_at = nan
+        elif isnan(self._settled_at):
+            self._settled_at = t
+
+    def summary(self, missed_deadlines: int = 0) -> Summary:
+        """Return what there is to tell of the states up to now."""
+        return Summary(
+            rms_error=self._all.rms,
+            max_error=self._all.greatest,
+            rms_error_after_run_up=self._after_run_up.rms,
+            max_error_after_run_up=self._after_run_up.greatest,
+            overshoot=self._peak if isnan(self._peak) else max(self._peak - 1.0, 0.0),
+            settling_time=self._settled_at - self._start,
+            missed_deadlines=missed_deadlines,
+            stretches=tuple(
+                Stretch(part.first, part.last, part.theta_deg, part.rms, part.greatest)
+                for part in self._stretches
+            ),
+        )
 
 
-def _stretches(log: Log) -> list[slice]:
-    """Return the runs of states between changes of grade."""
-    if not len(log):
-        return []
-    before, after = log.theta_deg[:-1], log.theta_deg[1:]
-    both_unknown = np.isnan(before) & np.isnan(after)
-    changes = np.flatnonzero((before != after) & ~both_unknown) + 1
-    bounds = [0, *changes.tolist(), len(log)]
-    return [slice(left, right) for left, right in pairwise(bounds)]
+def summary(log: Log) -> Summary:
+    """Return what a table or a caption says of a run."""
+    errors = SpeedErrors()
+    columns = (log.t, log.distance, log.speed, log.reference, log.theta_deg)
+    for row in zip(*(column.tolist() for column in columns), strict=True):
+        errors.add(*row)
+    return errors.summary(int(log.missed.sum()))
 
 
-def _known(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    return values[~np.isnan(values)]
+class _Errors:
+    """The errors [m/s] over some states; those that are NaN do not count."""
 
+    def __init__(self, theta_deg: float = nan) -> None:
+        self.theta_deg = theta_deg
+        self.first = self.last = nan
+        self._count = 0
+        self._squares = 0.0
+        self._greatest = 0.0
 
-def _rms(error: NDArray[np.float64]) -> float:
-    known = _known(error)
-    return float(np.sqrt(np.mean(known**2))) if known.size else float('nan')
+    def is_on(self, theta_deg: float) -> bool:
+        return self.theta_deg == theta_deg or (isnan(self.theta_deg) and isnan(theta_deg))
 
+    def add(self, distance: float, error: float) -> None:
+        if isnan(self.first):
+            self.first = distance
+        self.last = distance
+        if not isnan(error):
+            self._count += 1
+            self._squares += error * error
+            self._greatest = max(self._greatest, abs(error))
 
-def _greatest(error: NDArray[np.float64]) -> float:
-    known = _known(error)
-    return float(np.max(np.abs(known))) if known.size else float('nan')
+    @property
+    def rms(self) -> float:
+        return sqrt(self._squares / self._count) if self._count else nan
 
-
-def _overshoot(speed: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
-    if not speed.size or not reference[-1]:
-        return float('nan')
-    share = np.max(speed * np.sign(reference[-1])) / abs(reference[-1]) - 1.0
-    return float(np.fmax(share, 0.0)) if not np.isnan(share) else float('nan')
-
-
-def _settling_time(
-    t: NDArray[np.float64], error: NDArray[np.float64], reference: NDArray[np.float64]
-) -> float:
-    if np.isnan(error).any() or not error.size:
-        return float('nan')
-    outside = np.flatnonzero(np.abs(error) > SETTLING_BAND * np.abs(reference))
-    settled = outside[-1] + 1 if outside.size else 0
-    return float(t[settled] - t[0]) if settled < t.size else float('nan')
+    @property
+    def greatest(self) -> float:
+        return self._greatest if self._count else nan

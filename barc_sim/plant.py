@@ -13,6 +13,7 @@ from barc_sim.sensor import Deviation, Sensor
 class Observation(NamedTuple):
     """All there is to tell of one state."""
 
+    true: Motion
     measured: Motion
     error: Deviation  #: measured minus true
     theta_deg: float  #: [deg] incline
@@ -44,8 +45,10 @@ class Plant:
         """Measure the present state; each call draws new measurement noise."""
         state = self.state
         theta_deg = self.road.grade_deg(state.x)
-        measured, error = self._sensor.measure(motion(state, self._held.servo, self.vehicle))
+        true = motion(state, self._held.servo, self.vehicle)
+        measured, error = self._sensor.measure(true)
         return Observation(
+            true=true,
             measured=measured,
             error=error,
             theta_deg=theta_deg,

@@ -6,20 +6,8 @@ import numpy as np
 
 from barc_sim.bike_model import Input
 from barc_sim.log import Log
-from barc_sim.pid import PID
+from barc_sim.pid import PID, SPEED_REFERENCE, speed_controller
 from barc_sim.plant import Plant
-
-#: On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
-KP, KI, KD = 30.0, 200.0, 0.1
-SPEED_REFERENCE = 8.0
-ACCELERATION_LIMIT = 8.0
-
-
-def speed_controller(
-    kp: float = KP, ki: float = KI, kd: float = KD, limit: float = ACCELERATION_LIMIT
-) -> PID:
-    """Return the run's controller: a PID whose output is within ±`limit` [m/s²]."""
-    return PID(kp, ki, kd, output_min=-limit, output_max=limit)
 
 
 def rollout(

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
+from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.signals import StopSignals
 
 if TYPE_CHECKING:
@@ -47,43 +48,51 @@ def _main(argv: list[str]) -> int:
 
 def _parser() -> Parser:
     parser = Parser(prog=f'python -m {_PROG}', description='Run the simulator.', epilog=_EPILOG)
-    modes = parser.add_subparsers(dest='mode', required=True, metavar='acc')
+    modes = parser.add_subparsers(dest='mode', required=True, metavar='MODE')
     mode = modes.add_parser(
         'acc',
         help='cruise control: the PID holds a speed over the hills',
         description='Simulator, PID cruise controller and recorder, until the end of the road.',
         epilog=_EPILOG,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
     mode.add_argument(
-        '--speed', type=_number(-_MAX_SPEED, _MAX_SPEED), metavar='M/S', help='speed to hold'
+        '--speed',
+        type=_number(-_MAX_SPEED, _MAX_SPEED),
+        metavar='M/S',
+        help=f'speed to hold ({SPEED_REFERENCE:g})',
     )
-    for gain in ('kp', 'ki', 'kd'):
+    for gain, default in (('kp', KP), ('ki', KI), ('kd', KD)):
         mode.add_argument(
-            f'--{gain}', type=_number(0.0, _MAX_GAIN), metavar='GAIN', help=f'the PID’s {gain}'
+            f'--{gain}', type=_number(0.0, _MAX_GAIN), metavar='GAIN', help=f'({default:g})'
         )
     mode.add_argument(
         '--distance',
         type=_number(0.0, _MAX_DISTANCE),
         default=180.0,
         metavar='M',
-        help='the run ends here; 0: it goes on until Ctrl-C',
+        help='the run ends here; 0: it goes on until Ctrl-C (180)',
     )
     mode.add_argument(
-        '--road', metavar='ROAD', help="'lab', 'flat', or a CSV file with start_m,grade_deg"
+        '--road',
+        metavar='ROAD',
+        help="'lab', 'flat', or a CSV file with the columns start_m,grade_deg (lab)",
     )
     mode.add_argument(
         '--realtime-factor',
         type=_factor,
         metavar='FACTOR',
-        help="simulated seconds per second, or 'max' for as fast as it goes",
+        help="simulated seconds per second, or 'max' for as fast as it goes (1)",
     )
     bag = mode.add_mutually_exclusive_group()
     bag.add_argument(
-        '--bag-dir', type=Path, default=Path('bags'), metavar='DIR', help='where bags are kept'
+        '--bag-dir',
+        type=Path,
+        default=Path('bags'),
+        metavar='DIR',
+        help='where bags are kept (bags)',
     )
     bag.add_argument('--no-bag', action='store_true', help='record nothing')
-    mode.add_argument('--seed', type=_seed, metavar='N', help='seed of the measurement noise')
+    mode.add_argument('--seed', type=_seed, metavar='N', help='seed of the measurement noise (0)')
     mode.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )

@@ -15,8 +15,8 @@ from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
 from barc_sim.endpoints import publisher, subscription
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.parameters import Parameter, declare
+from barc_sim.pid import ACCELERATION_LIMIT, KD, KI, KP, SPEED_REFERENCE, speed_controller
 from barc_sim.process import spin
-from barc_sim.rollout import ACCELERATION_LIMIT, KD, KI, KP, SPEED_REFERENCE, speed_controller
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
