@@ -1,0 +1,50 @@
+"""Where a run's bag is made: `<root>/<date>_<time>`, never over another."""
+
+from __future__ import annotations
+
+import os
+import time
+from itertools import count
+from typing import TYPE_CHECKING
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def check_root(root: Path) -> None:
+    """Raise UserError if no bag can be made in the folder `root`; nothing is written."""
+    path = root.absolute()
+    folder = next(folder for folder in (path, *path.parents) if folder.exists())
+    if not folder.is_dir():
+        reason = f'{str(folder)!r} is not a folder'
+    elif not os.access(folder, os.W_OK | os.X_OK):
+        reason = f'{str(folder)!r} is not writable'
+    else:
+        return
+    raise UserError(f'no bag can be made in {str(root)!r}, as {reason}: name another folder')
+
+
+def new_directory(root: Path) -> Path:
+    """Make and return `<root>/<YYYY-MM-DD>_<HH-MM-SS>`, with a number behind it if that exists.
+
+    Raises
+    ------
+    UserError
+        The directory cannot be made.
+    """
+    check_root(root)
+    name = time.strftime('%Y-%m-%d_%H-%M-%S')
+    for suffix in count(1):
+        directory = root / (name if suffix == 1 else f'{name}_{suffix}')
+        try:
+            directory.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise UserError(
+                f'no bag can be made in {str(root)!r} ({error.strerror}): name another folder'
+            ) from error
+        return directory
+    raise AssertionError  # count() has no end
