@@ -64,6 +64,11 @@ class CruiseController(Node):
         subscription(self, EZDynBkMdl, topics.STATE_ERROR, self._on_state_error, group)
         subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
 
+    @property
+    def speed_reference(self) -> float:
+        """The speed to hold [m/s]."""
+        return float(self._values['speed_reference'])
+
     def _on_parameters(self, parameters: list[RosParameter]) -> None:
         self._values.update({parameter.name: parameter.value for parameter in parameters})
         self._apply()
@@ -101,7 +106,7 @@ class CruiseController(Node):
                 self._pid.reset()
         self._previous = stamp
 
-        reference = self._values['speed_reference']
+        reference = self.speed_reference
         acceleration = self._pid.acc_calculate(reference, speed, max(dt, 0.0))
         self._ecu_pub.publish(to_ecu(Input(motor=acceleration), state.header))
         self._pid_state_pub.publish(

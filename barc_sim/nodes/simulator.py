@@ -82,7 +82,7 @@ class VehicleSimulator(Node):
     Attributes
     ----------
     finished
-        Done when a state at or beyond `distance` has been published and answered.
+        Done when a state at or beyond `distance` has been published and answered, or by `finish`.
     steps
         States published.
     missed
@@ -144,6 +144,10 @@ class VehicleSimulator(Node):
         self._claim.close()
         super().destroy_node()
 
+    def finish(self) -> None:
+        """End the run; may be called from any thread."""
+        self.finished.set_result(None)
+
     def _timer(self, period: float, callback: Callable[[], None]) -> Timer:
         return self.create_timer(period, callback, self._group, self._wall)
 
@@ -204,7 +208,7 @@ class VehicleSimulator(Node):
         if self._plant.state.x >= self._distance:
             if self._pace:
                 self._pace.cancel()
-            self.finished.set_result(None)
+            self.finish()
             return
         self._plant.advance(self._command)
         self._answered = self._open_loop

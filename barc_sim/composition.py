@@ -1,0 +1,178 @@
+"""The nodes of a run in one process and one executor, from its start to its bag."""
+
+from __future__ import annotations
+
+import gc
+import shlex
+import shutil
+import sys
+from platform import platform, python_version
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rclpy.parameter import Parameter
+
+from barc_sim import __version__
+from barc_sim.bag_directory import check_root
+from barc_sim.display import display, print_summary
+from barc_sim.errors import UserError
+from barc_sim.executor import QuickExecutor
+from barc_sim.metrics import SpeedErrors
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.process import NUM_THREADS, ros
+from barc_sim.road import Road
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from rclpy.node import Node
+
+    from barc_sim.plant import Observation
+    from barc_sim.signals import StopSignals
+
+#: [s] A thread that runs Python code gives way to the one that steps the simulator after this
+#: long; the default, 5 ms, is a quarter of a step.
+_SWITCH_INTERVAL = 1e-4
+
+
+def cruise_control(
+    options: Namespace, argv: list[str], ros_args: list[str], stop: StopSignals
+) -> int:
+    """Drive until the distance is reached or `stop` is requested; return the exit code.
+
+    Raises
+    ------
+    UserError
+        where an option or a ROS argument can't be used; nothing is left behind then.
+    """
+    Road.named(options.road or 'lab')
+    if not options.no_bag:
+        check_root(options.bag_dir)
+    with ros(ros_args):
+        run = CruiseControl(options)
+        try:
+            run.spin(stop)
+        finally:
+            run.close(argv)
+    if not options.quiet:
+        run.print_result()
+    elif run.recorder:
+        print(run.recorder.path)  # noqa: T201
+    return 0
+
+
+class CruiseControl:
+    """Recorder, controller and simulator, composed."""
+
+    def __init__(self, options: Namespace) -> None:
+        """Make the nodes, the recorder first: it is to hear what the others say at their start.
+
+        Raises
+        ------
+        UserError
+            where a parameter or the topic can't be had; the nodes and the bag are gone then.
+        """
+        self._errors = SpeedErrors()
+        self._display = display(options.distance, quiet=options.quiet)
+        self.recorder = None if options.no_bag else BagRecorder(options.bag_dir)
+        self._nodes: list[Node] = [self.recorder] if self.recorder else []
+        try:
+            self._controller = CruiseController(
+                parameter_overrides=_overrides(
+                    speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
+                )
+            )
+            self._nodes.append(self._controller)
+            self._simulator = VehicleSimulator(
+                on_step=self._on_step,
+                parameter_overrides=_overrides(
+                    distance=options.distance,
+                    road=options.road,
+                    realtime_factor=options.realtime_factor,
+                    seed=options.seed,
+                ),
+            )
+            self._nodes.append(self._simulator)
+        except UserError:
+            self._destroy()
+            if self.recorder:
+                shutil.rmtree(self.recorder.path)
+            raise
+        if self.recorder:
+            self.recorder.discover()
+
+    def spin(self, stop: StopSignals) -> None:
+        """Drive, in real time as far as Python allows it."""
+        executor = QuickExecutor(num_threads=NUM_THREADS)
+        for node in self._nodes:
+            executor.add_node(node)
+        # A full garbage collection takes as long as half a step: spare it what is there for good.
+        gc.collect()
+        gc.freeze()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        stop.then(self._simulator.finish)
+        try:
+            executor.spin_until_future_complete(self._simulator.finished)
+        finally:
+            executor.shutdown()
+            self._display.close()
+
+    def close(self, argv: list[str]) -> None:
+        """End the nodes, the recorder last, with what there is to tell of the run in its bag."""
+        if self.recorder:
+            self.recorder.add_metadata(_description(argv, self._nodes, self._simulator))
+        self._destroy()
+
+    def _destroy(self) -> None:
+        for node in reversed(self._nodes):
+            node.destroy_node()
+
+    def _on_step(self, t: float, seen: Observation) -> None:
+        reference = self._controller.speed_reference
+        self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
+        self._display.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
+
+    def print_result(self) -> None:
+        """Print the table, the bag's path, and what to do with it."""
+        print_summary(self._errors.summary(self._simulator.missed))
+        if self._simulator.slipped:
+            print(  # noqa: T201
+                f'simulated time fell behind the wall clock by {self._simulator.slipped} periods'
+            )
+        if self.recorder:
+            path = shlex.quote(str(self.recorder.path))
+            print(f'bag     {path}')  # noqa: T201
+            print(f'plot    {sys.executable} -m barc_sim.plot {path}')  # noqa: T201
+            print(f'replay  {sys.executable} -m barc_sim.replay {path}')  # noqa: T201
+
+
+def _overrides(**values: float | str | None) -> list[Parameter]:
+    """Return the parameters that the command line gave; those it left out are the nodes' own."""
+    return [Parameter(name, value=value) for name, value in values.items() if value is not None]
+
+
+def _parameters(node: Node) -> dict[str, Any]:
+    names = node.list_parameters(prefixes=[], depth=0).names
+    return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
+
+
+def _description(argv: list[str], nodes: list[Node], simulator: VehicleSimulator) -> dict[str, str]:
+    """Return what a bag says of its run; `parameters` in the form that `ros2 param load` takes."""
+    parameters = {node.get_fully_qualified_name(): _parameters(node) for node in nodes}
+    own = {name: value for values in parameters.values() for name, value in values.items()}
+    return {
+        'command': shlex.join(['python', '-m', 'barc_sim.run', *argv]),
+        'barc_sim': __version__,
+        'python': python_version(),
+        'platform': platform(),
+        'parameters': yaml.safe_dump(
+            {name: {'ros__parameters': values} for name, values in parameters.items()},
+            sort_keys=False,
+        ),
+        **{name: str(own[name]) for name in ('kp', 'ki', 'kd', 'road')},
+        'steps': str(simulator.steps),
+        'missed_deadlines': str(simulator.missed),
+        'slipped_periods': str(simulator.slipped),
+    }
