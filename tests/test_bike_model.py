@@ -319,7 +319,9 @@ def test_step_is_bike_fe_with_the_vehicles_parameters() -> None:
     )
 
 
-def test_defaults_are_the_labs_vehicle() -> None:
+def test_defaults_are_the_labs_vehicle_at_rest() -> None:
+    assert State() == State(0.0, 0.0, 0.0, 0.0)
+    assert Input() == Input(0.0, 0.0)
     assert Vehicle() == Vehicle(2000.0, 0.01308, 0.01711, 1.5, 1.5, 9.8)
     command = (1.0, 2.0, 0.3, 4.0, 0.5, 0.2, 0.01308, 2000.0, 0.01711, 0.1, TS)
     assert bikeFE(*command) == bikeFE(*command, l_f=1.5, l_r=1.5, g=9.8)
