@@ -1,0 +1,79 @@
+"""Imports go one way: pure modules, topics and convert, nodes, run."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import barc_sim
+
+PACKAGE = Path(barc_sim.__file__).parent
+ROS_MODULES = {'barc_sim.topics', 'barc_sim.convert', 'barc_sim.executor', 'barc_sim.run'}
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix('').parts
+    return '.'.join(part for part in parts if part != '__init__')
+
+
+PURE_MODULES = sorted({module_name(path) for path in PACKAGE.glob('*.py')} - ROS_MODULES)
+NODES = sorted((PACKAGE / 'nodes').glob('*.py'))
+
+
+def imported(source: str) -> set[str]:
+    """Return the absolute names of the modules, and what may be modules, that `source` imports."""
+    names = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            package = f'{"." * node.level}{node.module or ""}'
+            names |= {package} | {f'{package}.{alias.name}' for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize('name', PURE_MODULES)
+def test_pure_module_imports_no_ros(name: str) -> None:
+    script = (
+        f'import sys, {name}\n'
+        "found = {'rclpy', 'barc_interfaces', 'std_msgs'} & set(sys.modules)\n"
+        "print(', '.join(sorted(found)))"
+    )
+    done = subprocess.run(  # noqa: S603 (our own interpreter)
+        [sys.executable, '-c', script],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, '\n', '')
+
+
+@pytest.mark.parametrize('path', NODES, ids=module_name)
+def test_node_imports_neither_another_node_nor_the_run(path: Path) -> None:
+    forbidden = {
+        name
+        for name in imported(path.read_text(encoding='utf-8'))
+        if name.startswith(('.', 'barc_sim.nodes', 'barc_sim.run'))
+    }
+    assert not forbidden
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        'import barc_sim.nodes.recorder',
+        'from barc_sim.nodes import recorder',
+        'from barc_sim.nodes.recorder import BagRecorder',
+        'from barc_sim import nodes',
+        'if TYPE_CHECKING:\n    from . import recorder',
+        'def main():\n    from .recorder import BagRecorder',
+    ],
+)
+def test_every_way_to_import_a_node_is_seen(source: str) -> None:
+    assert any(name.startswith(('.', 'barc_sim.nodes')) for name in imported(source))
