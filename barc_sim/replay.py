@@ -1,0 +1,107 @@
+"""Command: play a run from its bag again, in a window or into a video."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barc_sim.cli import Parser, call
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Sequence
+
+    from barc_sim.log import Log
+
+PROG = 'python -m barc_sim.replay'
+FORMATS = ('mp4', 'gif')
+MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state
+GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and counts in hundredths of a second
+
+
+def parse(args: Sequence[str] | None = None) -> Namespace:
+    """Return the options on the command line."""
+    parser = Parser(prog=PROG, description='Play a run at real speed.')
+    parser.add_argument('bag', nargs='?', metavar='BAG', help='default: the newest in ./bags')
+    parser.add_argument(
+        '--save',
+        metavar='FILE',
+        help='save as .mp4 or .gif; without it a window opens, or BAG/replay.mp4 is saved where '
+        'there is no display',
+    )
+    return parser.parse_args(args)
+
+
+def play(options: Namespace) -> None:
+    """Do what the options ask for.
+
+    Raises
+    ------
+    UserError
+        where the bag cannot be read, or the video not be saved as asked.
+    """
+    from barc_sim import bag, output  # noqa: PLC0415 (--help need not wait for NumPy)
+
+    path = output.target(options.save, FORMATS) if options.save else None
+    directory = Path(options.bag) if options.bag else bag.newest()
+    log = bag.read(directory)
+    title = directory.resolve().name
+    if not path and _play_in_window(log, title):
+        return
+    path = path or directory / 'replay.mp4'
+    with output.replacing(path) as part:
+        save(log, part, title=title)
+    print(path)  # noqa: T201
+
+
+def _play_in_window(log: Log, title: str) -> bool:
+    """Play until the user closes the window; return whether there could be one."""
+    from barc_sim import animation, output, side_view  # noqa: PLC0415
+
+    figure = output.window(side_view.SIZE)
+    if figure is None:
+        return False
+    playing = animation.animate(side_view.SideView(log, figure, title=title))
+    output.show()
+    del playing  # it played for as long as it was kept
+    return True
+
+
+def save(log: Log, path: Path, *, title: str = '') -> None:
+    """Write the run as a video to `path`, which ends in .mp4 or .gif, at real speed.
+
+    Where stderr is a terminal, a bar shows how far it is.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import track  # noqa: PLC0415
+
+    from barc_sim import animation, side_view, video  # noqa: PLC0415
+
+    gif = path.suffix.lower() == '.gif'
+    dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)
+    view = side_view.SideView(log, Figure(figsize=side_view.SIZE, dpi=dpi), title=title)
+    times = track(
+        animation.frame_times(view.duration, fps),
+        'Saving',
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    images = animation.frames(view, times)
+    if gif:
+        video.write_gif(path, images, fps=fps)
+    else:
+        width, height = view.figure.canvas.get_width_height()
+        video.write_mp4(path, images, size=(width, height), fps=fps)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    options = parse(args)
+    return call(PROG, lambda: play(options))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
