@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from time import monotonic
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from matplotlib.animation import FuncAnimation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Generator, Iterable, Iterator, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.figure import Figure
@@ -42,7 +42,7 @@ def frames(view: View, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
     image
         RGBA of shape `(height, width, 4)`, overwritten by the next one.
     """
-    canvas = FigureCanvasAgg(view.figure)
+    canvas: Any = FigureCanvasAgg(view.figure)  # matplotlib does not say its types
     canvas.draw()
     still = canvas.copy_from_bbox(view.figure.bbox)
     image = np.asarray(canvas.buffer_rgba())
@@ -50,7 +50,7 @@ def frames(view: View, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
         view.update(t)
         canvas.restore_region(still)
         for artist in view.artists:
-            artist.axes.draw_artist(artist)
+            view.figure.draw_artist(artist)
         yield image
 
 
@@ -61,7 +61,7 @@ def animate(view: View, *, interval: float = 0.02) -> FuncAnimation:
     out. matplotlib plays it for as long as the caller keeps it.
     """
 
-    def clock() -> Iterator[float]:
+    def clock() -> Generator[float, None, None]:
         start = monotonic()
         while (t := monotonic() - start) < view.duration:
             yield t

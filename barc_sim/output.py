@@ -26,9 +26,7 @@ def target(name: str, formats: Sequence[str]) -> Path:
     path = Path(name)
     if path.suffix.lower().lstrip('.') not in formats:
         *others, last = (f'.{suffix}' for suffix in formats)
-        raise UserError(
-            f'cannot save {name!r}: the name must end in {", ".join(others)} or {last}'
-        )
+        raise UserError(f'cannot save {name!r}: the name must end in {", ".join(others)} or {last}')
     if path.is_dir():
         raise UserError(f'cannot save {name!r}: there is a directory of that name')
     return path
@@ -70,20 +68,20 @@ def window(size: tuple[float, float]) -> Figure | None:
 
     `show` then shows it.
     """
-    from matplotlib import pyplot  # noqa: PLC0415 (chooses a backend, which saving must not)
+    from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
 
     try:
-        figure = pyplot.figure(figsize=size)
+        figure = plt.figure(figsize=size)
     except ImportError:  # the backend that the user has chosen cannot run here
         return None
     if figure.canvas.required_interactive_framework is None:
-        pyplot.close(figure)
+        plt.close(figure)
         return None
     return figure
 
 
 def show() -> None:
     """Show the windows until the user has closed them."""
-    from matplotlib import pyplot  # noqa: PLC0415
+    from matplotlib import pyplot as plt  # noqa: PLC0415
 
-    pyplot.show()
+    plt.show()

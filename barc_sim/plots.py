@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,47 +12,24 @@ from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
 from barc_sim import metrics
+from barc_sim.look import (
+    BLUE,
+    DASHES,
+    EARTH,
+    GREEN,
+    GREY,
+    INK,
+    LOOK,
+    MUTED,
+    SKY,
+    VERMILLION,
+    limits,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from barc_sim.log import Log
-
-# Okabe and Ito's palette, which the colour-blind tell apart, and greys.
-BLUE = '#0072B2'
-SKY = '#56B4E9'
-VERMILLION = '#D55E00'
-GREEN = '#009E73'
-INK = '#222222'
-MUTED = '#6B6B6B'
-GREY = '#9A9A9A'
-EARTH = '#E4E1DA'
-
-#: Whatever a user's matplotlibrc says, the figures look the same.
-LOOK = [
-    'default',
-    {
-        'font.size': 10,
-        'text.color': INK,
-        'axes.edgecolor': GREY,
-        'axes.labelcolor': INK,
-        'axes.spines.top': False,
-        'axes.spines.right': False,
-        'axes.axisbelow': True,
-        'axes.grid': True,
-        'grid.color': '#E9E9E9',
-        'xtick.color': GREY,
-        'ytick.color': GREY,
-        'xtick.major.size': 3,
-        'ytick.major.size': 3,
-        'xtick.labelcolor': INK,
-        'ytick.labelcolor': INK,
-        'lines.solid_capstyle': 'round',
-        'legend.frameon': False,
-        'svg.fonttype': 'none',
-        'pdf.fonttype': 42,
-    },
-]
 
 SIZE = (9.6, 7.2)  #: [inch]
 
@@ -113,14 +91,13 @@ def _caption(log: Log) -> str:
 
 
 def _draw_speed(axes: Axes, log: Log) -> None:
-    """Draw true speed and, where they say more, measurement and reference."""
-    marker = _marker(log)
+    """Draw the true speed and, where they say more, its measurement and its reference."""
+    plot = partial(axes.plot, log.distance, marker=_marker(log))
     if np.any(log.e_v_x):
-        axes.plot(log.distance, log.v_x, marker, color=SKY, alpha=0.6, lw=0.8, label='measured')
-    axes.plot(log.distance, log.speed, marker, color=BLUE, lw=2.0, label='speed')
+        plot(log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured')
+    plot(log.speed, color=BLUE, lw=2.0, label='speed')
     if not np.all(np.isnan(log.reference)):
-        dashes = {'ls': (0, (5, 3))}
-        axes.plot(log.distance, log.reference, marker, color=INK, lw=1.2, label='reference', **dashes)
+        plot(log.reference, color=INK, lw=1.2, ls=DASHES, label='reference')
     if np.min(log.speed) < 0.0:
         axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_ylabel('Speed [m/s]')
@@ -128,13 +105,13 @@ def _draw_speed(axes: Axes, log: Log) -> None:
 
 def _draw_grade(axes: Axes, log: Log) -> None:
     axes.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
-    axes.step(log.distance, log.theta_deg, _marker(log), where='post', color=MUTED, lw=1.2)
+    axes.step(log.distance, log.theta_deg, marker=_marker(log), where='post', color=MUTED, lw=1.2)
     axes.set_ylim(*limits(log.theta_deg, share=0.15, least=5.0))
     axes.set_ylabel('Grade [°]')
 
 
 def _draw_command(axes: Axes, log: Log) -> None:
-    axes.step(log.distance, log.motor, _marker(log), where='post', color=GREEN, lw=1.2)
+    axes.step(log.distance, log.motor, marker=_marker(log), where='post', color=GREEN, lw=1.2)
     if missed := np.count_nonzero(log.missed):
         axes.plot(
             log.distance[log.missed],
@@ -152,13 +129,5 @@ def _draw_command(axes: Axes, log: Log) -> None:
 
 
 def _marker(log: Log) -> str:
-    """Return the format of a line through the states: a single one would not be seen."""
-    return 'o' if len(log) == 1 else '-'
-
-
-def limits(values: np.ndarray, *, share: float, least: float) -> tuple[float, float]:
-    """Return limits around `values` and zero, `share` wider, reaching `least` beyond at least."""
-    known = values[np.isfinite(values)]
-    low, high = min(known.min(initial=0.0), 0.0), max(known.max(initial=0.0), 0.0)
-    pad = max(share * (high - low), least - max(high, -low))
-    return low - pad, high + pad
+    """Return the marker of a line through the states: a single one would not be seen."""
+    return 'o' if len(log) == 1 else ''

@@ -6,15 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Patch, PathPatch, Polygon
+from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from barc_sim.plots import BLUE, INK, VERMILLION
+from barc_sim.look import BLUE, INK, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.transforms import Transform
     from numpy.typing import NDArray
 
     Point = NDArray[np.float64]
@@ -89,7 +90,7 @@ class SideCar:
 
 
 def _outline() -> Path:
-    points: list[tuple[float, float]] = [REAR_BUMPER]
+    points = [REAR_BUMPER]
     codes = [Path.MOVETO]
     for curve in OUTLINE:
         points += curve
@@ -97,16 +98,16 @@ def _outline() -> Path:
     # Along the bottom back to the rear, over the front wheel first.
     arch = Path.arc(-13.0, 193.0)
     for x in reversed(AXLES):
-        points += [(x + WHEEL_ARCH * u, WHEEL_ARCH * v) for u, v in arch.vertices]
-        codes += [Path.LINETO, *arch.codes[1:]]
+        points += [(x + WHEEL_ARCH * u, WHEEL_ARCH * v) for u, v in np.asarray(arch.vertices)]
+        codes += [Path.LINETO, *np.asarray(arch.codes)[1:]]
     return Path([*points, REAR_BUMPER], [*codes, Path.CLOSEPOLY])
 
 
-def _wheel_well(x: float, transform: object) -> Patch:
+def _wheel_well(x: float, transform: Transform) -> Circle:
     return Circle((x, 0.1), 0.9 * WHEEL_ARCH, facecolor='#3A3A3A', transform=transform)
 
 
-def _spokes(transform: object) -> Line2D:
+def _spokes(transform: Transform) -> Line2D:
     angles = 2.0 * np.pi * np.arange(SPOKES) / SPOKES
     length = 0.62 * WHEEL_RADIUS
     # From the hub out and back, so that it is one line.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from barc_sim.log import Log
 
@@ -47,11 +47,12 @@ class Terrain:
         horizontal = np.concatenate([[0.0], np.cumsum(steps)])
         self.horizontal = horizontal - np.interp(0.0, self.distance, horizontal)
 
-    def at(self, distance: ArrayLike) -> tuple[Floats, Floats]:
+    def at(self, distance: float | Floats) -> tuple[Floats, Floats]:
         """Return horizontal distance and elevation [m] of the road's surface at `distance`."""
+        s = np.asarray(distance)
         return (
-            np.interp(distance, self.distance, self.horizontal),
-            np.interp(distance, self.distance, self.elevation),
+            np.interp(s, self.distance, self.horizontal),
+            np.interp(s, self.distance, self.elevation),
         )
 
     def wheel_path(self, radius: float) -> tuple[Floats, Floats]:

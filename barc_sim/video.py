@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from contextlib import closing
+from itertools import chain
 from typing import TYPE_CHECKING
 
-import imageio_ffmpeg
+import imageio_ffmpeg  # type: ignore[import-untyped]
 from PIL import Image
 
 if TYPE_CHECKING:
@@ -17,16 +18,22 @@ if TYPE_CHECKING:
 
     Images = Iterable[NDArray[np.uint8]]
 
-# H.264 in 4:2:0 and the index first: what every player, browser and slide show takes. The colours
-# of HDTV, said so, or players guess by the size.
-H264 = (
-    '-crf 20 -preset veryfast -vf scale=out_color_matrix=bt709:out_range=tv'
-    ' -colorspace bt709 -color_primaries bt709 -color_trc bt709 -movflags +faststart'
-).split()
+# The index first, so that a browser plays it while it loads. The colours of HDTV, said so: players
+# guess otherwise.
+ENCODING = {
+    '-crf': '20',
+    '-preset': 'veryfast',
+    '-vf': 'scale=out_color_matrix=bt709:out_range=tv',
+    '-colorspace': 'bt709',
+    '-movflags': '+faststart',
+}
 
 
 def write_mp4(path: Path, images: Images, *, size: tuple[int, int], fps: int) -> None:
-    """Write RGBA images of `size` (width, height), both even, of shape `(height, width, 4)`."""
+    """Write RGBA images of shape `(height, width, 4)` as H.264 in 4:2:0, which plays everywhere.
+
+    `size` is `(width, height)`, both even.
+    """
     writer = imageio_ffmpeg.write_frames(
         path,
         size,
@@ -37,7 +44,7 @@ def write_mp4(path: Path, images: Images, *, size: tuple[int, int], fps: int) ->
         quality=None,
         macro_block_size=2,
         ffmpeg_log_level='error',
-        output_params=[*H264],
+        output_params=[*chain(*ENCODING.items())],
     )
     with closing(writer):
         writer.send(None)
