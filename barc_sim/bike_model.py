@@ -124,7 +124,7 @@ def bikeFE(  # noqa: N802 (the lab's name)
     v_unresisted = v + ts * (a + push / m)
     if v > 0.0:
         v_next = max(v_next, min(v_unresisted, 0.0))
-    else:
+    elif v < 0.0:
         v_next = min(v_next, max(v_unresisted, 0.0))
     return [
         x + ts * v * cos(psi + beta),

@@ -96,7 +96,7 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
     os.close(reading)
     script = f"import sys; from barc_sim.cli import *; sys.exit(call('drive', {main}))"
     with os.fdopen(writing, 'w') as stdout:
-        done = subprocess.run(  # noqa: S603 (our own interpreter)
+        done = subprocess.run(
             [sys.executable, '-c', script],
             cwd=ROOT,
             stdout=stdout,

@@ -12,10 +12,10 @@ import pytest
 from barc_sim.bike_model import Vehicle, bikeFE
 from barc_sim.log import Log
 from barc_sim.metrics import summary
-from barc_sim.pid import PID
+from barc_sim.pid import ACCELERATION_LIMIT, PID, speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
-from barc_sim.rollout import ACCELERATION_LIMIT, rollout, speed_controller
+from barc_sim.rollout import rollout
 from barc_sim.sensor import Deviation
 
 if TYPE_CHECKING:
