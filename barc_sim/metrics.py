@@ -73,10 +73,11 @@ class SpeedErrors:
             self._add_step_response(t, speed, reference)
 
     def _add_step_response(self, t: float, speed: float, reference: float) -> None:
+        share = speed / reference if reference else nan
         if isnan(self._start):
-            self._start = t
-        if reference and not isnan(reference):
-            self._peak = max(speed / reference, 0.0 if isnan(self._peak) else self._peak)
+            self._start, self._peak = t, share
+        elif isnan(share) or share > self._peak:
+            self._peak = share
         if not abs(reference - speed) <= SETTLING_BAND * abs(reference):
             self._settled_at = nan
         elif isnan(self._settled_at):
@@ -90,7 +91,7 @@ class SpeedErrors:
             rms_error_after_run_up=self._after_run_up.rms,
             max_error_after_run_up=self._after_run_up.greatest,
             overshoot=self._peak if isnan(self._peak) else max(self._peak - 1.0, 0.0),
-            settling_time=self._settled_at - self._start,
+            settling_time=nan if isnan(self._peak) else self._settled_at - self._start,
             missed_deadlines=missed_deadlines,
             stretches=tuple(
                 Stretch(part.first, part.last, part.theta_deg, part.rms, part.greatest)

@@ -12,7 +12,19 @@ import pytest
 import barc_sim
 
 PACKAGE = Path(barc_sim.__file__).parent
-ROS_MODULES = {'barc_sim.topics', 'barc_sim.convert', 'barc_sim.executor', 'barc_sim.run'}
+ROS_MODULES = {
+    f'barc_sim.{name}'
+    for name in (
+        'composition',
+        'convert',
+        'endpoints',
+        'executor',
+        'offers',
+        'parameters',
+        'process',
+        'topics',
+    )
+}
 
 
 def module_name(path: Path) -> str:

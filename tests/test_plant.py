@@ -59,7 +59,9 @@ def test_each_observation_draws_new_noise_from_the_seed() -> None:
 
 def test_noise_does_not_touch_road_and_forces() -> None:
     noisy, quiet = plant_at(STATE, noise=Deviation(s=9.0, v_x=9.0)), plant_at(STATE)
-    assert noisy.observe()[2:] == quiet.observe()[2:]
+    seen, expected = noisy.observe(), quiet.observe()
+    assert seen.true == expected.true
+    assert seen[3:] == expected[3:]
 
 
 @pytest.mark.parametrize(('x', 'grade_deg'), [(19.9, 5.0), (20.0, -7.0)])
