@@ -62,8 +62,9 @@ class SideView:
             self._readings = _draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
         moving = [self._trace, *reference, *here, *self._readings.values()]
         self.artists = [*self._scene.artists, *moving]
-        for artist in self.artists:
-            artist.set_animated(True)
+        # Above what stands still, in one order whoever draws: matplotlib would have lines on patches.
+        for order, artist in enumerate(self.artists, start=10):
+            artist.set(animated=True, zorder=order)
         self.update(0.0)
 
     def update(self, t: float) -> None:
@@ -113,7 +114,7 @@ class SideView:
         axes.set(xlabel='Position along the road [m]', ylabel='Speed [m/s]')
         axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.16), ncols=2, borderaxespad=0.0)
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
-        axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
         return trace, line
 
 
