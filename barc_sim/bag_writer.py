@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from mcap.writer import CompressionType, Writer
 
+from barc_sim.bag_layout import METADATA_NAME
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-#: Name of the MCAP metadata records that hold what the run says of itself.
-METADATA_NAME = 'barc_sim'
 
 # A chunk is what is lost if the process is killed. Compressing 64 KiB takes 0.2 ms, so it may be
 # done in a callback; zstd costs 0.6 us a message more than none and writes 40 % of the bytes.

@@ -1,4 +1,4 @@
-"""Where a run's bag is made: `<root>/<date>_<time>`, never over another."""
+"""Where a bag is made, `<root>/<date>_<time>`, never over another; and what it is made of."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+#: Name of the MCAP metadata records that hold what the run says of itself.
+METADATA_NAME = 'barc_sim'
 
 
 def check_root(root: Path) -> None:

@@ -1,0 +1,113 @@
+"""Samples of a car's topics -> Log, joined on the stamp of the state that each belongs to."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from math import inf
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from barc_sim.log import Log
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+STATE = 'z_vhcl'
+_COMMAND = 'ecu'
+
+
+class Topic(NamedTuple):
+    """A topic that a log is made of."""
+
+    type: str
+    fields: dict[str, str]  #: the log's field for each that is taken from the message
+
+
+def _named(*names: str, prefix: str = '') -> dict[str, str]:
+    return {name: prefix + name for name in names}
+
+
+#: By name, without namespace.
+TOPICS = {
+    STATE: Topic('barc_interfaces/msg/ZDynBkMdl', _named('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot')),
+    'ez_vhcl': Topic(
+        'barc_interfaces/msg/EZDynBkMdl',
+        _named('s', 'ey', 'epsi', 'v_x', 'v_y', 'psi_dot', prefix='e_'),
+    ),
+    _COMMAND: Topic('barc_interfaces/msg/ECU', _named('motor', 'servo')),
+    'environment': Topic(
+        'barc_interfaces/msg/Environment',
+        {'theta': 'theta_deg'} | _named('elevation', 'friction', 'drag', 'gravity'),
+    ),
+    'pid_state': Topic(
+        'barc_interfaces/msg/PidState',
+        _named('reference', 'proportional', 'integral', 'derivative', 'saturated'),
+    ),
+}
+
+
+class Sample(NamedTuple):
+    """A message."""
+
+    stamp: int  #: [ns] in its header
+    published: int  #: [ns]
+    values: tuple[float, ...]  #: in the order of the topic's `fields`
+
+
+def join(samples: Mapping[str, Sequence[Sample]]) -> Log:
+    """Return the log of a car's samples, by topic; there must be one of `STATE` at least.
+
+    A state's deadline is the publication of the next state. Where several commands answer a
+    state, the first counts. Where the latest command by the deadline bears no stamp, it is what
+    held, and nothing was missed.
+    """
+    first = {topic: _first(samples.get(topic, ())) for topic in TOPICS}
+    states = [state for _, state in sorted(first[STATE].items())]
+    held, missed = _commands(samples.get(_COMMAND, ()), states)
+    first[_COMMAND] |= {k: sample for k, sample in held.items() if k not in first[_COMMAND]}
+
+    since_first = np.array([state.stamp - states[0].stamp for state in states])
+    columns: dict[str, NDArray[np.float64]] = {'t': since_first / 1e9}
+    for topic, (_, fields) in TOPICS.items():
+        missing = Sample(0, 0, (np.nan,) * len(fields))
+        rows = [first[topic].get(state.stamp, missing).values for state in states]
+        columns |= zip(fields.values(), np.array(rows, dtype=np.float64).T, strict=True)
+    saturated = columns.pop('saturated') == 1.0
+    return Log(**columns, saturated=saturated, missed=missed)
+
+
+def _first(samples: Iterable[Sample]) -> dict[int, Sample]:
+    """Return the sample that was published first, of each stamp."""
+    ordered = sorted(samples, key=lambda sample: sample.published, reverse=True)
+    return {sample.stamp: sample for sample in ordered}
+
+
+def _commands(
+    commands: Iterable[Sample], states: Sequence[Sample]
+) -> tuple[dict[int, Sample], NDArray[np.bool_]]:
+    """Judge whether each state's command was missed.
+
+    Returns
+    -------
+    held
+        By the state's stamp, the command without a stamp that held at its deadline, if one did.
+    missed
+        Shape `(n,)`.
+    """
+    commands = sorted(commands, key=lambda command: command.published)
+    times = [command.published for command in commands]
+    answers = _first(commands)
+    deadlines: list[float] = [state.published for state in states[1:]]
+    held = {}
+    missed = np.zeros(len(states), dtype=np.bool_)
+    for k, (state, deadline) in enumerate(zip(states, [*deadlines, inf], strict=True)):
+        by_then = bisect_left(times, deadline)
+        if by_then and commands[by_then - 1].stamp == 0:
+            held[state.stamp] = commands[by_then - 1]
+        else:
+            answer = answers.get(state.stamp)
+            missed[k] = answer is None or answer.published >= deadline
+    return held, missed
