@@ -50,6 +50,8 @@ def cruise_control(
     Road.named(options.road or 'lab')
     if not options.no_bag:
         check_root(options.bag_dir)
+    if options.quiet:
+        ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     with ros(ros_args):
         run = CruiseControl(options)
         try:
@@ -136,11 +138,7 @@ class CruiseControl:
 
     def print_result(self) -> None:
         """Print the table, the bag's path, and what to do with it."""
-        print_summary(self._errors.summary(self._simulator.missed))
-        if self._simulator.slipped:
-            print(  # noqa: T201
-                f'simulated time fell behind the wall clock by {self._simulator.slipped} periods'
-            )
+        print_summary(self._errors.summary(self._simulator.missed), self._simulator.slipped)
         if self.recorder:
             path = shlex.quote(str(self.recorder.path))
             print(f'bag     {path}')  # noqa: T201

@@ -86,7 +86,6 @@ class LiveLine:
             auto_refresh=False,
         )
         self._task = self._progress.add_task('', total=distance or None)
-        self._progress.start()
         self._next = 0.0
         self._latest: tuple[float, float, float, float, float] | None = None
 
@@ -100,6 +99,7 @@ class LiveLine:
 
     def _draw(self) -> None:
         if self._latest:
+            self._progress.start()
             self._progress.update(
                 self._task,
                 completed=self._latest[1],
@@ -113,8 +113,11 @@ class LiveLine:
         self._progress.stop()
 
 
-def print_summary(summary: Summary) -> None:
-    """Print the table of a run's speed errors and its other figures."""
+def print_summary(summary: Summary, slipped: int) -> None:
+    """Print the table of a run's speed errors, and its other figures.
+
+    `slipped` is the number of periods by which simulated time fell behind the wall clock.
+    """
     console = Console(highlight=False)
     table = Table(title='Speed error', title_justify='left', box=None, pad_edge=False)
     for heading in ('', 'grade', 'RMS, m/s', 'greatest, m/s'):
@@ -136,5 +139,5 @@ def print_summary(summary: Summary) -> None:
     console.print(table)
     console.print(
         f'overshoot {summary.overshoot:.1%}, settling time {summary.settling_time:.2f} s (2 %), '
-        f'missed deadlines {summary.missed_deadlines}'
+        f'missed deadlines {summary.missed_deadlines}, clock slips {slipped}'
     )

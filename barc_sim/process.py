@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 NUM_THREADS = 2
 
 
+#: rcutils' own format, on a line that is cleared first: a live line may stand there.
+_CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
+
+
 @contextmanager
 def ros(args: list[str] | None) -> Iterator[None]:
     """Initialise ROS with `args`, seen on this machine only unless the user has set it otherwise.
@@ -33,6 +38,8 @@ def ros(args: list[str] | None) -> Iterator[None]:
         where what follows `--ros-args` is not for ROS.
     """
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    if sys.stderr.isatty():
+        os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)

@@ -166,7 +166,7 @@ def test_drawing_opens_no_window_and_leaves_pyplot_alone() -> None:
         'import sys; from barc_sim.plots import speed_figure; from barc_sim.rollout import rollout;'
         'speed_figure(rollout(distance=1.0)); print("matplotlib.pyplot" in sys.modules)'
     )
-    result = subprocess.run(  # noqa: S603
+    result = subprocess.run(
         [sys.executable, '-c', program], capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == 'False'

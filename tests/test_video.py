@@ -32,7 +32,7 @@ def images(count: int) -> list[NDArray[np.uint8]]:
 
 def decoded(path: Path) -> tuple[NDArray[np.uint8], str]:
     """Return a video's images, of shape `(n, height, width, 3)`, and what ffmpeg says of it."""
-    result = subprocess.run(  # noqa: S603
+    result = subprocess.run(
         [imageio_ffmpeg.get_ffmpeg_exe(), '-i', path, '-f', 'rawvideo', '-pix_fmt', 'rgb24', '-'],
         capture_output=True,
         check=True,
