@@ -62,7 +62,7 @@ class SideView:
             self._readings = _draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
         moving = [self._trace, *reference, *here, *self._readings.values()]
         self.artists = [*self._scene.artists, *moving]
-        # Above what stands still, in one order whoever draws: matplotlib would have lines on patches.
+        # Above what stands still, in one order whoever draws: matplotlib puts lines on patches.
         for order, artist in enumerate(self.artists, start=10):
             artist.set(animated=True, zorder=order)
         self.update(0.0)

@@ -74,8 +74,9 @@ class VehicleSimulator(Node):
 
     State `k` is stamped `t_0 + k·T_s`. With a real-time factor the command for state `k` is due
     when state `k + 1` is; where it has not arrived, the last one holds, and `missed` counts it.
-    Where the simulator itself is late by whole periods, simulated time stands still meanwhile, and
-    `slipped` counts them: the trajectory stays as it is. Without (`realtime_factor` 0) each step is taken as soon as its command has arrived.
+    Where the simulator itself is late by whole periods, simulated time stands still meanwhile,
+    and `slipped` counts them. Without (`realtime_factor` 0) each step is taken as soon as its
+    command has arrived.
 
     A command answers the state whose stamp it bears. One without a stamp, as `ros2 topic pub`
     sends it, holds until the next, and nothing is missed meanwhile.
