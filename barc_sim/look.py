@@ -1,13 +1,16 @@
-"""How the figures look: colours, lines, and the limits of axes."""
+"""How runs are shown, whatever the figure: colours, lines, limits of axes, readings."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from barc_sim.log import Log
 
 # Okabe and Ito's palette, which the colour-blind tell apart, and greys.
 BLUE = '#0072B2'
@@ -47,6 +50,15 @@ LOOK: list[str | dict[str, Any]] = [
 ]
 
 DASHES = (0.0, (5.0, 3.0))
+
+
+def as_known(log: Log) -> Log:
+    """Return the log with the measurement for the truth where the measurement's error is unknown.
+
+    So it is at the end of a bag whose run was killed, and in one of a simulator that tells none.
+    """
+    errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x')
+    return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})
 
 
 def limits(values: NDArray[np.float64], *, share: float, least: float) -> tuple[float, float]:

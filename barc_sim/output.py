@@ -63,7 +63,7 @@ def _unwritable(path: Path, error: OSError) -> UserError:
     return UserError(f'cannot save {str(path)!r}: {reason}; choose another place with --save')
 
 
-def window(size: tuple[float, float]) -> Figure | None:
+def window(size: tuple[float, float], title: str) -> Figure | None:
     """Return an empty figure of `size` [inch] in a window; None where none can be opened.
 
     `show` then shows it.
@@ -71,7 +71,7 @@ def window(size: tuple[float, float]) -> Figure | None:
     from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
 
     try:
-        figure = plt.figure(figsize=size)
+        figure = plt.figure(title, figsize=size)
     except ImportError:  # the backend that the user has chosen cannot run here
         return None
     if figure.canvas.required_interactive_framework is None:

@@ -13,14 +13,20 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Mapping, Sequence
 
-PROG = 'python -m barc_sim.plot'
+PROG = 'barc_sim.plot'
 FORMATS = ('png', 'pdf', 'svg')
+DPI = 150
 
 
-def parse(args: Sequence[str] | None = None) -> Namespace:
+def parse(argv: Sequence[str] | None = None) -> Namespace:
     """Return the options on the command line."""
-    parser = Parser(prog=PROG, description='Draw speed, grade and command against position.')
-    parser.add_argument('bag', nargs='?', metavar='BAG', help='default: the newest in ./bags')
+    parser = Parser(prog=f'python -m {PROG}', description='Draw speed, grade and command of a run.')
+    parser.add_argument(
+        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
+    )
     parser.add_argument('--save', metavar='FILE', help='save as .png, .pdf or .svg')
     parser.add_argument(
         '--show',
@@ -28,7 +34,7 @@ def parse(args: Sequence[str] | None = None) -> Namespace:
         help='open a window, the default with a display and no --save; without a display the '
         'default is to save BAG/speed.png',
     )
-    return parser.parse_args(args)
+    return parser.parse_args(argv)
 
 
 def draw(options: Namespace) -> None:
@@ -41,22 +47,25 @@ def draw(options: Namespace) -> None:
     """
     from barc_sim import bag, output, plots  # noqa: PLC0415 (--help need not wait for NumPy)
 
-    path = output.target(options.save, FORMATS) if options.save else None
-    directory = Path(options.bag) if options.bag else bag.newest()
-    log = bag.read(directory)
-    heading = {'title': directory.resolve().name, 'settings': settings(bag.info(directory))}
-    window = output.window(plots.SIZE) if options.show or not path else None
+    path = output.target(options.save, FORMATS) if options.save is not None else None
+    source = options.bag or bag.newest()
+    log = bag.read(source, options.namespace)
+    directory = source if source.is_dir() else source.parent
+    title = directory.resolve().name
+    window = output.window(plots.SIZE, title) if options.show or not path else None
     if options.show and not window:
         raise UserError(
             'cannot open a window for --show: there is no display, or no GUI toolkit such as '
             'tkinter; use --save FILE'
         )
-    figure = plots.speed_figure(log, figure=window, **heading)
+    figure = plots.speed_figure(
+        log, title=title, settings=settings(bag.info(source)), figure=window
+    )
     if not window:
         path = path or directory / 'speed.png'
     if path:
         with output.replacing(path) as part:
-            figure.savefig(part, dpi=150)
+            figure.savefig(part, dpi=DPI)
         print(path)  # noqa: T201
     if window:
         output.show()
@@ -67,9 +76,9 @@ def settings(info: Mapping[str, str]) -> str:
     return ' · '.join(f'{key} {info[key]}' for key in ('road', 'kp', 'ki', 'kd') if key in info)
 
 
-def main(args: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    options = parse(args)
+    options = parse(argv)
     return call(PROG, lambda: draw(options))
 
 

@@ -23,6 +23,7 @@ from barc_sim.look import (
     MUTED,
     SKY,
     VERMILLION,
+    as_known,
     limits,
 )
 
@@ -54,6 +55,7 @@ def speed_figure(
     Figure
         `figure`, or one that belongs to no window.
     """
+    log = as_known(log)
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained')
     speed, grade, command = figure.subplots(3, 1, sharex=True, height_ratios=[4, 1.4, 1.6])

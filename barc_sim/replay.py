@@ -14,23 +14,28 @@ if TYPE_CHECKING:
 
     from barc_sim.log import Log
 
-PROG = 'python -m barc_sim.replay'
+PROG = 'barc_sim.replay'
 FORMATS = ('mp4', 'gif')
 MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state
 GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and counts in hundredths of a second
 
 
-def parse(args: Sequence[str] | None = None) -> Namespace:
+def parse(argv: Sequence[str] | None = None) -> Namespace:
     """Return the options on the command line."""
-    parser = Parser(prog=PROG, description='Play a run at real speed.')
-    parser.add_argument('bag', nargs='?', metavar='BAG', help='default: the newest in ./bags')
+    parser = Parser(prog=f'python -m {PROG}', description='Play a run at real speed.')
+    parser.add_argument(
+        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
+    )
     parser.add_argument(
         '--save',
         metavar='FILE',
         help='save as .mp4 or .gif; without it a window opens, or BAG/replay.mp4 is saved where '
         'there is no display',
     )
-    return parser.parse_args(args)
+    return parser.parse_args(argv)
 
 
 def play(options: Namespace) -> None:
@@ -43,9 +48,10 @@ def play(options: Namespace) -> None:
     """
     from barc_sim import bag, output  # noqa: PLC0415 (--help need not wait for NumPy)
 
-    path = output.target(options.save, FORMATS) if options.save else None
-    directory = Path(options.bag) if options.bag else bag.newest()
-    log = bag.read(directory)
+    path = output.target(options.save, FORMATS) if options.save is not None else None
+    source = options.bag or bag.newest()
+    log = bag.read(source, options.namespace)
+    directory = source if source.is_dir() else source.parent
     title = directory.resolve().name
     if not path and _play_in_window(log, title):
         return
@@ -59,7 +65,7 @@ def _play_in_window(log: Log, title: str) -> bool:
     """Play until the user closes the window; return whether there could be one."""
     from barc_sim import animation, output, side_view  # noqa: PLC0415
 
-    figure = output.window(side_view.SIZE)
+    figure = output.window(side_view.SIZE, title)
     if figure is None:
         return False
     playing = animation.animate(side_view.SideView(log, figure, title=title))
@@ -97,9 +103,9 @@ def save(log: Log, path: Path, *, title: str = '') -> None:
         video.write_mp4(path, images, size=(width, height), fps=fps)
 
 
-def main(args: Sequence[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    options = parse(args)
+    options = parse(argv)
     return call(PROG, lambda: play(options))
 
 

@@ -8,7 +8,19 @@ import numpy as np
 from matplotlib import style
 from matplotlib.ticker import MaxNLocator
 
-from barc_sim.look import BLUE, DASHES, EARTH, GREY, INK, LOOK, MUTED, SURFACE, limits, reading
+from barc_sim.look import (
+    BLUE,
+    DASHES,
+    EARTH,
+    GREY,
+    INK,
+    LOOK,
+    MUTED,
+    SURFACE,
+    as_known,
+    limits,
+    reading,
+)
 from barc_sim.road_scene import RoadScene
 from barc_sim.terrain import Terrain
 
@@ -49,7 +61,8 @@ class SideView:
         """Draw all that stands still on `figure`, which is empty, and show the first state."""
         self.figure = figure
         self.duration = float(log.t[-1])
-        self._log, self._distance, self._speed = log, log.distance, log.speed
+        self._log = log = as_known(log)
+        self._distance, self._speed = log.distance, log.speed
         self._terrain = Terrain(log)
         with style.context(LOOK):
             self._scene = RoadScene(figure.add_axes((0.0, 0.4, 1.0, 0.5)), self._terrain)
@@ -62,7 +75,7 @@ class SideView:
             self._readings = _draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
         moving = [self._trace, *reference, *here, *self._readings.values()]
         self.artists = [*self._scene.artists, *moving]
-        # Above what stands still, in one order whoever draws: matplotlib puts lines on patches.
+        # Above what stands still, and in one order: matplotlib would put every line on a patch.
         for order, artist in enumerate(self.artists, start=10):
             artist.set(animated=True, zorder=order)
         self.update(0.0)

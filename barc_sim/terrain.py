@@ -33,10 +33,13 @@ class Terrain:
     """
 
     def __init__(self, log: Log) -> None:
-        """Take the road from a run of at least one state; what is NaN of it counts as flat."""
-        driven, first = np.unique(log.distance, return_index=True)
-        theta = np.pad(np.radians(np.nan_to_num(log.theta_deg[first])), 1, mode='edge')
-        elevation = np.nan_to_num(log.elevation[first])
+        """Take the road from a run of at least one state; flat if it recorded none."""
+        known = np.isfinite(log.theta_deg) & np.isfinite(log.elevation)
+        rows = np.flatnonzero(known if known.any() else ~known)
+        driven, first = np.unique(log.distance[rows], return_index=True)
+        theta = np.radians(np.nan_to_num(log.theta_deg[rows][first]))
+        theta = np.pad(theta, 1, mode='edge')
+        elevation = np.nan_to_num(log.elevation[rows][first])
         before = elevation[0] - MARGIN * np.sin(theta[0])
         behind = elevation[-1] + MARGIN * np.sin(theta[-1])
         self.distance = np.concatenate([[driven[0] - MARGIN], driven, [driven[-1] + MARGIN]])

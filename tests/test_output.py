@@ -87,7 +87,7 @@ def test_without_a_display_there_is_no_window(backend: str | None) -> None:
         if name not in {'DISPLAY', 'WAYLAND_DISPLAY', 'MPLBACKEND'}
     }
     result = subprocess.run(
-        [sys.executable, '-c', 'from barc_sim import output; print(output.window((4, 3)))'],
+        [sys.executable, '-c', 'from barc_sim import output; print(output.window((4, 3), str()))'],
         env=environment | ({'MPLBACKEND': backend} if backend else {}),
         capture_output=True,
         text=True,

@@ -70,6 +70,14 @@ def test_a_run_that_did_not_record_its_road_was_on_the_flat(log: Log) -> None:
     assert terrain.at(100.0)[0] == pytest.approx(100.0)
 
 
+def test_states_without_a_grade_leave_no_hole_in_the_road(log: Log) -> None:
+    theta_deg, elevation = log.theta_deg.copy(), log.elevation.copy()
+    theta_deg[700:] = elevation[700:] = np.nan  # on the steep hill
+    terrain = Terrain(replace(log, theta_deg=theta_deg, elevation=elevation))
+    x, y = terrain.at(log.distance[699] + np.array([0.0, 5.0]))
+    assert np.diff(y) / np.diff(x) == pytest.approx(np.tan(np.radians(log.theta_deg[699])))
+
+
 def test_a_single_state_is_a_road() -> None:
     terrain = Terrain(rollout(max_duration=0.0))
     assert terrain.at(5.0) == (pytest.approx(5.0), 0.0)
