@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.exceptions import InvalidMagic
-from mcap.records import Channel, Footer, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bag_layout import METADATA_NAME
+from barc_sim.bag_directory import METADATA_NAME
 from barc_sim.errors import UserError
 from barc_sim.samples import STATE, TOPICS, Sample, join
 
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
 
     from barc_sim.log import Log
 
+_MAGIC = b'\x89MCAP0\r\n'
 _logger = logging.getLogger(__name__)
 
 
@@ -97,18 +97,21 @@ def _files(path: Path) -> list[Path]:
 
 def _records(file: Path, *, emit_chunks: bool = False) -> Iterator[McapRecord]:
     """Yield a file's records, as far as it is whole."""
-    with file.open('rb') as stream:
+    try:
+        stream = file.open('rb')
+    except OSError as error:
+        raise UserError(
+            f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
+        ) from error
+    with stream:
+        if (magic := stream.read(len(_MAGIC))) != _MAGIC:
+            what = 'not an MCAP file' if magic else 'empty'
+            raise UserError(f'{str(file)!r} is {what}: name another bag')
+        stream.seek(0)
         records = StreamReader(stream, emit_chunks=emit_chunks, validate_crcs=True).records
         try:
-            for record in records:
-                yield record
-                if isinstance(record, Footer):
-                    return
-        except InvalidMagic as error:
-            raise UserError(f'{str(file)!r} is not an MCAP file: name a bag') from error
-        except Exception as error:
-            if not file.stat().st_size:
-                raise UserError(f'{str(file)!r} is empty: name another bag') from error
+            yield from records
+        except Exception:  # noqa: BLE001 (damage may raise anything)
             _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from mcap.writer import CompressionType, Writer
 
-from barc_sim.bag_layout import METADATA_NAME
+from barc_sim.bag_directory import METADATA_NAME
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

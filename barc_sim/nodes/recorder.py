@@ -14,7 +14,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
 from barc_sim import offers
-from barc_sim.bag_layout import new_directory
+from barc_sim.bag_directory import new_directory
 from barc_sim.bag_writer import BagWriter
 from barc_sim.cli import call
 from barc_sim.executor import QuickCallbackGroup

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from itertools import count
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
@@ -39,15 +38,16 @@ def new_directory(root: Path) -> Path:
     """
     check_root(root)
     name = time.strftime('%Y-%m-%d_%H-%M-%S')
-    for suffix in count(1):
+    suffix = 1
+    while True:
         directory = root / (name if suffix == 1 else f'{name}_{suffix}')
         try:
             directory.mkdir(parents=True)
         except FileExistsError:
-            continue
+            suffix += 1
         except OSError as error:
             raise UserError(
                 f'no bag can be made in {str(root)!r} ({error.strerror}): name another folder'
             ) from error
-        return directory
-    raise AssertionError  # count() has no end
+        else:
+            return directory

@@ -1,0 +1,75 @@
+"""Fixtures of the tests with ROS in them: each in a domain of its own, none waits for ever."""
+
+from __future__ import annotations
+
+import random
+import socket
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+
+# A domain is reserved by binding this port and its number, as ament's domain_coordinator does: no
+# two tests on a machine have the same, whoever runs them, and the end of the process frees it.
+_FIRST_PORT = 22119
+# Above 101, Linux hands the ports of a domain out to others; 0 is everybody's.
+_DOMAINS = range(1, 102)
+
+
+@contextmanager
+def _reserved_domain() -> Iterator[int]:
+    for domain in random.sample(_DOMAINS, len(_DOMAINS)):
+        with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
+            try:
+                reservation.bind(('localhost', _FIRST_PORT + domain))
+                # DDS's port of the domain's first participant: somebody may use it unreserved.
+                participant.bind(('', 7410 + 250 * domain))
+            except OSError:
+                continue
+            participant.close()
+            yield domain
+            return
+    pytest.fail('all ROS domains of this machine are in use')
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]:
+    """Return a ROS domain that is this test's own, also for processes that it starts."""
+    with _reserved_domain() as domain:
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'ros_log'))
+        yield domain
+
+
+@pytest.fixture
+def ros(ros_domain: int) -> Iterator[Context]:
+    """Return an initialised context in a domain of its own, to give to each node and executor."""
+    from rclpy.context import Context  # noqa: PLC0415 (tests without ROS start faster without)
+
+    context = Context()
+    context.init(domain_id=ros_domain)
+    yield context
+    context.try_shutdown()
+
+
+@pytest.fixture
+def spin_until() -> Callable[[Executor, Callable[[], bool]], None]:
+    """Return a function that spins an executor until a condition holds, or fails."""
+
+    def spin(executor: Executor, condition: Callable[[], bool], *, deadline: float = 20.0) -> None:
+        end = time.monotonic() + deadline
+        while not condition():
+            if time.monotonic() > end:
+                pytest.fail(f'the condition did not come true within {deadline} s')
+            executor.spin_once(timeout_sec=0.05)
+
+    return spin

@@ -1,0 +1,273 @@
+"""The bags that are written, read by readers that are not ours."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import SeekingReader
+from mcap.records import Chunk, ChunkIndex, McapRecord, Message
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from barc_sim.bag_writer import BagWriter, Topic
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+QOS = {
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': FOREVER,
+    'lifespan': FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
+QOS_AS_ROSBAG2_WRITES_IT = """\
+- history: unknown
+  depth: 0
+  reliability: reliable
+  durability: volatile
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: automatic
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false"""
+NAME = 'std_msgs/msg/Float64'
+TYPES = get_typestore(Stores.EMPTY)
+TYPES.register(get_types_from_msg('float64 data', NAME))
+VALUE = Topic(
+    name='/value',
+    type=NAME,
+    definition='float64 data\n',
+    type_hash=TYPES.hash_rihs01(NAME),
+    offered_qos=[QOS],
+)
+OTHER = Topic(
+    name='/car/other',
+    type=NAME,
+    definition=VALUE.definition,
+    type_hash=VALUE.type_hash,
+    offered_qos=[QOS, {**QOS, 'durability': 'transient_local'}],
+)
+
+
+def encoded(value: float) -> bytes:
+    return bytes(TYPES.serialize_cdr(TYPES.types[NAME](data=value), NAME))
+
+
+@pytest.fixture
+def writer(tmp_path: Path) -> Iterator[BagWriter]:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    writer = BagWriter(directory, metadata={'command': 'a b'})
+    yield writer
+    writer.close()
+
+
+def write(writer: BagWriter, channel: int, k: int) -> None:
+    writer.write(channel, encoded(float(k)), received=1000 + k, published=900 + k, sequence=k)
+
+
+def metadata(writer: BagWriter) -> dict[str, Any]:
+    text = (writer.directory / 'metadata.yaml').read_text(encoding='utf-8')
+    information: dict[str, Any] = yaml.safe_load(text)['rosbag2_bagfile_information']
+    return information
+
+
+def test_seeking_reader_finds_every_message_with_its_times_and_sequence(writer: BagWriter) -> None:
+    channel = writer.add_topic(VALUE)
+    for k in range(5):
+        write(writer, channel, k)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        reader = SeekingReader(stream, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        read = list(reader.iter_messages())
+    assert [
+        (topic.topic, message.log_time, message.publish_time, message.sequence, message.data)
+        for _, topic, message in read
+    ] == [('/value', 1000 + k, 900 + k, k, encoded(float(k))) for k in range(5)]
+    schema, topic, _ = read[0]
+    assert schema is not None
+    assert (schema.name, schema.encoding, schema.data) == (NAME, 'ros2msg', b'float64 data\n')
+    assert topic.message_encoding == 'cdr'
+
+
+def test_channels_have_quality_of_service_and_hash_as_rosbag2_writes_them(
+    writer: BagWriter,
+) -> None:
+    write(writer, writer.add_topic(VALUE), 0)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        summary = SeekingReader(stream).get_summary()
+    assert summary is not None
+    assert [channel.metadata for channel in summary.channels.values()] == [
+        {
+            'offered_qos_profiles': QOS_AS_ROSBAG2_WRITES_IT,
+            'topic_type_hash': VALUE.type_hash,
+        }
+    ]
+
+
+def test_rosbags_reads_the_directory_and_agrees_with_the_hash(writer: BagWriter) -> None:
+    channels = [writer.add_topic(VALUE), writer.add_topic(OTHER)]
+    for k in range(10):
+        write(writer, channels[k % 2], k)
+    writer.close()
+    read: list[tuple[str, int, Any]]
+    with AnyReader([writer.directory]) as reader:
+        read = [
+            (connection.topic, time, reader.deserialize(data, connection.msgtype))
+            for connection, time, data in reader.messages()
+        ]
+        assert reader.message_count == 10
+        assert {name: topic.msgcount for name, topic in reader.topics.items()} == writer.counts
+    assert [(topic, time, message.data) for topic, time, message in read] == [
+        (('/value', '/car/other')[k % 2], 1000 + k, float(k)) for k in range(10)
+    ]
+
+
+def test_metadata_is_version_9_and_covers_the_earliest_to_the_latest_message(
+    writer: BagWriter,
+) -> None:
+    channel = writer.add_topic(OTHER)
+    for k in (3, 1, 7, 2):
+        write(writer, channel, k)
+    writer.add_metadata({'steps': '4'})
+    writer.close()
+    span = {
+        'duration': {'nanoseconds': 6},
+        'starting_time': {'nanoseconds_since_epoch': 1001},
+        'message_count': 4,
+    }
+    assert metadata(writer) == {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **span,
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': '/car/other',
+                    'type': NAME,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': list(OTHER.offered_qos),
+                    'type_description_hash': OTHER.type_hash,
+                },
+                'message_count': 4,
+            }
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': ['run_0.mcap'],
+        'files': [{'path': 'run_0.mcap', **span}],
+        'custom_data': {'command': 'a b', 'steps': '4'},
+        'ros_distro': 'jazzy',
+    }
+
+
+def test_metadata_is_in_the_file_too(writer: BagWriter) -> None:
+    write(writer, writer.add_topic(VALUE), 0)
+    writer.add_metadata({'steps': '1'})
+    writer.close()
+    with writer.file.open('rb') as stream:
+        records = [
+            (record.name, record.metadata) for record in SeekingReader(stream).iter_metadata()
+        ]
+    assert records[:-1] == [('barc_sim', {'command': 'a b'}), ('barc_sim', {'steps': '1'})]
+    name, content = records[-1]
+    assert name == 'rosbag2'
+    assert yaml.safe_load(content['serialized_metadata']) == metadata(writer)
+
+
+@pytest.mark.parametrize(
+    'value', ['', 'null', '1.0', 'two\nlines\n', "it's: {odd} # §", 'word ' * 100]
+)
+def test_any_text_may_be_metadata(writer: BagWriter, value: str) -> None:
+    writer.add_metadata({'text': value})
+    writer.close()
+    assert metadata(writer)['custom_data']['text'] == value
+    with AnyReader([writer.directory]):
+        pass
+
+
+def test_a_bag_without_messages_is_whole(writer: BagWriter) -> None:
+    writer.close()
+    with AnyReader([writer.directory]) as reader:
+        assert reader.message_count == 0
+    with writer.file.open('rb') as stream:
+        summary = SeekingReader(stream, validate_crcs=True).get_summary()
+    assert summary is not None
+    assert not summary.chunk_indexes
+
+
+def test_what_was_flushed_is_in_the_file_before_it_is_closed(writer: BagWriter) -> None:
+    channel = writer.add_topic(VALUE)
+    for k in range(3):
+        write(writer, channel, k)
+    writer.flush()
+    write(writer, channel, 3)
+    read: list[McapRecord] = []
+    with writer.file.open('rb') as stream, suppress(EndOfFile):
+        read.extend(StreamReader(stream, validate_crcs=True).records)
+    assert [record.sequence for record in read if isinstance(record, Message)] == [0, 1, 2]
+
+
+def test_chunks_are_64_kib_at_most_and_have_checksums_and_messages(writer: BagWriter) -> None:
+    channel = writer.add_topic(VALUE)
+    for k in range(5000):
+        write(writer, channel, k)
+        if k % 1000 == 0:
+            writer.flush()
+            writer.flush()
+    writer.close()
+    with writer.file.open('rb') as stream:
+        records = list(StreamReader(stream, emit_chunks=True).records)
+    chunks = [record for record in records if isinstance(record, Chunk)]
+    indexes = [record for record in records if isinstance(record, ChunkIndex)]
+    assert len(chunks) > 5
+    assert all(chunk.uncompressed_crc for chunk in chunks)
+    assert all(chunk.uncompressed_size < 65 * 1024 for chunk in chunks)
+    assert all(index.message_index_offsets for index in indexes)
+    assert len(indexes) == len(chunks)
+
+
+def test_sequence_numbers_wrap_at_32_bits(writer: BagWriter) -> None:
+    writer.write(writer.add_topic(VALUE), encoded(0.0), received=1, published=1, sequence=2**32 + 5)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        (read,) = SeekingReader(stream).iter_messages()
+    assert read[2].sequence == 5
+
+
+def test_closing_again_changes_nothing(writer: BagWriter) -> None:
+    writer.close()
+    before = writer.file.read_bytes()
+    writer.close()
+    assert writer.file.read_bytes() == before
+
+
+def test_a_bag_is_never_overwritten(writer: BagWriter) -> None:
+    with pytest.raises(UserError, match=r"run_0.mcap' cannot be made \(File exists\)"):
+        BagWriter(writer.directory)
+
+
+def test_a_directory_that_is_gone_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"gone_0.mcap' cannot be made \(No such file"):
+        BagWriter(tmp_path / 'gone')
