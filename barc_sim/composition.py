@@ -13,7 +13,7 @@ import yaml
 from rclpy.parameter import Parameter
 
 from barc_sim import __version__
-from barc_sim.bag_layout import check_root
+from barc_sim.bag_directory import check_root
 from barc_sim.display import display, print_summary
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
