@@ -27,6 +27,7 @@ from barc_sim.road import Road
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from rclpy.executors import Executor
     from rclpy.node import Node
 
     from barc_sim.plant import Observation
@@ -55,7 +56,7 @@ def cruise_control(
     with ros(ros_args):
         run = CruiseControl(options)
         try:
-            run.spin(stop)
+            run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
         finally:
             run.close(argv)
     if not options.quiet:
@@ -88,7 +89,7 @@ class CruiseControl:
             )
             self._nodes.append(self._controller)
             self._simulator = VehicleSimulator(
-                on_step=self._on_step,
+                on_step=self.on_step,
                 parameter_overrides=_overrides(
                     distance=options.distance,
                     road=options.road,
@@ -105,21 +106,34 @@ class CruiseControl:
         if self.recorder:
             self.recorder.discover()
 
-    def spin(self, stop: StopSignals) -> None:
-        """Drive, in real time as far as Python allows it."""
-        executor = QuickExecutor(num_threads=NUM_THREADS)
+    def spin(self, stop: StopSignals, executor: Executor) -> None:
+        """Drive until the run is finished or `stop` is requested."""
         for node in self._nodes:
             executor.add_node(node)
         # A full garbage collection takes as long as half a step: spare it what is there for good.
         gc.collect()
         gc.freeze()
         sys.setswitchinterval(_SWITCH_INTERVAL)
-        stop.then(self._simulator.finish)
+        stop.then(self.finish)
         try:
             executor.spin_until_future_complete(self._simulator.finished)
         finally:
             executor.shutdown()
             self._display.close()
+
+    def finish(self) -> None:
+        """End the run now."""
+        self._simulator.finish()
+
+    @property
+    def missed(self) -> int:
+        """Commands that were not there when they were due."""
+        return self._simulator.missed
+
+    @property
+    def slipped(self) -> int:
+        """Periods by which simulated time has fallen behind the wall clock."""
+        return self._simulator.slipped
 
     def close(self, argv: list[str]) -> None:
         """End the nodes, the recorder last, with what there is to tell of the run in its bag."""
@@ -131,14 +145,15 @@ class CruiseControl:
         for node in reversed(self._nodes):
             node.destroy_node()
 
-    def _on_step(self, t: float, seen: Observation) -> None:
+    def on_step(self, t: float, seen: Observation) -> None:
+        """Take note of what the simulator has just published, at `t` [s]."""
         reference = self._controller.speed_reference
         self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
         self._display.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
 
     def print_result(self) -> None:
         """Print the table, the bag's path, and what to do with it."""
-        print_summary(self._errors.summary(self._simulator.missed), self._simulator.slipped)
+        print_summary(self._errors.summary(self.missed), self.slipped)
         if self.recorder:
             path = shlex.quote(str(self.recorder.path))
             print(f'bag     {path}')  # noqa: T201
