@@ -49,7 +49,7 @@ def info(path: Path | str) -> dict[str, str]:
     """
     entries: dict[str, str] = {}
     for file in _files(Path(path)):
-        for record in _records(file, emit_chunks=True):
+        for record in _records(file, messages=False):
             if isinstance(record, Metadata) and record.name == METADATA_NAME:
                 entries.update(record.metadata)
     return entries
@@ -95,8 +95,11 @@ def _files(path: Path) -> list[Path]:
     return files
 
 
-def _records(file: Path, *, emit_chunks: bool = False) -> Iterator[McapRecord]:
-    """Yield a file's records, as far as it is whole."""
+def _records(file: Path, *, messages: bool = True) -> Iterator[McapRecord]:
+    """Yield a file's records as far as it is whole, and warn if that is not to its end.
+
+    Without `messages`, only what is outside of the chunks, and no warning.
+    """
     try:
         stream = file.open('rb')
     except OSError as error:
@@ -108,11 +111,12 @@ def _records(file: Path, *, emit_chunks: bool = False) -> Iterator[McapRecord]:
             what = 'not an MCAP file' if magic else 'empty'
             raise UserError(f'{str(file)!r} is {what}: name another bag')
         stream.seek(0)
-        records = StreamReader(stream, emit_chunks=emit_chunks, validate_crcs=True).records
+        records = StreamReader(stream, emit_chunks=not messages, validate_crcs=True).records
         try:
             yield from records
         except Exception:  # noqa: BLE001 (damage may raise anything)
-            _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
+            if messages:
+                _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
 
 
 def _samples(path: Path) -> dict[str, dict[str, list[Sample]]]:

@@ -46,8 +46,8 @@ class _Polled(CallbackGroup):
     """Of subscriptions that no executor waits for: their messages are taken by a timer.
 
     To be woken for each message would cost 4 % of a core at 50 Hz with 7 topics, a look at all of
-    them every 50 ms costs 1 %; and nothing comes between a state and the command that answers it.
-    Reception is stamped in DDS, so nothing is lost by looking later.
+    them every 50 ms costs about 1 %; and nothing comes between a state and the command that
+    answers it. Reception is stamped in DDS, so nothing is lost by looking later.
     """
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (CallbackGroup's)
