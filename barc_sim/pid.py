@@ -84,7 +84,7 @@ class PID:
         wanted = self.proportional + self.integral + increment + self.derivative
         output = min(max(wanted, self.output_min), self.output_max)
         self.saturated = wanted < self.output_min or wanted > self.output_max
-        if isfinite(increment) and (wanted - output) * increment <= 0.0:
+        if (wanted - output) * increment <= 0.0:
             self.integral += increment
         return output
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
 import pytest
@@ -42,6 +42,16 @@ def test_length_is_the_number_of_states(log: Log, n: int) -> None:
     part = Log(**{field.name: getattr(log, field.name)[:n] for field in fields(Log)})
     assert len(part) == n
     assert part.speed.shape == part.distance.shape == part.speed_error.shape == (n,)
+
+
+def test_log_is_not_changed_but_replaced(log: Log) -> None:
+    with pytest.raises(FrozenInstanceError):
+        log.t = log.x  # type: ignore[misc]
+
+
+def test_log_equals_only_itself(log: Log) -> None:
+    assert log == log  # noqa: PLR0124
+    assert log != replace(log)
 
 
 @pytest.mark.parametrize('psi', [0.0, 0.5, 2.0, -3.0])

@@ -118,7 +118,6 @@ def test_reference_of_zero_has_no_overshoot_to_tell() -> None:
         ([0.0, 4.0, 8.0, 8.0], 2.0),
         ([0.0, 8.0, 9.0, 8.0], 3.0),
         ([8.0, 8.0, 8.0], 0.0),
-        # The band is 2 % of the reference, and includes its edges.
         ([0.0, 7.83, 7.85, 8.15], 2.0),
         ([0.0, 7.83, 7.85, 8.17, 7.85], 4.0),
     ],
@@ -127,6 +126,11 @@ def test_settling_time_is_when_the_speed_stays_within_the_band(
     speed: list[float], settling_time: float
 ) -> None:
     assert summary(run(speed)).settling_time == settling_time
+
+
+def test_band_is_2_percent_of_the_reference_edges_included() -> None:
+    assert summary(run([0.0, 98.0, 102.0], reference=100.0)).settling_time == 1.0
+    assert summary(run([0.0, 97.9, 102.1, 102.0], reference=100.0)).settling_time == 3.0
 
 
 def test_settling_time_counts_from_the_first_state() -> None:

@@ -66,6 +66,12 @@ def test_gains_default_to_no_limits() -> None:
 # The first sample and the kick
 
 
+def test_new_controller_tells_of_no_term() -> None:
+    pid = PID(1.0, 2.0, 3.0)
+    assert (pid.proportional, pid.integral, pid.derivative) == (0.0, 0.0, 0.0)
+    assert not pid.saturated
+
+
 def test_first_sample_has_no_derivative_and_adds_nothing_to_the_integral() -> None:
     pid = PID(1.0, 100.0, 100.0)
     assert pid.acc_calculate(8.0, 3.0, 0.02) == 5.0
@@ -145,6 +151,13 @@ def test_integral_stands_still_while_the_error_holds_the_output_at_the_limit(sig
     pid = PID(10.0, 1.0, 0.0, output_min=-8.0, output_max=8.0)
     assert outputs(pid, [0.0] * 9, reference=sign * 4.0, dt=0.5) == [sign * 8.0] * 9
     assert pid.integral == 0.0
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_integral_takes_no_step_that_would_cross_the_limit(sign: float) -> None:
+    pid = PID(0.0, 1.0, 0.0, output_min=-1.0, output_max=1.0)
+    assert outputs(pid, [0.0] * 3, reference=sign * 1.5, dt=0.5) == [0.0, sign * 0.75, sign * 1.0]
+    assert pid.integral == sign * 0.75
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])

@@ -57,6 +57,11 @@ def test_each_observation_draws_new_noise_from_the_seed() -> None:
         assert (seen.measured, seen.error) == sensor.measure(motion(STATE, 0.0, VEHICLE))
 
 
+def test_default_seed_is_zero() -> None:
+    noise = Deviation(s=1.0)
+    assert Plant(noise=noise).observe() == Plant(noise=noise, seed=0).observe()
+
+
 def test_noise_does_not_touch_road_and_forces() -> None:
     noisy, quiet = plant_at(STATE, noise=Deviation(s=9.0, v_x=9.0)), plant_at(STATE)
     seen, expected = noisy.observe(), quiet.observe()

@@ -135,9 +135,11 @@ def test_road_that_makes_no_sense_is_refused(
         Road(starts, grades_deg)
 
 
-def test_roads_of_the_same_stretches_are_equal() -> None:
-    assert Road.lab() == Road.lab()
+def test_road_is_a_value() -> None:
+    assert Road.flat() == Road(starts=(0.0,), grades_deg=(0.0,), name='flat')
     assert Road.lab() != Road.flat()
+    assert len({Road.lab(), Road.lab(), Road.flat()}) == 2
+    assert repr(Road.flat()) == "Road(starts=(0.0,), grades_deg=(0.0,), name='flat')"
 
 
 # By name

@@ -109,6 +109,9 @@ def test_log_tells_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
     assert lab_run.friction == pytest.approx(-0.01711 * (lab_run.v_x > 0.0))
     assert lab_run.proportional == pytest.approx(30.0 * (8.0 - lab_run.v_x))
     assert lab_run.derivative[1:] == pytest.approx(-0.1 * np.diff(lab_run.v_x) / 0.02)
+    steps = 200.0 * 0.02 * (8.0 - lab_run.v_x)
+    integrated = ~lab_run.saturated[1:]
+    assert np.diff(lab_run.integral)[integrated] == pytest.approx(steps[1:][integrated], abs=1e-9)
     total = lab_run.proportional + lab_run.integral + lab_run.derivative
     free = ~lab_run.saturated
     assert lab_run.motor[free] == pytest.approx(total[free])
@@ -165,8 +168,9 @@ def test_run_that_does_not_arrive_ends_after_its_longest_duration(
     assert log.t[-1] == pytest.approx(duration)
 
 
-def test_run_with_no_speed_to_reach_stays_where_it_is() -> None:
-    log = rollout(speed_reference=0.0, max_duration=2.0)
+def test_run_with_no_speed_to_reach_stays_where_it_is_for_ten_minutes() -> None:
+    log = rollout(speed_reference=0.0)
+    assert log.t[-1] == 600.0
     assert not log.x.any()
     assert not log.motor.any()
 
