@@ -39,7 +39,7 @@ def test_observation_tells_road_and_forces_where_the_vehicle_is() -> None:
 
 def test_observation_without_noise_is_the_motion_and_no_error() -> None:
     seen = plant_at(STATE).observe()
-    assert seen.measured == motion(STATE, 0.0, VEHICLE)
+    assert seen.measured == seen.true == motion(STATE, 0.0, VEHICLE)
     assert seen.error == Deviation()
 
 
