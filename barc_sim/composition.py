@@ -54,11 +54,11 @@ def cruise_control(
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     with ros(ros_args):
-        run = CruiseControl(options)
+        run = CruiseControl(options, argv)
         try:
             run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
         finally:
-            run.close(argv)
+            run.close()
     if not options.quiet:
         run.print_result()
     elif run.recorder:
@@ -69,7 +69,7 @@ def cruise_control(
 class CruiseControl:
     """Recorder, controller and simulator, composed."""
 
-    def __init__(self, options: Namespace) -> None:
+    def __init__(self, options: Namespace, argv: list[str]) -> None:
         """Make the nodes, the recorder first: it is to hear what the others say at their start.
 
         Raises
@@ -104,6 +104,7 @@ class CruiseControl:
                 shutil.rmtree(self.recorder.path)
             raise
         if self.recorder:
+            self.recorder.add_metadata(_description(argv, self._nodes))
             self.recorder.discover()
 
     def spin(self, stop: StopSignals, executor: Executor) -> None:
@@ -135,10 +136,15 @@ class CruiseControl:
         """Periods by which simulated time has fallen behind the wall clock."""
         return self._simulator.slipped
 
-    def close(self, argv: list[str]) -> None:
-        """End the nodes, the recorder last, with what there is to tell of the run in its bag."""
+    def close(self) -> None:
+        """End the nodes, the recorder last, with the run's results in its bag."""
         if self.recorder:
-            self.recorder.add_metadata(_description(argv, self._nodes, self._simulator))
+            results = {
+                'steps': self._simulator.steps,
+                'missed_deadlines': self.missed,
+                'slipped_periods': self.slipped,
+            }
+            self.recorder.add_metadata({name: str(value) for name, value in results.items()})
         self._destroy()
 
     def _destroy(self) -> None:
@@ -171,7 +177,7 @@ def _parameters(node: Node) -> dict[str, Any]:
     return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
 
 
-def _description(argv: list[str], nodes: list[Node], simulator: VehicleSimulator) -> dict[str, str]:
+def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
     """Return what a bag says of its run; `parameters` in the form that `ros2 param load` takes."""
     parameters = {node.get_fully_qualified_name(): _parameters(node) for node in nodes}
     own = {name: value for values in parameters.values() for name, value in values.items()}
@@ -185,7 +191,4 @@ def _description(argv: list[str], nodes: list[Node], simulator: VehicleSimulator
             sort_keys=False,
         ),
         **{name: str(own[name]) for name in ('kp', 'ki', 'kd', 'road')},
-        'steps': str(simulator.steps),
-        'missed_deadlines': str(simulator.missed),
-        'slipped_periods': str(simulator.slipped),
     }
