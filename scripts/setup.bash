@@ -174,8 +174,10 @@ make_with_ros() {
   "$venv/bin/python" -c 'import colcon_core, colcon_cmake, colcon_ros' 2>>"$log" ||
     pip_install colcon-common-extensions
   say '  the packages with colcon'
-  logged env PATH="$venv/bin:$PATH" "$venv/bin/python" -m colcon --log-base "$place/log" build \
-    --base-paths . barc_interfaces --merge-install --build-base "$place/build" \
+  # With this Python, so that the entry points find what was installed for it.
+  PATH=$venv/bin:$PATH logged "$venv/bin/python" -c \
+    'from colcon_core.command import main; raise SystemExit(main())' --log-base "$place/log" \
+    build --base-paths . barc_interfaces --merge-install --build-base "$place/build" \
     --install-base "$place/install"
 }
 
@@ -194,7 +196,7 @@ logged() { "$@" >>"$log" 2>&1 || fail; }
 fail() {
   if grep -qE 'No space left on device|Disk quota exceeded' "$log"; then
     die "the disk is full (the set-up needs 1 GB in $root and in ${TMPDIR:-/tmp}): free some space."
-  elif grep -qE 'NewConnectionError|ConnectTimeout|ReadTimeout|ProxyError|SSLError' "$log"; then
+  elif grep -qE 'NewConnectionError|ConnectTimeout|ReadTimeout|ProxyError|SSLError|from versions: none' "$log"; then
     die "PyPI cannot be reached: connect this machine to the network, or name a mirror in" \
       "PIP_INDEX_URL (log: $log)."
   fi

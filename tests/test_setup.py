@@ -138,7 +138,12 @@ def test_versions_agree() -> None:
         *re.findall(r'^version = "(.*)"$', table, re.MULTILINE),
     }
     assert len(versions) == 1
-    assert f'requires-python = "{setup["options"]["python_requires"]}"' in table
+
+
+def test_both_packages_are_for_the_same_pythons() -> None:
+    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
+    (versions,) = re.findall(r"python_requires='(.*)'", (ROOT / 'setup.py').read_text())
+    assert f'requires-python = "{versions}"' in table
 
 
 def test_every_wheel_of_ros_is_pinned_to_one_version() -> None:
