@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import socket
 from typing import TYPE_CHECKING
 
@@ -24,9 +25,11 @@ def claim(node: Node, topic: str) -> socket.socket:
     """
     name = node.resolve_topic_name(topic)
     domain = node.context.get_domain_id()
+    # A topic's name may be longer than a socket's.
+    digest = hashlib.sha256(name.encode()).hexdigest()
     held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     try:
-        held.bind(f'\0barc_sim/{domain}{name}')
+        held.bind(f'\0barc_sim/{domain}/{digest}')
     except OSError:
         held.close()
         raise UserError(taken(name, domain)) from None
