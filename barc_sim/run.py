@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
+from barc_sim.errors import UserError
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.signals import StopSignals
 
@@ -41,8 +42,16 @@ def _main(argv: list[str]) -> int:
     cut = argv.index('--ros-args') if '--ros-args' in argv else len(argv)
     options = _parser().parse_args(argv[:cut])
     with StopSignals() as stop:
-        from barc_sim.composition import cruise_control  # noqa: PLC0415 (--help is to be quick)
-
+        try:
+            from barc_sim.composition import cruise_control  # noqa: PLC0415 (--help is to be quick)
+        except ModuleNotFoundError as error:
+            if error.name not in ('rclpy', 'barc_interfaces'):
+                raise
+            name = {'rclpy': 'ROS 2 (rclpy)'}.get(error.name, error.name)
+            raise UserError(
+                f'{name} is not installed in this Python: start with ./scripts/run, which sets it '
+                'up, or source a ROS 2 Jazzy workspace'
+            ) from None
         return cruise_control(options, argv, argv[cut:], stop)
 
 
@@ -68,7 +77,6 @@ def _parser() -> Parser:
     mode.add_argument(
         '--distance',
         type=_number(0.0, _MAX_DISTANCE),
-        default=180.0,
         metavar='M',
         help='the run ends here; 0: it goes on until Ctrl-C (180)',
     )
