@@ -58,7 +58,7 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
         given = str(error).split(', expecting')[0]
         kind = type(parameter.default).__name__
         raise UserError(
-            f'{owner} must be a {kind} such as {parameter.default!r}: {given}'
+            f'{owner} must be of type {kind}, such as {parameter.default!r}: {given}'
         ) from None
     except InvalidParameterValueException as error:
         span = ' and '.join(str(bound) for bound in parameter.between or ())
