@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import rclpy
+from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -40,10 +42,17 @@ def ros(args: list[str] | None) -> Iterator[None]:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
+    # What rcl logs of its arguments is what it raises, too.
+    set_logger_level('rcl', LoggingSeverity.FATAL)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
-        raise UserError(f'ROS refuses its arguments: {error}') from None
+        place_in_its_source = r',? at /\S+:\d+'
+        raise UserError(
+            f'ROS cannot start with its arguments: {re.sub(place_in_its_source, "", str(error))}'
+        ) from None
+    if get_logger_level('rcl') == LoggingSeverity.FATAL:
+        set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
         yield
     finally:
