@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import threading
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import TracebackType
-    from typing import Any
 
     from typing_extensions import Self
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: [s] A second signal this soon is the first one's echo: `timeout`, for one, signals the process
+#: and then its group, and a terminal's Ctrl-C may be passed on by a parent, too.
+_ECHO = 0.5
 
 
 class StopSignals:
-    """While entered, a signal that would end the process calls back instead; a second one ends it.
+    """While entered, a signal that would end the process calls back instead.
+
+    A later one ends the process, should it hang. After the exit all of them are ignored: what is
+    left to do is the interpreter's own end, which a signal would spoil.
 
     A handler in Python runs only between two bytecodes of the main thread, which may be waiting
     in DDS for long: the signals are read from a wake-up file descriptor by a thread of their own.
@@ -40,13 +45,18 @@ class StopSignals:
         callback()
 
     def __enter__(self) -> Self:
-        """Take over the signals."""
-        self._reader, self._writer = socket.socketpair()
-        self._writer.setblocking(False)
-        self._previous: dict[signal.Signals, Any] = {
-            number: signal.signal(number, lambda *_: None) for number in _SIGNALS
-        }
-        signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        """Take over the signals, except a hang-up that is ignored already (`nohup`)."""
+        self._reader, self._writer = os.pipe()
+        os.set_blocking(self._writer, False)
+        # Before the handlers, so that no signal falls between.
+        signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        self._taken = [
+            number
+            for number in _SIGNALS
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
+        ]
+        for number in self._taken:
+            signal.signal(number, lambda *_: None)
         threading.Thread(target=self._listen, name='stop signals', daemon=True).start()
         return self
 
@@ -56,19 +66,24 @@ class StopSignals:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Give the signals back."""
+        """Ignore the signals from now on."""
+        for number in self._taken:
+            signal.signal(number, signal.SIG_IGN)
         signal.set_wakeup_fd(-1)
-        for number, handler in self._previous.items():
-            signal.signal(number, handler)
-        self._writer.close()
+        os.close(self._writer)
 
     def _listen(self) -> None:
-        with self._reader:
-            while number := self._reader.recv(1):
-                if self.requested.is_set():
+        with os.fdopen(self._reader, 'rb', buffering=0) as signals:
+            while number := signals.read(1):
+                if not self.requested.is_set():
+                    asked = time.monotonic()
+                    self._request()
+                elif time.monotonic() - asked > _ECHO:
                     os._exit(128 + number[0])
-                with self._lock:
-                    self.requested.set()
-                    callbacks, self._callbacks = self._callbacks, []
-                for callback in callbacks:
-                    callback()
+
+    def _request(self) -> None:
+        with self._lock:
+            self.requested.set()
+            callbacks, self._callbacks = self._callbacks, []
+        for callback in callbacks:
+            callback()
