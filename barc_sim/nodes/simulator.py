@@ -49,7 +49,6 @@ _PARAMETERS = [
     Parameter('gravity', _VEHICLE.gravity, 'g [m/s²]', (0.0, 100.0)),
     Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
     Parameter('road', 'lab', "'lab', 'flat' or a CSV file with the columns start_m,grade_deg"),
-    Parameter('distance', 0.0, 'the run ends here [m]; 0: it goes on', (0.0, 1e6)),
     Parameter(
         'realtime_factor',
         1.0,
@@ -65,7 +64,14 @@ _PARAMETERS = [
     Parameter('noise_v_y', 0.0, 'standard deviation of v_y [m/s]', (0.0, 1e3)),
     Parameter('noise_psi_dot', 0.0, 'standard deviation of yaw rate [rad/s]', (0.0, 1e3)),
 ]
+_DISTANCE = Parameter(
+    'distance', 0.0, 'the run ends here [m]; 0: it goes on', (0.0, 1e6), read_only=True
+)
+#: [s]
 _GATE_PERIOD = 0.01
+#: Periods from seeing a controller to the first state. The controller sees this node a little
+#: sooner or later than it is seen; a message that it is sent or sends meanwhile would be lost.
+_GATE_COUNT = 10
 _CHECK_PERIOD = 1.0
 
 
@@ -96,12 +102,14 @@ class VehicleSimulator(Node):
     def __init__(
         self,
         *,
+        distance: float = 0.0,
         on_step: Callable[[float, Observation], None] | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Declare the parameters, claim the topic, and wait for a controller.
 
-        `on_step` is told the simulated time [s] and what was published; it must be quick.
+        `distance` [m] is the parameter's default. `on_step` is told the simulated time [s] and
+        what was published; it must be quick.
 
         Raises
         ------
@@ -109,7 +117,8 @@ class VehicleSimulator(Node):
             where a parameter is out of range, or the topic has a simulator already.
         """
         super().__init__('vehicle_simulator', **options)
-        values = declare(self, (p._replace(read_only=True) for p in _PARAMETERS))
+        table = [parameter._replace(read_only=True) for parameter in _PARAMETERS]
+        values = declare(self, [*table, _DISTANCE._replace(default=distance)])
         self._claim = claim(self, topics.STATE)
         self._period_ns = round(NANOSECONDS / values['rate'])
         self._distance = values['distance'] or inf
@@ -139,7 +148,9 @@ class VehicleSimulator(Node):
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._warned: set[str] = set()
         self._timer(_CHECK_PERIOD, self._check_peers)
-        self._gate = self._timer(_GATE_PERIOD, self._begin)
+        self._gate = self._timer(_GATE_PERIOD, self._wait)
+        self._ready_for = 0
+        self._steps_checked = 0
 
     def destroy_node(self) -> None:
         """Give up the topic, and destroy the node."""
@@ -153,13 +164,17 @@ class VehicleSimulator(Node):
     def _timer(self, period: float, callback: Callable[[], None]) -> Timer:
         return self.create_timer(period, callback, self._group, self._wall)
 
+    def _wait(self) -> None:
+        """Begin once there is a controller."""
+        ready = self.count_publishers(topics.ECU) or not self._wait_for_controller
+        self._ready_for = self._ready_for + 1 if ready else 0
+        if self._ready_for >= _GATE_COUNT:
+            self._gate.cancel()
+            self._begin()
+
     def _begin(self) -> None:
-        """Publish the first state once there is a controller."""
-        if self._wait_for_controller and not self.count_publishers(topics.ECU):
-            return
         if self.count_publishers(topics.STATE) > 1:
             raise UserError(taken(self._state_pub.topic_name, self.context.get_domain_id()))
-        self._gate.cancel()
         self._stamp = time.time_ns()
         self._publish_state()
         if self._realtime_factor:
@@ -188,7 +203,7 @@ class VehicleSimulator(Node):
         self._command = to_input(message)
         self._open_loop = stamp == 0
         self._answered = stamp in (0, self._stamp)
-        if self._answered and not self._realtime_factor:
+        if self._answered and self.steps and not self._realtime_factor:
             self._advance()
 
     def _on_deadline(self) -> None:
@@ -226,6 +241,9 @@ class VehicleSimulator(Node):
         """Say once what keeps this node from hearing or being heard."""
         if not self.steps:
             self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
+        elif not self._realtime_factor and self.steps == self._steps_checked:
+            self._warn(f'waiting for the command that answers state {self.steps - 1}')
+        self._steps_checked = self.steps
         for sentence in incompatible_peers(self):
             self._warn(sentence)
 
