@@ -6,14 +6,12 @@ import gc
 import shlex
 import shutil
 import sys
-from platform import platform, python_version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import yaml
 from rclpy.parameter import Parameter
 
-from barc_sim import __version__
 from barc_sim.bag_directory import check_root
+from barc_sim.description import describe
 from barc_sim.display import display, print_summary
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
@@ -36,6 +34,8 @@ if TYPE_CHECKING:
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.
 _SWITCH_INTERVAL = 1e-4
+#: [m] The lab's road ends there.
+_DISTANCE = 180.0
 
 
 def cruise_control(
@@ -57,6 +57,9 @@ def cruise_control(
         run = CruiseControl(options, argv)
         try:
             run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        except UserError:  # nothing was driven
+            run.discard()
+            raise
         finally:
             run.close()
     if not options.quiet:
@@ -75,10 +78,10 @@ class CruiseControl:
         Raises
         ------
         UserError
-            where a parameter or the topic can't be had; the nodes and the bag are gone then.
+            where a parameter or the topic can't be had; nothing is left behind then.
         """
         self._errors = SpeedErrors()
-        self._display = display(options.distance, quiet=options.quiet)
+        self._root_is_new = not options.bag_dir.exists()
         self.recorder = None if options.no_bag else BagRecorder(options.bag_dir)
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
         try:
@@ -89,6 +92,7 @@ class CruiseControl:
             )
             self._nodes.append(self._controller)
             self._simulator = VehicleSimulator(
+                distance=_DISTANCE,
                 on_step=self.on_step,
                 parameter_overrides=_overrides(
                     distance=options.distance,
@@ -98,13 +102,13 @@ class CruiseControl:
                 ),
             )
             self._nodes.append(self._simulator)
-        except UserError:
-            self._destroy()
-            if self.recorder:
-                shutil.rmtree(self.recorder.path)
+        except BaseException:
+            self.discard()
             raise
+        distance = self._simulator.get_parameter('distance').value
+        self._display = display(distance, quiet=options.quiet)
         if self.recorder:
-            self.recorder.add_metadata(_description(argv, self._nodes))
+            self.recorder.add_metadata(describe(argv, self._nodes))
             self.recorder.discover()
 
     def spin(self, stop: StopSignals, executor: Executor) -> None:
@@ -137,8 +141,8 @@ class CruiseControl:
         return self._simulator.slipped
 
     def close(self) -> None:
-        """End the nodes, the recorder last, with the run's results in its bag."""
-        if self.recorder:
+        """End the nodes, the recorder last, with the results in its bag; again, do nothing."""
+        if self.recorder and self._nodes:
             results = {
                 'steps': self._simulator.steps,
                 'missed_deadlines': self.missed,
@@ -147,9 +151,17 @@ class CruiseControl:
             self.recorder.add_metadata({name: str(value) for name, value in results.items()})
         self._destroy()
 
+    def discard(self) -> None:
+        """End the nodes, and leave nothing of the bag."""
+        self._destroy()
+        if self.recorder:
+            shutil.rmtree(self.recorder.path)
+            if self._root_is_new:
+                self.recorder.path.parent.rmdir()
+
     def _destroy(self) -> None:
-        for node in reversed(self._nodes):
-            node.destroy_node()
+        while self._nodes:
+            self._nodes.pop().destroy_node()
 
     def on_step(self, t: float, seen: Observation) -> None:
         """Take note of what the simulator has just published, at `t` [s]."""
@@ -170,25 +182,3 @@ class CruiseControl:
 def _overrides(**values: float | str | None) -> list[Parameter]:
     """Return the parameters that the command line gave; those it left out are the nodes' own."""
     return [Parameter(name, value=value) for name, value in values.items() if value is not None]
-
-
-def _parameters(node: Node) -> dict[str, Any]:
-    names = node.list_parameters(prefixes=[], depth=0).names
-    return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
-
-
-def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
-    """Return what a bag says of its run; `parameters` in the form that `ros2 param load` takes."""
-    parameters = {node.get_fully_qualified_name(): _parameters(node) for node in nodes}
-    own = {name: value for values in parameters.values() for name, value in values.items()}
-    return {
-        'command': shlex.join(['python', '-m', 'barc_sim.run', *argv]),
-        'barc_sim': __version__,
-        'python': python_version(),
-        'platform': platform(),
-        'parameters': yaml.safe_dump(
-            {name: {'ros__parameters': values} for name, values in parameters.items()},
-            sort_keys=False,
-        ),
-        **{name: str(own[name]) for name in ('kp', 'ki', 'kd', 'road')},
-    }
