@@ -44,8 +44,6 @@ LOOK: list[str | dict[str, Any]] = [
         'ytick.labelcolor': INK,
         'lines.solid_capstyle': 'round',
         'legend.frameon': False,
-        'svg.fonttype': 'none',
-        'pdf.fonttype': 42,
     },
 ]
 

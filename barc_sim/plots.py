@@ -57,7 +57,7 @@ def speed_figure(
     """
     log = as_known(log)
     figure = figure or Figure(figsize=SIZE)
-    figure.set_layout_engine('constrained')
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
     speed, grade, command = figure.subplots(3, 1, sharex=True, height_ratios=[4, 1.4, 1.6])
     _draw_speed(speed, log)
     _draw_grade(grade, log)
