@@ -15,7 +15,10 @@ from xml.etree import ElementTree as ET
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), ROOT / '.ci' / 'run']
+SCRIPTS = [
+    *(path for path in sorted((ROOT / 'scripts').iterdir()) if path.is_file()),
+    ROOT / '.ci' / 'run',
+]
 SHELL_SCRIPTS = [path for path in SCRIPTS if b'bash' in path.read_bytes().split(b'\n', 1)[0]]
 TOOLS = ('awk', 'bash', 'df', 'flock', 'mkdir', 'readlink', 'sha256sum', 'uname')
 COMPILERS = ('c++', 'cc')
