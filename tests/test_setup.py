@@ -15,11 +15,10 @@ from xml.etree import ElementTree as ET
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCRIPTS = [
-    *(path for path in sorted((ROOT / 'scripts').iterdir()) if path.is_file()),
-    ROOT / '.ci' / 'run',
+SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), ROOT / '.ci' / 'run']
+SHELL_SCRIPTS = [
+    path for path in SCRIPTS if path.is_file() and b'bash' in path.read_bytes().split(b'\n', 1)[0]
 ]
-SHELL_SCRIPTS = [path for path in SCRIPTS if b'bash' in path.read_bytes().split(b'\n', 1)[0]]
 TOOLS = ('awk', 'bash', 'df', 'flock', 'mkdir', 'readlink', 'sha256sum', 'uname')
 COMPILERS = ('c++', 'cc')
 
