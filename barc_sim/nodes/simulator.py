@@ -119,7 +119,6 @@ class VehicleSimulator(Node):
         super().__init__('vehicle_simulator', **options)
         table = [parameter._replace(read_only=True) for parameter in _PARAMETERS]
         values = declare(self, [*table, _DISTANCE._replace(default=distance)])
-        self._claim = claim(self, topics.STATE)
         self._period_ns = round(NANOSECONDS / values['rate'])
         self._distance = values['distance'] or inf
         self._realtime_factor = values['realtime_factor']
@@ -132,6 +131,7 @@ class VehicleSimulator(Node):
             seed=values['seed'],
         )
         self._on_step = on_step
+        self._claim = claim(self, topics.STATE)
         self.finished: Future = Future()
         self.steps = self.missed = self.slipped = 0
         self._stamp = 0
