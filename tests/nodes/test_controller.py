@@ -1,0 +1,214 @@
+"""The controller alone: which state it answers, with which interval, and its parameters."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from barc_sim import topics
+from barc_sim.convert import to_header, to_nanoseconds
+from barc_sim.errors import UserError
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.pid import speed_controller
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from rclpy.context import Context
+
+MS = 1_000_000
+
+
+class Bench:
+    """A controller, and a node that sends it states and hears its answers."""
+
+    def __init__(
+        self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
+    ) -> None:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.controller = CruiseController(context=context, parameter_overrides=overrides)
+        self.peer = Node('peer', context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.controller)
+        self.executor.add_node(self.peer)
+        self.until = partial(spin_until, self.executor)
+        self.commands: list[ECU] = []
+        self.told: list[PidState] = []
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topics.QOS)
+        self.peer.create_subscription(PidState, 'pid_state', self.told.append, topics.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topics.QOS)
+        self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', topics.QOS)
+
+    def send_state(self, stamp: int, v_x: float) -> None:
+        """Send a state stamped `stamp` [ns]."""
+        self.states.publish(ZDynBkMdl(header=to_header(stamp), v_x=v_x))
+
+    def send_error(self, stamp: int, v_x: float) -> None:
+        """Send a state's error stamped `stamp` [ns]."""
+        self.errors.publish(EZDynBkMdl(header=to_header(stamp), v_x=v_x))
+
+    def answers(self, samples: Sequence[tuple[int, float]]) -> list[float]:
+        """Return the accelerations that answer states of these stamps [ns] and speeds [m/s]."""
+        before = len(self.commands)
+        for stamp, v_x in samples:
+            self.send_state(stamp, v_x)
+        self.until(lambda: len(self.commands) >= before + len(samples))
+        return [command.motor for command in self.commands[before:]]
+
+    def set(self, **values: float) -> list[Any]:
+        """Set parameters through the controller's service; return its verdicts."""
+        client = self.peer.create_client(SetParameters, 'controller/set_parameters')
+        self.until(client.service_is_ready)
+        request = SetParameters.Request(
+            parameters=[
+                Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+            ]
+        )
+        future = client.call_async(request)
+        self.until(future.done)
+        return list(future.result().results)
+
+
+@pytest.fixture
+def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
+    made: list[Bench] = []
+
+    def make(**parameters: float | bool) -> Bench:
+        made.append(Bench(ros, spin_until, **parameters))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.executor.shutdown()
+        one.controller.destroy_node()
+        one.peer.destroy_node()
+
+
+def expected(samples: Sequence[tuple[float, float]], reference: float = 8.0) -> list[float]:
+    """Return what the PID answers to these intervals [s] and speeds [m/s]."""
+    pid = speed_controller()
+    return [pid.acc_calculate(reference, v_x, dt) for dt, v_x in samples]
+
+
+def test_each_state_is_answered_once_with_its_own_stamp(bench: Callable[..., Bench]) -> None:
+    one = bench()
+    stamps = [10**18 + k * 20 * MS for k in range(5)]
+    one.answers([(stamp, 7.9) for stamp in stamps])
+    one.until(lambda: len(one.told) == 5)
+    assert [to_nanoseconds(command.header.stamp) for command in one.commands] == stamps
+    assert [to_nanoseconds(state.header.stamp) for state in one.told] == stamps
+
+
+def test_interval_is_the_difference_of_stamps_also_where_states_are_missing(
+    bench: Callable[..., Bench],
+) -> None:
+    answers = bench().answers([(0, 7.9), (20 * MS, 7.91), (80 * MS, 7.95), (90 * MS, 7.96)])
+    assert answers == expected([(0.0, 7.9), (0.02, 7.91), (0.06, 7.95), (0.01, 7.96)])
+
+
+def test_stamps_that_go_back_begin_anew(bench: Callable[..., Bench]) -> None:
+    one = bench()
+    run = [(1000 * MS, 7.9), (1020 * MS, 7.95), (1040 * MS, 7.97)]
+    first = one.answers(run)
+    again = one.answers([(stamp - 500 * MS, v_x) for stamp, v_x in run])
+    assert again == first
+
+
+def test_what_the_pid_did_is_published(bench: Callable[..., Bench]) -> None:
+    one = bench(kp=2.0, ki=1.0, kd=0.5, speed_reference=5.0, acceleration_limit=3.0)
+    one.answers([(0, 4.0), (100 * MS, 4.2), (200 * MS, 0.0)])
+    one.until(lambda: len(one.told) == 3)
+    told = one.told[1]
+    assert (told.reference, told.measurement, told.error) == pytest.approx((5.0, 4.2, 0.8))
+    assert (told.proportional, told.integral) == pytest.approx((1.6, 0.08))
+    assert told.derivative == pytest.approx(-1.0)
+    assert told.output == one.commands[1].motor == pytest.approx(0.68)
+    assert [state.saturated for state in one.told] == [False, False, True]
+    assert one.commands[2].motor == 3.0
+
+
+# The measurement's error
+
+
+@pytest.mark.parametrize('error_first', [True, False])
+def test_true_speed_is_controlled_where_asked_for(
+    bench: Callable[..., Bench], *, error_first: bool
+) -> None:
+    one = bench(subtract_error=True)
+    sends = [partial(one.send_state, v_x=8.5), partial(one.send_error, v_x=0.5)]
+    if error_first:
+        sends.reverse()
+    for k in range(3):
+        for send in sends:
+            send(k * 20 * MS)
+            # Two topics keep no order between them: let the first be taken before the second.
+            one.executor.spin_once(timeout_sec=0.05)
+        one.until(lambda k=k: len(one.commands) == k + 1)
+    one.until(lambda: len(one.told) == 3)
+    assert [state.measurement for state in one.told] == [8.0, 8.0, 8.0]
+
+
+def test_state_and_error_of_different_stamps_are_not_joined(bench: Callable[..., Bench]) -> None:
+    one = bench(subtract_error=True)
+    one.send_error(0, 0.5)
+    one.send_state(20 * MS, 8.5)
+    one.send_state(40 * MS, 8.6)
+    one.send_error(40 * MS, 0.1)
+    one.until(lambda: bool(one.commands))
+    assert [to_nanoseconds(command.header.stamp) for command in one.commands] == [40 * MS]
+
+
+def test_measured_speed_is_controlled_unless_asked_otherwise(bench: Callable[..., Bench]) -> None:
+    one = bench()
+    one.send_error(0, 0.5)
+    assert one.answers([(0, 7.9)]) == expected([(0.0, 7.9)])
+
+
+# Parameters
+
+
+def test_gains_and_reference_take_effect_while_it_runs(bench: Callable[..., Bench]) -> None:
+    one = bench(kp=1.0, ki=0.0, kd=0.0)
+    assert one.answers([(0, 7.0)]) == [1.0]
+    assert all(result.successful for result in one.set(kp=2.0, speed_reference=8.5))
+    assert one.answers([(20 * MS, 7.0)]) == [3.0]
+    assert one.controller.speed_reference == 8.5
+    assert all(result.successful for result in one.set(acceleration_limit=0.5))
+    assert one.answers([(40 * MS, 7.0), (60 * MS, 10.0)]) == [0.5, -0.5]
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('kp', -1.0),
+        ('kp', float('nan')),
+        ('ki', float('inf')),
+        ('kd', 1e7),
+        ('speed_reference', 101.0),
+        ('acceleration_limit', 0.0),
+    ],
+)
+def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
+    bench: Callable[..., Bench], name: str, value: float
+) -> None:
+    one = bench()
+    (result,) = one.set(**{name: value})
+    assert not result.successful
+    assert name in result.reason
+    assert one.answers([(0, 7.9), (20 * MS, 7.92)]) == expected([(0.0, 7.9), (0.02, 7.92)])
+
+
+@pytest.mark.parametrize('value', [-1.0, float('nan'), 'high'])
+def test_bad_gain_at_the_start_is_refused(bench: Callable[..., Bench], value: object) -> None:
+    with pytest.raises(UserError, match='parameter kp of controller must'):
+        bench(kp=value)

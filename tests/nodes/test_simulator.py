@@ -1,0 +1,344 @@
+"""The simulator alone: its clock, its commands, and what it says."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Header
+
+from barc_sim import topics
+from barc_sim.convert import to_header, to_nanoseconds
+from barc_sim.errors import UserError
+from barc_sim.nodes import simulator as module
+from barc_sim.nodes.simulator import VehicleSimulator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+    from rclpy.publisher import Publisher
+
+LOCK_STEP = 0.0
+
+
+class World:
+    """An executor with a simulator and whoever drives it."""
+
+    def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
+        self.context = context
+        self.executor = SingleThreadedExecutor(context=context)
+        self.until = partial(spin_until, self.executor)
+        self.nodes: list[Node] = []
+        self.states: list[ZDynBkMdl] = []
+
+    def add(self, node: Any) -> Any:  # noqa: ANN401 (as it came)
+        """Have `node` spun, and destroyed at the end."""
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def simulator(self, *, namespace: str = '', **parameters: Any) -> VehicleSimulator:  # noqa: ANN401
+        """Return a simulator with these parameters."""
+        on_step = parameters.pop('on_step', None)
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        return self.add(
+            VehicleSimulator(
+                on_step=on_step,
+                context=self.context,
+                namespace=namespace,
+                parameter_overrides=overrides,
+            )
+        )
+
+    def driver(self, answer: Callable[[ZDynBkMdl], ECU] | None = None) -> Publisher:
+        """Return a publisher of commands; each state is kept, and answered by `answer`."""
+        node = self.add(Node('driver', context=self.context))
+        commands = node.create_publisher(ECU, 'ecu', topics.QOS)
+
+        def on_state(state: ZDynBkMdl) -> None:
+            self.states.append(state)
+            if answer:
+                commands.publish(answer(state))
+
+        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, topics.QOS)
+        return commands
+
+    def heard(self, message_type: type[Any], topic: str) -> list[Any]:
+        """Return a list that grows by each message."""
+        messages: list[Any] = []
+        node = self.add(Node('listener', context=self.context))
+        node.create_subscription(message_type, topic, messages.append, topics.QOS)
+        return messages
+
+
+@pytest.fixture
+def world(ros: Context, spin_until: Callable[..., None]) -> Iterator[World]:
+    world = World(ros, spin_until)
+    yield world
+    world.executor.shutdown()
+    for node in world.nodes:
+        node.destroy_node()
+
+
+@pytest.fixture
+def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the simulator look for peers that it cannot hear at once, not each second."""
+    monkeypatch.setattr(module, '_CHECK_PERIOD', 0.02)
+
+
+def command(motor: float, stamp_of: ZDynBkMdl | None = None) -> ECU:
+    """Return a command that answers a state; without, one that bears no stamp."""
+    return ECU(header=stamp_of.header if stamp_of else Header(), motor=motor)
+
+
+def stamps(messages: list[Any]) -> list[int]:
+    return [to_nanoseconds(message.header.stamp) for message in messages]
+
+
+# Time
+
+
+@pytest.mark.parametrize('rate', [50.0, 100.0, 30.0])
+def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: float) -> None:
+    errors, environments = (
+        world.heard(EZDynBkMdl, 'ez_vhcl'),
+        world.heard(Environment, 'environment'),
+    )
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, rate=rate)
+    world.until(lambda: len(world.states) >= 20)
+    world.until(lambda: min(len(errors), len(environments)) >= 20)
+    begin = stamps(world.states)[0]
+    expected = [begin + k * round(1e9 / rate) for k in range(20)]
+    assert stamps(world.states)[:20] == expected
+    assert stamps(errors)[:20] == stamps(environments)[:20] == expected
+    assert abs(begin - time.time_ns()) < 3600e9
+    assert simulator.missed == 0
+
+
+def test_lock_step_steps_on_the_answer_to_the_present_state_only(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    (state,) = world.states
+    present = to_nanoseconds(state.header.stamp)
+    for stamp in (present - 20_000_000, present + 20_000_000, present - 1):
+        commands.publish(ECU(header=to_header(stamp), motor=5.0))
+    commands.publish(command(1.0, state))
+    world.until(lambda: len(world.states) == 2)
+    assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
+    assert simulator.steps == 2
+
+
+def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance(world: World) -> None:
+    answers = world.heard(ECU, 'ecu')
+    world.driver(partial(command, 8.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, distance=2.0)
+    world.until(simulator.finished.done)
+    world.until(lambda: len(answers) == len(world.states) == simulator.steps)
+    assert world.states[-2].x < 2.0 <= world.states[-1].x
+
+
+def test_finished_run_takes_no_further_step(world: World) -> None:
+    commands = world.driver(partial(command, 8.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, distance=0.1)
+    answers = world.heard(ECU, 'ecu')
+    world.until(simulator.finished.done)
+    steps = simulator.steps
+    commands.publish(command(8.0))
+    world.until(lambda: len(answers) == steps + 1)
+    assert simulator.steps == steps
+
+
+def test_on_step_is_told_simulated_time_and_state(world: World) -> None:
+    told: list[tuple[float, float]] = []
+    world.driver(partial(command, 8.0))
+    simulator = world.simulator(
+        realtime_factor=LOCK_STEP,
+        distance=0.1,
+        on_step=lambda t, seen: told.append((t, seen.true.v_x)),
+    )
+    world.until(simulator.finished.done)
+    assert len(told) == simulator.steps > 3
+    assert [t for t, _ in told] == pytest.approx([0.02 * k for k in range(len(told))])
+    assert told[-1][1] > told[0][1] == 0.0
+
+
+def test_time_that_the_process_loses_is_counted_and_not_made_up(world: World) -> None:
+    def stall(t: float, _: object) -> None:
+        if t == pytest.approx(0.02):
+            time.sleep(0.2)  # 20 periods
+
+    world.driver()
+    simulator = world.simulator(wait_for_controller=False, rate=100.0, on_step=stall)
+    world.until(lambda: len(world.states) >= 6)
+    assert simulator.slipped >= 10
+    begin, *later = stamps(world.states)
+    assert later == [begin + k * 10_000_000 for k in range(1, len(world.states))]
+
+
+# Who drives
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_waits_for_a_controller_and_says_so_once(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sentence = 'waiting for a controller that publishes /car2/ecu'
+    ticks = world.heard(ZDynBkMdl, 'never')
+    simulator = world.simulator(namespace='car2')
+    log = ''
+
+    def waited_for() -> bool:
+        nonlocal log
+        log += capfd.readouterr().err
+        ticks.append(None)
+        return len(ticks) > 10 and sentence in log
+
+    world.until(waited_for)
+    assert simulator.steps == 0
+    assert log.count(sentence) == 1
+
+
+def test_runs_without_a_controller_where_told_to_and_counts_what_is_missing(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    simulator = world.simulator(wait_for_controller=False, realtime_factor=10.0)
+    world.until(lambda: simulator.steps >= 5)
+    assert simulator.missed == simulator.steps - 1
+    assert 'missed deadline 1: no command answers state 0 in time' in capfd.readouterr().err
+
+
+def test_command_without_a_stamp_holds_and_nothing_is_missed(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=10.0)
+    commands.publish(command(2.0))
+    world.until(lambda: len(world.states) >= 10)
+    assert simulator.missed == 0
+    assert world.states[9].v_x == pytest.approx(9 * 0.02 * 2.0, rel=1e-3)
+
+
+def test_command_before_the_first_state_makes_no_step(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    seen_before = world.heard(ECU, 'ecu')
+    commands.publish(command(1.0))
+    world.until(lambda: len(seen_before) == 1)
+    assert simulator.steps == 0
+    world.until(lambda: len(world.states) == 1)
+    assert world.states[0].v_x == 0.0
+    assert simulator.steps == 1
+
+
+def test_late_commands_are_missed_and_the_last_one_holds(world: World) -> None:
+    def late(state: ZDynBkMdl) -> ECU:
+        previous = to_nanoseconds(state.header.stamp) - 20_000_000
+        return ECU(header=to_header(previous), motor=3.0)
+
+    world.driver(late)
+    simulator = world.simulator(realtime_factor=5.0)
+    world.until(lambda: len(world.states) >= 10)
+    assert simulator.missed >= 9
+    assert world.states[9].v_x > world.states[5].v_x > 0.0
+
+
+@pytest.mark.parametrize(('motor', 'servo'), [('nan', '0'), ('inf', '0'), ('0', 'nan')])
+def test_command_that_is_not_finite_is_refused(
+    world: World, motor: str, servo: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    (state,) = world.states
+    commands.publish(ECU(header=state.header, motor=float(motor), servo=float(servo)))
+    commands.publish(command(1.0, state))
+    world.until(lambda: len(world.states) == 2)
+    assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
+    assert simulator.steps == 2
+    assert f'not finite: {float(motor)}, {float(servo)}' in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_lock_step_says_which_answer_it_waits_for(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    world.driver()
+    world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: 'for the command that answers state 0' in capfd.readouterr().err)
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_publisher_that_cannot_be_heard_is_named_once(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    deaf = world.add(Node('joystick', context=world.context))
+    deaf.create_publisher(ECU, 'ecu', best_effort)
+    simulator = world.simulator(realtime_factor=1.0)
+    # Ten looks' time at least, as many as there are steps.
+    world.until(lambda: simulator.steps >= 10)
+    log = capfd.readouterr().err
+    assert log.count('vehicle_simulator cannot hear joystick on /ecu') == 1
+
+
+# Parameters, and the place of its own
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('mass', 1.0), ('road', 'flat'), ('distance', 1.0), ('seed', 1)]
+)
+def test_parameter_cannot_be_changed_in_a_run(world: World, name: str, value: object) -> None:
+    simulator = world.simulator()
+    before = simulator.get_parameter(name).value
+    (result,) = simulator.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert 'read-only' in result.reason
+    assert simulator.get_parameter(name).value == before
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('mass', -1.0, 'mass of vehicle_simulator must lie between 1.0 and 1000000.0'),
+        ('rate', 0.0, 'rate of vehicle_simulator must lie between 1.0 and 1000.0'),
+        ('noise_s', float('nan'), 'noise_s of vehicle_simulator must lie between 0.0 and'),
+        ('seed', -1, 'seed of vehicle_simulator must lie between 0 and'),
+        ('mass', 'heavy', 'mass of vehicle_simulator must be of type float'),
+        ('road', 'nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
+    ],
+)
+def test_bad_parameter_is_refused_and_leaves_the_topic_free(
+    world: World, name: str, value: object, reason: str
+) -> None:
+    with pytest.raises(UserError, match=reason):
+        world.simulator(**{name: value})
+    world.simulator()
+
+
+def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: World) -> None:
+    first = world.simulator()
+    with pytest.raises(UserError, match=r'another simulator publishes /z_vhcl .*__ns:=/car2'):
+        world.simulator()
+    world.simulator(namespace='car2')
+    first.destroy_node()
+    world.simulator()
+
+
+def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: World) -> None:
+    foreign = world.add(Node('other', context=world.context))
+    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', topics.QOS)
+    simulator = world.simulator(wait_for_controller=False)
+    with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
+        world.until(simulator.finished.done)
+    assert simulator.steps == 0
