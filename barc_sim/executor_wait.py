@@ -1,0 +1,250 @@
+"""What an executor waits for, kept until the graph changes; and the rclpy names it takes."""
+
+# ruff: noqa: SLF001 - rclpy's private names are the point; `missing` checks that they are there.
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from threading import Lock
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    ShutdownException,
+)
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.waitable import NumberOfEntities, Waitable
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+    from contextlib import AbstractContextManager
+
+    from rclpy.node import Node
+
+#: A timer, subscription, …: rclpy's have no type in common.
+Entity: TypeAlias = Any
+
+#: Kinds of entities, in the order in which rclpy executes what is ready.
+_KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
+
+#: What is taken of rclpy beside its documented interface: methods, and attributes of instances.
+_PRIVATE: tuple[tuple[Any, tuple[str, ...]], ...] = (
+    (Executor, ('_guard', '_sigint_gc', '_is_shutdown', '_tasks', '_tasks_lock')),
+    (Executor, ('_wait_for_ready_callbacks', '_take_waitable', *(f'_take_{k}' for k in _KINDS))),
+    (MultiThreadedExecutor, ('_spin_once_impl', '_executor')),
+    (GuardCondition, ('_executor_event', '_executor_triggered')),
+    (Waitable, ('_executor_event',)),
+    (_rclpy.Timer, ('is_timer_ready', 'pointer')),
+    (_rclpy.WaitSet, ('clear_entities', 'wait', 'get_ready_entities')),
+    (_rclpy.WaitSet, tuple(f'add_{kind}' for kind in _KINDS)),
+)
+
+
+def missing() -> list[str]:
+    """Private names that this rclpy does not have."""
+    return [
+        f'{owner.__name__}.{name}'
+        for owner, names in _PRIVATE
+        for name in names
+        if not hasattr(owner, name) and name not in owner.__init__.__code__.co_names
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """An entity to wait for, how it is put into the wait set and how it is taken when ready."""
+
+    entity: Entity
+    node: Node
+    add: Callable[[Any], object]
+    argument: Any
+    take: Callable[[Any, Entity], Callable[[], Awaitable[None]] | None]
+
+
+class WaitList:
+    """The entities of an executor's nodes, in a wait set that is used again and again.
+
+    Their handles stay in use until `invalidate` is called, so that none is destroyed while it
+    is waited for. Only one thread may wait at a time.
+    """
+
+    def __init__(self) -> None:
+        self._stale = True
+        self._contended = False  # True while a claimed group keeps an entity from being waited for
+        self._passed_over: dict[Entry, None] = {}  # found ready, but claimed; longest ago first
+        self._in_use = Lock()  # held while the wait set is filled and waited for
+        self._held = ExitStack()
+        self._wait_set: Any = None
+        self._own: list[Any] = []
+        self._waitables: list[Entry] = []
+        self._entries: dict[int, Entry] = {}  # by the pointer that a wait set reports
+        self._kinds: list[str] = []
+
+    def invalidate(self) -> None:
+        """Forget the entities, as the graph has changed; ending a wait is for the caller."""
+        self._stale = True
+        if self._in_use.acquire(blocking=False):
+            try:
+                self._release()
+            finally:
+                self._in_use.release()
+
+    def wait(
+        self, executor: MultiThreadedExecutor, timeout_nsec: int, *, all_free: bool
+    ) -> list[Entry]:
+        """Wait until something is ready, the executor is woken or the time is over.
+
+        `all_free` says that no callback group is claimed, as far as the executor knows. What
+        was passed over before comes first, so that none keeps others of its group out.
+        """
+        with self._in_use:
+            try:
+                if self._stale:
+                    self._refresh(executor)
+                try:
+                    waitables = self._fill(executor, all_free=all_free)
+                except (InvalidHandle, _rclpy.RCLError):  # one was destroyed, or has grown
+                    self._refresh(executor)
+                    waitables = self._fill(executor, all_free=all_free)
+                self._wait_set.wait(timeout_nsec)
+                if executor._is_shutdown:
+                    raise ShutdownException
+                if not executor.context.ok():
+                    raise ExternalShutdownException
+                return self._ready(waitables)
+            finally:
+                if self._stale:
+                    self._release()
+
+    def take(
+        self, executor: MultiThreadedExecutor, entry: Entry
+    ) -> Callable[[], Awaitable[None]] | None:
+        """Claim the entity's group and take what is there; None where either can't be had."""
+        entity = entry.entity
+        if not entity.callback_group.beginning_execution(entity):
+            self._contended = True
+            self._passed_over.setdefault(entry)
+            return None
+        self._passed_over.pop(entry, None)
+        execute = None
+        try:
+            execute = entry.take(executor, entity)
+        finally:
+            if execute is None:
+                entity.callback_group.ending_execution(entity)
+        return execute
+
+    def _release(self) -> None:
+        self._wait_set = None
+        self._entries = {}
+        self._waitables = []
+        self._passed_over = {}
+        self._held.close()
+
+    def _refresh(self, executor: MultiThreadedExecutor) -> None:
+        self._release()
+        self._stale = False  # before the graph is read, so that no later change is missed
+        guards = (executor._guard, executor._sigint_gc)
+        if None in guards:
+            raise ShutdownException
+        self._own = [guard.handle for guard in guards]
+        number = NumberOfEntities(num_gcs=len(guards))
+        found: list[tuple[str, Entity, Node]] = []
+        with ExitStack() as stack:
+            for handle in (executor.context.handle, *self._own):
+                stack.enter_context(handle)
+            for node in executor.get_nodes():
+                for waitable in node.waitables:
+                    if _entered(stack, waitable):
+                        number += waitable.get_num_entities()
+                        found.append(('waitable', waitable, node))
+                for kind in _KINDS:
+                    for entity in getattr(node, 'guards' if kind == _KINDS[2] else f'{kind}s'):
+                        if _entered(stack, entity.handle):
+                            name = f'num_{kind}s'
+                            setattr(number, name, getattr(number, name) + 1)
+                            found.append((kind, entity, node))
+            counts = (getattr(number, name) for name in number.__slots__)
+            self._wait_set = _rclpy.WaitSet(*counts, executor.context.handle)
+            self._held = stack.pop_all()
+        self._kinds = [kind for kind in _KINDS if kind in {each[0] for each in found}]
+        self._waitables = [self._entry(*each) for each in found if each[0] == 'waitable']
+        self._entries = {
+            each[1].handle.pointer: self._entry(*each) for each in found if each[0] != 'waitable'
+        }
+
+    def _entry(self, kind: str, entity: Entity, node: Node) -> Entry:
+        take = _take_timer if kind == 'timer' else getattr(MultiThreadedExecutor, f'_take_{kind}')
+        if kind == 'waitable':
+            return Entry(entity, node, entity.add_to_wait_set, self._wait_set, take)
+        if kind == 'guard_condition':
+            return Entry(entity, node, self._add_guard_condition, entity, take)
+        return Entry(entity, node, getattr(self._wait_set, f'add_{kind}'), entity.handle, take)
+
+    def _fill(self, executor: MultiThreadedExecutor, *, all_free: bool) -> list[Entry]:
+        """Put all that can be executed into the wait set; return the waitables among it."""
+        entries, waitables = list(self._entries.values()), self._waitables
+        if self._contended or not all_free:
+            known = len(entries) + len(waitables)
+            entries = [each for each in entries if executor.can_execute(each.entity)]
+            waitables = [each for each in waitables if executor.can_execute(each.entity)]
+            self._contended = len(entries) + len(waitables) < known
+        self._wait_set.clear_entities()
+        for entry in entries:
+            entry.add(entry.argument)
+        for handle in self._own:
+            self._wait_set.add_guard_condition(handle)
+        for entry in waitables:
+            entry.add(entry.argument)
+        return waitables
+
+    def _add_guard_condition(self, guard: GuardCondition) -> None:
+        if guard._executor_triggered:  # it was ready once, but not executed
+            guard.trigger()
+        self._wait_set.add_guard_condition(guard.handle)
+
+    def _ready(self, waitables: list[Entry]) -> list[Entry]:
+        ready = [each for each in waitables if each.entity.is_ready(self._wait_set)]
+        for kind in self._kinds:
+            for pointer in self._wait_set.get_ready_entities(kind):
+                entry = self._entries.get(pointer)
+                if entry is None:  # the executor's own, or a part of a waitable
+                    continue
+                if kind == 'guard_condition':
+                    entry.entity._executor_triggered = True
+                ready.append(entry)
+        if self._passed_over:
+            first = [each for each in self._passed_over if each in ready]
+            ready = first + [each for each in ready if each not in first]
+        return ready
+
+
+def _entered(stack: ExitStack, handle: AbstractContextManager[Any, Any]) -> bool:
+    """Hold the handle; return False where it was destroyed."""
+    try:
+        stack.enter_context(handle)
+    except InvalidHandle:
+        return False
+    return True
+
+
+def _take_timer(
+    executor: MultiThreadedExecutor, timer: Entity
+) -> Callable[[], Awaitable[None]] | None:
+    """Take a timer as rclpy does, unless it was cancelled since it was ready."""
+    execute: Callable[[], Awaitable[None]] | None = None
+    try:
+        with timer.handle:
+            if timer.handle.is_timer_ready():
+                execute = executor._take_timer(timer)
+    except InvalidHandle:
+        pass
+    except _rclpy.RCLError:
+        if not timer.is_canceled():
+            raise
+    return execute
