@@ -75,8 +75,8 @@ class WaitList:
 
     def __init__(self) -> None:
         self._stale = True
-        self._contended = False  # True while a claimed group keeps an entity from being waited for
-        self._passed_over: dict[Entry, None] = {}  # found ready, but claimed; longest ago first
+        self._refused: set[Entry] = set()  # their groups were found claimed: ask them again
+        self._passed_over: dict[Entry, None] = {}  # ready, but refused; the longest ago first
         self._in_use = Lock()  # held while the wait set is filled and waited for
         self._held = ExitStack()
         self._wait_set: Any = None
@@ -127,7 +127,7 @@ class WaitList:
         """Claim the entity's group and take what is there; None where either can't be had."""
         entity = entry.entity
         if not entity.callback_group.beginning_execution(entity):
-            self._contended = True
+            self._refused.add(entry)
             self._passed_over.setdefault(entry)
             return None
         self._passed_over.pop(entry, None)
@@ -143,6 +143,7 @@ class WaitList:
         self._wait_set = None
         self._entries = {}
         self._waitables = []
+        self._refused = set()
         self._passed_over = {}
         self._held.close()
 
@@ -189,11 +190,11 @@ class WaitList:
     def _fill(self, executor: MultiThreadedExecutor, *, all_free: bool) -> list[Entry]:
         """Put all that can be executed into the wait set; return the waitables among it."""
         entries, waitables = list(self._entries.values()), self._waitables
-        if self._contended or not all_free:
-            known = len(entries) + len(waitables)
-            entries = [each for each in entries if executor.can_execute(each.entity)]
-            waitables = [each for each in waitables if executor.can_execute(each.entity)]
-            self._contended = len(entries) + len(waitables) < known
+        suspects = self._refused if all_free else [*entries, *waitables]
+        self._refused = {each for each in suspects if not executor.can_execute(each.entity)}
+        if self._refused:
+            entries = [each for each in entries if each not in self._refused]
+            waitables = [each for each in waitables if each not in self._refused]
         self._wait_set.clear_entities()
         for entry in entries:
             entry.add(entry.argument)
