@@ -19,6 +19,8 @@ ROS_MODULES = {
         'convert',
         'endpoints',
         'executor',
+        'executor_pool',
+        'executor_wait',
         'offers',
         'parameters',
         'process',
