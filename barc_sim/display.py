@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from math import isnan
 from typing import TYPE_CHECKING, Protocol
 
 from rich.console import Console
@@ -122,22 +123,22 @@ def print_summary(summary: Summary, slipped: int) -> None:
     table = Table(title='Speed error', title_justify='left', box=None, pad_edge=False)
     for heading in ('', 'grade', 'RMS, m/s', 'greatest, m/s'):
         table.add_column(heading, justify='left' if not heading else 'right')
-    table.add_row('whole run', '', f'{summary.rms_error:.4f}', f'{summary.max_error:.4f}')
-    table.add_row(
-        'after 10 m',
-        '',
-        f'{summary.rms_error_after_run_up:.4f}',
-        f'{summary.max_error_after_run_up:.4f}',
-    )
+    rows = [
+        ('whole run', '', summary.rms_error, summary.max_error),
+        ('after 10 m', '', summary.rms_error_after_run_up, summary.max_error_after_run_up),
+    ]
     for part in summary.stretches:
-        table.add_row(
-            f'{part.start:5.1f} to {part.end:5.1f} m',
-            f'{part.theta_deg:+.0f}°',
-            f'{part.rms_error:.4f}',
-            f'{part.max_error:.4f}',
-        )
+        where = f'{part.start:5.1f} to {part.end:5.1f} m'
+        rows.append((where, f'{part.theta_deg:+.0f}°', part.rms_error, part.max_error))
+    for where, grade, rms, greatest in rows:
+        table.add_row(where, grade, _figure(rms, '.4f'), _figure(greatest, '.4f'))
     console.print(table)
     console.print(
-        f'overshoot {summary.overshoot:.1%}, settling time {summary.settling_time:.2f} s (2 %), '
+        f'overshoot {_figure(summary.overshoot, ".1%")}, '
+        f'settling time (2 %) {_figure(summary.settling_time, ".2f")} s, '
         f'missed deadlines {summary.missed_deadlines}, clock slips {slipped}'
     )
+
+
+def _figure(value: float, form: str) -> str:
+    return '–' if isnan(value) else format(value, form)  # noqa: RUF001 (what tables have there)
