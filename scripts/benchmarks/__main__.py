@@ -12,7 +12,8 @@ import json
 import os
 import platform
 import sys
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,8 @@ from barc_sim.errors import UserError
 _NAMES = sorted(
     file.stem for file in Path(__file__).parent.glob('*.py') if not file.stem.startswith('_')
 )
-_PACKAGES = ('rclpy', 'numpy')
+#: Wheels, by their names on PyPI; and what a sourced ROS calls them.
+_PACKAGES = {'ros-rclpy': 'rclpy', 'ros-rmw-fastrtps-cpp': 'rmw_fastrtps_cpp', 'numpy': 'numpy'}
 
 
 def main(args: list[str] | None = None) -> None:
@@ -73,8 +75,15 @@ def _machine() -> dict[str, str]:
         'processor': f'{len(os.sched_getaffinity(0))} x {cpu}',
         'kernel': platform.release(),
         'Python': platform.python_version(),
-        **{name: version(name) for name in _PACKAGES},
+        **{name: _version(wheel, name) for wheel, name in _PACKAGES.items()},
     }
+
+
+def _version(*names: str) -> str:
+    for name in names:
+        with suppress(PackageNotFoundError):
+            return version(name)
+    return 'unknown'
 
 
 if __name__ == '__main__':

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import subprocess
 import sys
@@ -19,6 +20,13 @@ EXECUTORS = {
 
 #: By case and executor, the figures of each repetition.
 Found = dict[str, dict[str, list[dict[str, float]]]]
+
+
+def at_least_one(text: str) -> int:
+    """Return a number of repetitions or seconds, as given on the command line."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
+    return int(text)
 
 
 def interleaved(worker: str, cases: list[str], repeat: int, **task: Any) -> Found:  # noqa: ANN401

@@ -10,7 +10,7 @@ from __future__ import annotations
 from statistics import median
 from typing import TYPE_CHECKING
 
-from _compare import EXECUTORS, Found, interleaved, table
+from _compare import EXECUTORS, Found, at_least_one, interleaved, table
 
 if TYPE_CHECKING:
     import argparse
@@ -22,9 +22,11 @@ _CASES = ('ping-pong', 'ping-pong, recorded', 'jitter')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('--repeat', type=int, default=5, metavar='N', help='repetitions (5)')
     parser.add_argument(
-        '--seconds', type=float, default=5.0, metavar='S', help='length of a measurement (5)'
+        '--repeat', type=at_least_one, default=5, metavar='N', help='repetitions (5)'
+    )
+    parser.add_argument(
+        '--seconds', type=at_least_one, default=5, metavar='S', help='of each measurement (5)'
     )
     parser.add_argument(
         '--case', choices=_CASES, action='append', help='measure only this; can be repeated'
@@ -43,7 +45,7 @@ def report(found: Found) -> str:
 
 
 def plot(found: Found) -> Figure:
-    """Draw each case's first figure: median, and range."""
+    """Draw each case's first figure: medians as dots, ranges as whiskers."""
     from matplotlib.figure import Figure  # noqa: PLC0415 (only where a picture is asked for)
 
     figure = Figure(figsize=(3.5 * len(found), 3.2), layout='constrained')
@@ -51,18 +53,20 @@ def plot(found: Found) -> Figure:
         figure.subplots(1, len(found), squeeze=False)[0], found.items(), strict=True
     ):
         key = next(iter(by_executor['ours'][0]))
-        values = [[run[key] for run in runs] for runs in by_executor.values()]
-        middle = [median(each) for each in values]
-        below = [mid - min(each) for mid, each in zip(middle, values, strict=True)]
-        above = [max(each) - mid for mid, each in zip(middle, values, strict=True)]
-        bars = axes.bar(
-            [name.replace('Thr', '\nThr').replace('Exe', '\nExe') for name in EXECUTORS.values()],
-            middle,
-            yerr=(below, above),
-            capsize=4,
-            color=('tab:blue', 'silver', 'silver'),
-        )
-        axes.bar_label(bars, fmt='%.3g', label_type='center')
-        axes.set(title=case, ylabel=key, yscale='log')
+        for place, (name, runs) in enumerate(by_executor.items()):
+            values = [run[key] for run in runs]
+            color = 'tab:blue' if name == 'ours' else 'dimgray'
+            axes.vlines(place, min(values), max(values), color=color)
+            axes.plot(place, median(values), 'o', color=color)
+            label = f' {median(values):,.4g}'
+            axes.annotate(
+                label, (place, median(values)), xytext=(6, -3), textcoords='offset points'
+            )
+        names = [
+            title.replace('Executor', '').replace('Thr', '\nThr') for title in EXECUTORS.values()
+        ]
+        axes.set_xticks(range(len(names)), names)
+        axes.set(title=case, ylabel=key, yscale='log', xlim=(-0.4, len(names) - 0.2))
+        axes.margins(y=0.15)
         axes.spines[['top', 'right']].set_visible(False)
     return figure
