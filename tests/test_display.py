@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
+END = '\x04'
 LINE = '  1.50 s    12.3 m   7.990 m/s  error +0.010 m/s  grade -10°'
 STATE = (1.5, 12.34, 7.99, 0.01, -10.0)
 
@@ -35,16 +36,16 @@ class Terminal:
 
     def __init__(self) -> None:
         self._master, slave = pty.openpty()
-        os.set_blocking(self._master, False)
         self.stdout = os.fdopen(slave, 'w', encoding='utf-8')
 
     def shown(self) -> str:
         """Return what has been shown since the last call."""
+        self.stdout.write(END)  # it arrives in pieces, and some time after it was written
         self.stdout.flush()
-        try:
-            return os.read(self._master, 1 << 16).decode()
-        except BlockingIOError:
-            return ''
+        data = b''
+        while not data.endswith(END.encode()):
+            data += os.read(self._master, 1 << 16)
+        return data.decode().removesuffix(END)
 
     def close(self) -> None:
         """Hang up."""
