@@ -20,6 +20,8 @@ _EPILOG = (
     'What follows --ros-args goes to ROS, for example '
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
+#: What the set-up brings, by package.
+_ROS = {'rclpy': 'ROS 2 (rclpy)', 'barc_interfaces': 'barc_interfaces'}
 _MAX_SPEED = 100.0
 _MAX_GAIN = 1e6
 _MAX_DISTANCE = 1e6
@@ -45,12 +47,12 @@ def _main(argv: list[str]) -> int:
         try:
             from barc_sim.composition import cruise_control  # noqa: PLC0415 (--help is to be quick)
         except ModuleNotFoundError as error:
-            if error.name not in ('rclpy', 'barc_interfaces'):
+            package = (error.name or '').partition('.')[0]
+            if package not in _ROS:
                 raise
-            name = {'rclpy': 'ROS 2 (rclpy)'}.get(error.name, error.name)
             raise UserError(
-                f'{name} is not installed in this Python: start with ./scripts/run, which sets it '
-                'up, or source a ROS 2 Jazzy workspace'
+                f'{_ROS[package]} is not installed in this Python: start with ./scripts/run, which '
+                'sets it up, or source a ROS 2 Jazzy workspace'
             ) from None
         return cruise_control(options, argv, argv[cut:], stop)
 
