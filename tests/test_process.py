@@ -1,0 +1,130 @@
+"""Nodes in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import rclpy
+from rclpy.logging import LoggingSeverity, get_logger_effective_level
+
+import barc_sim
+from barc_sim.errors import UserError
+from barc_sim.process import ros
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Start = Callable[..., subprocess.Popen[str]]
+
+ROOT = Path(barc_sim.__file__).parents[1]
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Return a function that starts a node, which is gone after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(node: str, *parameters: str) -> subprocess.Popen[str]:
+        options = [word for parameter in parameters for word in ('-p', parameter)]
+        started.append(
+            subprocess.Popen(
+                [sys.executable, '-m', f'barc_sim.nodes.{node}', '--ros-args', *options],
+                env=os.environ | {'PYTHONPATH': str(ROOT)},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize('simulator_first', [True, False])
+def test_nodes_of_two_processes_find_each_other_and_drive(
+    start: Start, *, simulator_first: bool
+) -> None:
+    nodes = {'simulator': ['realtime_factor:=0.0', 'distance:=3.0'], 'controller': []}
+    order = sorted(nodes, reverse=simulator_first)
+    running = {node: start(node, *nodes[node]) for node in order}
+    out, err = running['simulator'].communicate(timeout=30)
+    assert (running['simulator'].returncode, out) == (0, '')
+    assert 'Traceback' not in err
+    running['controller'].send_signal(signal.SIGINT)
+    assert running['controller'].communicate(timeout=20) == ('', '')
+    assert running['controller'].returncode == 0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_node_that_waits_ends_at_a_signal(start: Start, number: signal.Signals) -> None:
+    process = start('simulator')
+    assert process.stderr
+    assert 'waiting for a controller' in process.stderr.readline()
+    process.send_signal(number)
+    assert process.communicate(timeout=20) == ('', '')
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameter', 'words'),
+    [
+        ('simulator', 'mass:=-1.0', 'vehicle_simulator: error: parameter mass'),
+        ('controller', 'kp:=high', 'controller: error: parameter kp'),
+        ('controller', 'kp', 'controller: error: ROS cannot start with its arguments: '),
+    ],
+)
+def test_bad_parameter_is_one_line_and_exit_code_2(
+    start: Start, node: str, parameter: str, words: str
+) -> None:
+    process = start(node, parameter)
+    out, err = process.communicate(timeout=20)
+    assert (process.returncode, out) == (2, '')
+    assert err.startswith(words)
+    assert err.count('\n') == 1
+
+
+# ROS's start
+
+
+def test_bad_argument_is_a_sentence_without_a_place_in_the_source(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(UserError) as refusal, ros(['--ros-args', '-p']):
+        pass
+    assert str(refusal.value).endswith('No parameter override rule found.')
+    assert capfd.readouterr() == ('', '')
+    with ros(None):  # nothing of it stays
+        assert rclpy.ok()
+    assert not rclpy.ok()
+
+
+def test_levels_of_the_log_are_the_users() -> None:
+    with ros(['--ros-args', '--log-level', 'rcl:=debug']):
+        assert get_logger_effective_level('rcl') == LoggingSeverity.DEBUG
+    with ros(['--ros-args', '--log-level', 'warn']):
+        assert get_logger_effective_level('rcl') == LoggingSeverity.WARN
+
+
+@pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
+def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
+    monkeypatch: pytest.MonkeyPatch, given: str | None, expected: str
+) -> None:
+    # Set first, so that it is restored afterwards, whatever the code sets.
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', given or '')
+    if given is None:
+        del os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE']
+    with ros([]):
+        assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == expected
