@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 import time
+import traceback
 import warnings
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -139,9 +140,12 @@ class QuickExecutor(MultiThreadedExecutor):
                     task.cancel()  # gives its group back
         elif not inside:
             return False
+        while self._pool.failures:  # no spin is left to raise them
+            traceback.print_exception(self._pool.failures.popleft())
         self._executor.shutdown(wait=wait_for_threads and not inside)
         self._wait_list.invalidate()
-        return bool(super().shutdown(timeout_sec))
+        # Not MultiThreadedExecutor's: a newer one waits for this thread, too.
+        return bool(super(MultiThreadedExecutor, self).shutdown(timeout_sec))
 
     def _spin_once_impl(
         self,

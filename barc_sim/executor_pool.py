@@ -9,12 +9,12 @@ from threading import Condition, get_ident
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine
+    from collections.abc import Callable, Coroutine
     from concurrent.futures import ThreadPoolExecutor
 
     from rclpy.task import Task
 
-    from barc_sim.executor_wait import Entry
+    from barc_sim.executor_wait import Entry, Execute
 
 
 class Callback:
@@ -27,7 +27,7 @@ class Callback:
     def __init__(
         self,
         entry: Entry,
-        execute: Callable[[], Awaitable[None]],
+        execute: Execute,
         trigger: Callable[[], None],
         resume_later: Callable[[Coroutine[Any, Any, None], Entry], None],
     ) -> None:

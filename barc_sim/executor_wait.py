@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: A timer, subscription, …: rclpy's have no type in common.
 Entity: TypeAlias = Any
+#: What to await when an entity was taken: its callback, with what was there for it.
+Execute: TypeAlias = 'Callable[[], Awaitable[None]]'
 
 #: Kinds of entities, in the order in which rclpy executes what is ready.
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
@@ -63,7 +65,7 @@ class Entry:
     node: Node
     add: Callable[[Any], object]
     argument: Any
-    take: Callable[[Any, Entity], Callable[[], Awaitable[None]] | None]
+    take: Callable[[Any, Entity], Execute | None]
 
 
 class WaitList:
@@ -121,9 +123,7 @@ class WaitList:
                 if self._stale:
                     self._release()
 
-    def take(
-        self, executor: MultiThreadedExecutor, entry: Entry
-    ) -> Callable[[], Awaitable[None]] | None:
+    def take(self, executor: MultiThreadedExecutor, entry: Entry) -> Execute | None:
         """Claim the entity's group and take what is there; None where either can't be had."""
         entity = entry.entity
         if not entity.callback_group.beginning_execution(entity):
@@ -234,11 +234,9 @@ def _entered(stack: ExitStack, handle: AbstractContextManager[Any, Any]) -> bool
     return True
 
 
-def _take_timer(
-    executor: MultiThreadedExecutor, timer: Entity
-) -> Callable[[], Awaitable[None]] | None:
+def _take_timer(executor: MultiThreadedExecutor, timer: Entity) -> Execute | None:
     """Take a timer as rclpy does, unless it was cancelled since it was ready."""
-    execute: Callable[[], Awaitable[None]] | None = None
+    execute: Execute | None = None
     try:
         with timer.handle:
             if timer.handle.is_timer_ready():

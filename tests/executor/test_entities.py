@@ -150,6 +150,12 @@ class GrowingWaitable(Waitable):
         clock, context = self._node.get_clock(), self._node.context
         self._timers.append(Timer(None, None, 1_000_000, clock, context=context))
 
+    def __enter__(self) -> None:
+        """Do nothing, as the timers are kept."""
+
+    def __exit__(self, *_: object) -> None:
+        """Do nothing."""
+
     def get_num_entities(self) -> NumberOfEntities:
         """Count the timers."""
         return NumberOfEntities(num_timers=len(self._timers))

@@ -186,6 +186,27 @@ def test_shutdown_by_another_thread_waits_for_callbacks(
     assert not thread.is_alive()
 
 
+def test_an_exception_that_no_spin_is_left_to_raise_is_printed(
+    executor: QuickExecutor, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun = threading.Event()
+    release = threading.Event()
+
+    def fail() -> None:
+        begun.set()
+        release.wait(DEADLINE)
+        raise ValueError('too late')
+
+    executor.create_task(fail)
+    executor.spin_once(timeout_sec=DEADLINE)
+    assert begun.wait(DEADLINE)
+    assert not executor.shutdown(timeout_sec=0)
+    release.set()
+    executor.shutdown()
+
+    assert capsys.readouterr().err.endswith('ValueError: too late\n')
+
+
 def test_what_waits_for_a_thread_is_dropped_by_a_shutdown_and_its_group_is_free(
     node: Node, executor: QuickExecutor, ros: Context
 ) -> None:
