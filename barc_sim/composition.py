@@ -6,6 +6,8 @@ import gc
 import shlex
 import shutil
 import sys
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rclpy.parameter import Parameter
@@ -173,10 +175,18 @@ class CruiseControl:
         """Print the table, the bag's path, and what to do with it."""
         print_summary(self._errors.summary(self.missed), self.slipped)
         if self.recorder:
+            python = shlex.quote(_short(sys.executable))
             path = shlex.quote(str(self.recorder.path))
             print(f'bag     {path}')  # noqa: T201
-            print(f'plot    {sys.executable} -m barc_sim.plot {path}')  # noqa: T201
-            print(f'replay  {sys.executable} -m barc_sim.replay {path}')  # noqa: T201
+            print(f'plot    {python} -m barc_sim.plot {path}')  # noqa: T201
+            print(f'replay  {python} -m barc_sim.replay {path}')  # noqa: T201
+
+
+def _short(path: str) -> str:
+    """Return `path` relative to the current directory where it lies below it."""
+    with suppress(ValueError):
+        return str(Path(path).relative_to(Path.cwd()))
+    return path
 
 
 def _overrides(**values: float | str | None) -> list[Parameter]:

@@ -73,6 +73,8 @@ _GATE_PERIOD = 0.01
 #: sooner or later than it is seen; a message that it is sent or sends meanwhile would be lost.
 _GATE_COUNT = 10
 _CHECK_PERIOD = 1.0
+#: Share of a period by which a deadline that is judged may be late.
+_PUNCTUAL = 0.1
 
 
 class VehicleSimulator(Node):
@@ -80,8 +82,8 @@ class VehicleSimulator(Node):
 
     State `k` is stamped `t_0 + k·T_s`. With a real-time factor the command for state `k` is due
     when state `k + 1` is; where it has not arrived, the last one holds, and `missed` counts it.
-    Where the simulator itself is late by whole periods, simulated time stands still meanwhile,
-    and `slipped` counts them. Without (`realtime_factor` 0) each step is taken as soon as its
+    Where the simulator itself is late, simulated time stands still for whole periods, and
+    `slipped` counts them. Without (`realtime_factor` 0) each step is taken as soon as its
     command has arrived.
 
     A command answers the state whose stamp it bears. One without a stamp, as `ros2 topic pub`
@@ -208,10 +210,11 @@ class VehicleSimulator(Node):
 
     def _on_deadline(self) -> None:
         period = self._plant.ts / self._realtime_factor
-        behind = int((time.monotonic() - self._due) / period)
+        late = max(time.monotonic() - self._due, 0.0)
+        behind = int(late / period)
         self._due += (behind + 1) * period
         self.slipped += behind
-        if behind and not self._answered:
+        if not self._answered and late > _PUNCTUAL * period:
             # The machine held up the whole process, maybe the controller in it, too: the state
             # gets another period to be answered in.
             self.slipped += 1
