@@ -31,20 +31,33 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     away (`| head`) ends the command silently.
     """
     try:
-        try:
-            return main() or 0
-        finally:
-            # What waits in the buffer would otherwise fail at exit, where nobody can catch it.
-            sys.stdout.flush()
+        code = main() or 0
     except UserError as error:
-        print(_error_line(prog, str(error)), file=sys.stderr)  # noqa: T201
-        return USAGE_ERROR
+        _report(prog, str(error))
+        code = USAGE_ERROR
     except KeyboardInterrupt:
-        return INTERRUPTED
+        code = INTERRUPTED
     except BrokenPipeError:
+        code = 0
+    return _flushed(prog, code)
+
+
+def _flushed(prog: str, code: int) -> int:
+    """Write what waits for stdout, where a failure can still be told, and return the exit code."""
+    try:
+        if sys.stdout:
+            sys.stdout.flush()
+    except OSError as error:
         # Python flushes stdout at exit once more: let that go nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        if not isinstance(error, BrokenPipeError):
+            _report(prog, f'what there is to say cannot be written: {error.strerror}')
+            return USAGE_ERROR
+    return code
+
+
+def _report(prog: str, message: str) -> None:
+    print(_error_line(prog, message), file=sys.stderr)  # noqa: T201
 
 
 def _error_line(prog: str, message: str) -> str:

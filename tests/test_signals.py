@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(barc_sim.__file__).parents[1]
 PRELUDE = """
-import signal, sys, threading, time
+import os, signal, sys, threading, time
 from barc_sim import signals
 from barc_sim.signals import StopSignals
 def ready():
@@ -103,7 +103,7 @@ def test_second_signal_ends_a_process_that_hangs(
         Process("""
 signals._ECHO = 0.0
 with StopSignals() as stop:
-    stop.then(lambda: print('asked'))
+    stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     threading.Event().wait()
 """)
@@ -119,7 +119,7 @@ def test_echo_of_a_signal_does_not_cut_the_end_short(processes: list[Process]) -
         Process("""
 signals._ECHO = 3600.0
 with StopSignals() as stop:
-    stop.then(lambda: print('asked'))
+    stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     stop.requested.wait()
     sys.stdin.read()
@@ -154,7 +154,7 @@ def test_hang_up_that_nohup_ignores_stays_ignored(processes: list[Process]) -> N
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 with StopSignals() as stop:
     ready()
-    stop.then(lambda: print('asked'))
+    stop.then(lambda: os.write(1, b'asked\\n'))
     stop.requested.wait()
 """)
     )
