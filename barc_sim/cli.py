@@ -31,29 +31,27 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     away (`| head`) ends the command silently.
     """
     try:
-        code = main() or 0
+        try:
+            return main() or 0
+        finally:
+            # What waits in the buffer would otherwise fail at exit, where nobody can catch it.
+            if sys.stdout:
+                sys.stdout.flush()
     except UserError as error:
         _report(prog, str(error))
-        code = USAGE_ERROR
+        return USAGE_ERROR
     except KeyboardInterrupt:
-        code = INTERRUPTED
-    except BrokenPipeError:
-        code = 0
-    return _flushed(prog, code)
-
-
-def _flushed(prog: str, code: int) -> int:
-    """Write what waits for stdout, where a failure can still be told, and return the exit code."""
-    try:
-        if sys.stdout:
-            sys.stdout.flush()
+        return INTERRUPTED
     except OSError as error:
-        # Python flushes stdout at exit once more: let that go nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):
-            _report(prog, f'what there is to say cannot be written: {error.strerror}')
-            return USAGE_ERROR
-    return code
+        if error.filename:
+            raise
+        if sys.stdout:
+            # Python flushes stdout at exit once more: let that go nowhere.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            return 0
+        _report(prog, f'the output cannot be written: {error.strerror}')
+        return USAGE_ERROR
 
 
 def _report(prog: str, message: str) -> None:
