@@ -6,6 +6,7 @@ import argparse
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -32,7 +33,8 @@ def at_least_one(text: str) -> int:
 def interleaved(worker: str, cases: list[str], repeat: int, **task: Any) -> Found:  # noqa: ANN401
     """Run a program of this folder for each case and executor, in turns.
 
-    It gets the task as JSON on its command line, and prints the figures as JSON. In turns, the
+    It gets the task as JSON on its command line, with the time at which it was started, and
+    prints the figures as JSON. In turns, the
     machine's moods meet all alike.
     """
     found: Found = {case: {name: [] for name in EXECUTORS} for case in cases}
@@ -41,7 +43,9 @@ def interleaved(worker: str, cases: list[str], repeat: int, **task: Any) -> Foun
         print(f'repetition {number + 1} of {repeat}', file=sys.stderr)
         for case in cases:
             for name, title in EXECUTORS.items():
-                arguments = json.dumps({'case': case, 'executor': name, **task})
+                arguments = json.dumps(
+                    {'case': case, 'executor': name, 'spawned': time.time(), **task}
+                )
                 done = subprocess.run(  # noqa: S603 (our own)
                     [sys.executable, program, arguments],
                     capture_output=True,
