@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -78,13 +78,15 @@ class WaitList:
     def __init__(self) -> None:
         self._stale = True
         self._refused: set[Entry] = set()  # their groups were found claimed: ask them again
+        self._left_out: set[Entry] = set()  # of this wait
         self._passed_over: dict[Entry, None] = {}  # ready, but refused; the longest ago first
         self._in_use = Lock()  # held while the wait set is filled and waited for
         self._held = ExitStack()
         self._wait_set: Any = None
         self._own: list[Any] = []
+        self._entries: list[Entry] = []
         self._waitables: list[Entry] = []
-        self._entries: dict[int, Entry] = {}  # by the pointer that a wait set reports
+        self._by_pointer: dict[int, Entry] = {}  # by what a wait set reports, without waitables
         self._kinds: list[str] = []
 
     def invalidate(self) -> None:
@@ -109,16 +111,16 @@ class WaitList:
                 if self._stale:
                     self._refresh(executor)
                 try:
-                    waitables = self._fill(executor, all_free=all_free)
+                    self._fill(executor, all_free=all_free)
                 except (InvalidHandle, _rclpy.RCLError):  # one was destroyed, or has grown
                     self._refresh(executor)
-                    waitables = self._fill(executor, all_free=all_free)
+                    self._fill(executor, all_free=all_free)
                 self._wait_set.wait(timeout_nsec)
                 if executor._is_shutdown:
                     raise ShutdownException
                 if not executor.context.ok():
                     raise ExternalShutdownException
-                return self._ready(waitables)
+                return self._ready()
             finally:
                 if self._stale:
                     self._release()
@@ -141,8 +143,9 @@ class WaitList:
 
     def _release(self) -> None:
         self._wait_set = None
-        self._entries = {}
+        self._entries = []
         self._waitables = []
+        self._by_pointer = {}
         self._refused = set()
         self._passed_over = {}
         self._held.close()
@@ -174,10 +177,13 @@ class WaitList:
             self._wait_set = _rclpy.WaitSet(*counts, executor.context.handle)
             self._held = stack.pop_all()
         self._kinds = [kind for kind in _KINDS if kind in {each[0] for each in found}]
-        self._waitables = [self._entry(*each) for each in found if each[0] == 'waitable']
-        self._entries = {
-            each[1].handle.pointer: self._entry(*each) for each in found if each[0] != 'waitable'
-        }
+        for kind, entity, node in found:
+            entry = self._entry(kind, entity, node)
+            self._entries.append(entry)
+            if kind == 'waitable':
+                self._waitables.append(entry)
+            else:
+                self._by_pointer[entity.handle.pointer] = entry
 
     def _entry(self, kind: str, entity: Entity, node: Node) -> Entry:
         take = _take_timer if kind == 'timer' else getattr(MultiThreadedExecutor, f'_take_{kind}')
@@ -187,33 +193,30 @@ class WaitList:
             return Entry(entity, node, self._add_guard_condition, entity, take)
         return Entry(entity, node, getattr(self._wait_set, f'add_{kind}'), entity.handle, take)
 
-    def _fill(self, executor: MultiThreadedExecutor, *, all_free: bool) -> list[Entry]:
-        """Put all that can be executed into the wait set; return the waitables among it."""
-        entries, waitables = list(self._entries.values()), self._waitables
-        suspects = self._refused if all_free else [*entries, *waitables]
+    def _fill(self, executor: MultiThreadedExecutor, *, all_free: bool) -> None:
+        suspects = self._refused if all_free else self._entries
         self._refused = {each for each in suspects if not executor.can_execute(each.entity)}
-        if self._refused:
-            entries = [each for each in entries if each not in self._refused]
-            waitables = [each for each in waitables if each not in self._refused]
+        # Fast DDS ends a wait for a subscription's events at once where messages wait, too.
+        events = {it for each in self._refused for it in getattr(each.entity, 'event_handlers', ())}
+        self._left_out = self._refused | {it for it in self._waitables if it.entity in events}
         self._wait_set.clear_entities()
-        for entry in entries:
-            entry.add(entry.argument)
+        for entry in self._entries:
+            if entry not in self._left_out:
+                entry.add(entry.argument)
         for handle in self._own:
             self._wait_set.add_guard_condition(handle)
-        for entry in waitables:
-            entry.add(entry.argument)
-        return waitables
 
     def _add_guard_condition(self, guard: GuardCondition) -> None:
         if guard._executor_triggered:  # it was ready once, but not executed
             guard.trigger()
         self._wait_set.add_guard_condition(guard.handle)
 
-    def _ready(self, waitables: list[Entry]) -> list[Entry]:
+    def _ready(self) -> list[Entry]:
+        waitables = (each for each in self._waitables if each not in self._left_out)
         ready = [each for each in waitables if each.entity.is_ready(self._wait_set)]
         for kind in self._kinds:
             for pointer in self._wait_set.get_ready_entities(kind):
-                entry = self._entries.get(pointer)
+                entry = self._by_pointer.get(pointer)
                 if entry is None:  # the executor's own, or a part of a waitable
                     continue
                 if kind == 'guard_condition':
@@ -226,12 +229,10 @@ class WaitList:
 
 
 def _entered(stack: ExitStack, handle: AbstractContextManager[Any, Any]) -> bool:
-    """Hold the handle; return False where it was destroyed."""
-    try:
+    with suppress(InvalidHandle):  # destroyed
         stack.enter_context(handle)
-    except InvalidHandle:
-        return False
-    return True
+        return True
+    return False
 
 
 def _take_timer(executor: MultiThreadedExecutor, timer: Entity) -> Execute | None:

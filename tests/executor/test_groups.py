@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -225,6 +226,44 @@ def test_a_pool_callback_runs_once_for_each_message(node: Node, until: Until) ->
     until(lambda: -1 in received)
 
     assert received == [*range(500), -1]
+
+
+@pytest.mark.parametrize('keeper', ['a callback', 'something else', 'a busy pool'])
+def test_messages_that_must_wait_do_not_keep_the_executor_busy(
+    node: Node, executor: QuickExecutor, until: Until, keeper: str
+) -> None:
+    release = threading.Event()
+    begun = []
+
+    def block() -> None:
+        begun.append(1)
+        release.wait(DEADLINE)
+
+    group = (
+        ReentrantCallbackGroup() if keeper == 'a busy pool' else MutuallyExclusiveCallbackGroup()
+    )
+    guard = node.create_guard_condition(block, callback_group=group)
+    if keeper == 'a callback':
+        guard.trigger()
+        until(lambda: begun)
+    elif keeper == 'something else':
+        assert group.beginning_execution(guard)
+    else:
+        for _ in range(4):  # as many as there are threads
+            executor.create_task(block)
+        until(lambda: len(begun) == 4)
+    node.create_subscription(Time, 'a', lambda _: None, DEPTH, callback_group=group)
+    publisher = node.create_publisher(Time, 'a', DEPTH)
+    for _ in range(3):
+        publisher.publish(Time())
+        executor.spin_once(timeout_sec=0)
+
+    processor = time.thread_time()
+    executor.spin_once(timeout_sec=0.2)
+    processor = time.thread_time() - processor
+    release.set()
+
+    assert processor < 0.1
 
 
 def test_a_group_claimed_by_something_else_is_executed_when_it_is_given_back(
