@@ -22,8 +22,8 @@ from rclpy.waitable import NumberOfEntities, Waitable
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
-    from contextlib import AbstractContextManager
 
+    from rclpy.context import Context
     from rclpy.node import Node
 
 #: A timer, subscription, …: rclpy's have no type in common.
@@ -31,7 +31,7 @@ Entity: TypeAlias = Any
 #: What to await when an entity was taken: its callback, with what was there for it.
 Execute: TypeAlias = 'Callable[[], Awaitable[None]]'
 
-#: Kinds of entities, in the order in which rclpy executes what is ready.
+#: Kinds of entities with a handle, in the order in which rclpy executes what is ready.
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
 
 #: What is taken of rclpy beside its documented interface: methods, and attributes of instances.
@@ -143,11 +143,8 @@ class WaitList:
 
     def _release(self) -> None:
         self._wait_set = None
-        self._entries = []
-        self._waitables = []
-        self._by_pointer = {}
-        self._refused = set()
-        self._passed_over = {}
+        self._entries, self._waitables, self._by_pointer = [], [], {}
+        self._refused, self._passed_over = set(), {}
         self._held.close()
 
     def _refresh(self, executor: MultiThreadedExecutor) -> None:
@@ -157,24 +154,11 @@ class WaitList:
         if None in guards:
             raise ShutdownException
         self._own = [guard.handle for guard in guards]
-        number = NumberOfEntities(num_gcs=len(guards))
-        found: list[tuple[str, Entity, Node]] = []
         with ExitStack() as stack:
             for handle in (executor.context.handle, *self._own):
                 stack.enter_context(handle)
-            for node in executor.get_nodes():
-                for waitable in node.waitables:
-                    if _entered(stack, waitable):
-                        number += waitable.get_num_entities()
-                        found.append(('waitable', waitable, node))
-                for kind in _KINDS:
-                    for entity in getattr(node, 'guards' if kind == _KINDS[2] else f'{kind}s'):
-                        if _entered(stack, entity.handle):
-                            name = f'num_{kind}s'
-                            setattr(number, name, getattr(number, name) + 1)
-                            found.append((kind, entity, node))
-            counts = (getattr(number, name) for name in number.__slots__)
-            self._wait_set = _rclpy.WaitSet(*counts, executor.context.handle)
+            found = _found(executor, stack)
+            self._wait_set = _wait_set(found, len(self._own), executor.context)
             self._held = stack.pop_all()
         self._kinds = [kind for kind in _KINDS if kind in {each[0] for each in found}]
         for kind, entity, node in found:
@@ -228,11 +212,27 @@ class WaitList:
         return ready
 
 
-def _entered(stack: ExitStack, handle: AbstractContextManager[Any, Any]) -> bool:
-    with suppress(InvalidHandle):  # destroyed
-        stack.enter_context(handle)
-        return True
-    return False
+def _found(executor: MultiThreadedExecutor, stack: ExitStack) -> list[tuple[str, Entity, Node]]:
+    """Return the kind, entity and node of all that the stack now keeps from being destroyed."""
+    found = []
+    for node in executor.get_nodes():
+        for kind in ('waitable', *_KINDS):
+            for entity in getattr(node, 'guards' if kind == 'guard_condition' else f'{kind}s'):
+                with suppress(InvalidHandle):  # destroyed
+                    stack.enter_context(entity if kind == 'waitable' else entity.handle)
+                    found.append((kind, entity, node))
+    return found
+
+
+def _wait_set(found: list[tuple[str, Entity, Node]], guards: int, context: Context) -> Any:  # noqa: ANN401
+    number = NumberOfEntities(num_gcs=guards)
+    for kind, entity, _ in found:
+        if kind == 'waitable':
+            number += entity.get_num_entities()
+        else:
+            setattr(number, f'num_{kind}s', getattr(number, f'num_{kind}s') + 1)
+    counts = (getattr(number, name) for name in number.__slots__)
+    return _rclpy.WaitSet(*counts, context.handle)
 
 
 def _take_timer(executor: MultiThreadedExecutor, timer: Entity) -> Execute | None:
