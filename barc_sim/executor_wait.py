@@ -127,8 +127,8 @@ class WaitList:
 
     def take(self, executor: MultiThreadedExecutor, entry: Entry) -> Execute | None:
         """Claim the entity's group and take what is there; None where either can't be had."""
-        entity = entry.entity
-        if not entity.callback_group.beginning_execution(entity):
+        entity, group = entry.entity, entry.entity.callback_group
+        if not (executor.can_execute(entity) and group.beginning_execution(entity)):
             self._refused.add(entry)
             self._passed_over.setdefault(entry)
             return None
@@ -138,7 +138,7 @@ class WaitList:
             execute = entry.take(executor, entity)
         finally:
             if execute is None:
-                entity.callback_group.ending_execution(entity)
+                group.ending_execution(entity)
         return execute
 
     def _release(self) -> None:
@@ -239,11 +239,9 @@ def _take_timer(executor: MultiThreadedExecutor, timer: Entity) -> Execute | Non
     """Take a timer as rclpy does, unless it was cancelled since it was ready."""
     execute: Execute | None = None
     try:
-        with timer.handle:
+        with suppress(InvalidHandle), timer.handle:
             if timer.handle.is_timer_ready():
                 execute = executor._take_timer(timer)
-    except InvalidHandle:
-        pass
     except _rclpy.RCLError:
         if not timer.is_canceled():
             raise

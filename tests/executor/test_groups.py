@@ -281,3 +281,28 @@ def test_a_group_claimed_by_something_else_is_executed_when_it_is_given_back(
 
     group.ending_execution(other)
     until(lambda: heard)
+
+
+class PausedGroup(ReentrantCallbackGroup):
+    """Executes nothing for the time being."""
+
+    paused = True
+
+    def can_execute(self, entity: object) -> bool:
+        """Return whether it isn't paused."""
+        return not self.paused and super().can_execute(entity)
+
+
+def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    group = PausedGroup()
+    heard = []
+    node.create_subscription(Time, 'a', heard.append, DEPTH, callback_group=group)
+    node.create_publisher(Time, 'a', DEPTH).publish(Time())
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0)
+    assert heard == []
+
+    group.paused = False
+    until(lambda: heard)
