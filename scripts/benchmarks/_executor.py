@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
@@ -19,38 +19,41 @@ from std_msgs.msg import Header
 from barc_sim.executor import QuickCallbackGroup, QuickExecutor
 from barc_sim.nodes.recorder import BagRecorder
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 _TOPICS = 7
 _PERIOD = 0.02  # s
 _WARM_UP = 1.0  # s
 
 
 class Player(Node):
-    """Answers each message on one topic with one on another, and notes when."""
+    """Answers each message on one topic with one on another, and calls `note` each time."""
 
-    def __init__(self, hears: str, says: str) -> None:
+    def __init__(self, hears: str, says: str, note: Callable[[], None]) -> None:
         super().__init__(says)
-        self.times: list[float] = []
+        self._note = note
         self._publisher = self.create_publisher(Header, says, 10)
         group = QuickCallbackGroup()
         self.create_subscription(Header, hears, self.answer, 10, callback_group=group)
 
     def answer(self, message: Header) -> None:
         """Answer the message."""
-        self.times.append(time.perf_counter())
+        self._note()
         self._publisher.publish(Header(stamp=message.stamp))
 
 
 class Ticker(Node):
-    """Publishes on many topics at 50 Hz, and notes when."""
+    """Publishes on many topics at 50 Hz, and calls `note` each time."""
 
-    def __init__(self) -> None:
+    def __init__(self, note: Callable[[], None]) -> None:
         super().__init__('ticker')
-        self.times: list[float] = []
+        self._note = note
         self._outlets = [self.create_publisher(Header, f'topic_{i}', 10) for i in range(_TOPICS)]
         self.create_timer(_PERIOD, self._tick, QuickCallbackGroup())
 
     def _tick(self) -> None:
-        self.times.append(time.perf_counter())
+        self._note()
         for outlet in self._outlets:
             outlet.publish(Header())
 
@@ -65,12 +68,17 @@ class Sleeper(Node):
 
 def main(task: dict[str, Any]) -> dict[str, float]:
     """Measure; return the figures."""
+    times: list[float] = []
+
+    def note() -> None:
+        times.append(time.perf_counter())
+
     rclpy.init(args=[], domain_id=os.getpid() % 100 + 1)
     with tempfile.TemporaryDirectory() as folder:
         nodes: list[Any] = (
-            [Ticker(), Sleeper()]
+            [Ticker(note), Sleeper()]
             if task['case'] == 'jitter'
-            else [Player('pong', 'ping'), Player('ping', 'pong')]
+            else [Player('pong', 'ping', note), Player('ping', 'pong', lambda: None)]
         )
         if task['case'] != 'ping-pong':
             nodes.append(BagRecorder(Path(folder)))
@@ -83,7 +91,6 @@ def main(task: dict[str, Any]) -> dict[str, float]:
             executor.add_node(node)
         if isinstance(nodes[0], Player):
             nodes[0].answer(Header())
-        times = nodes[0].times
 
         _spin(executor, _WARM_UP)
         times.clear()

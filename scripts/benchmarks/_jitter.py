@@ -1,0 +1,85 @@
+"""A slice of `jitter`: its task is JSON on the command line, so is what it finds."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from _executor import Sleeper, Ticker
+from rclpy.executors import SingleThreadedExecutor
+
+from barc_sim.executor import QuickExecutor
+from barc_sim.nodes.recorder import BagRecorder
+
+_PERIOD = 0.02  # s
+_WARM_UP = 1.0  # s
+_WORTH_TELLING = 1.0  # ms
+
+
+class Clock:
+    """Notes the time, and for how long the kernel has kept this thread waiting for a core."""
+
+    def __init__(self) -> None:
+        self.ticks: list[tuple[float, float]] = []
+        self._statistics = -1
+
+    def __call__(self) -> None:
+        """Note now."""
+        now = time.perf_counter()
+        if self._statistics < 0:
+            self._statistics = os.open('/proc/thread-self/schedstat', os.O_RDONLY)
+        waited = int(os.pread(self._statistics, 100, 0).split()[1]) * 1e-9
+        self.ticks.append((now, waited))
+
+
+def main(task: dict[str, Any]) -> dict[str, Any]:
+    """Tick; return the number of ticks and, of each late one, how late it was and waited [ms]."""
+    clock = Clock()
+    if task['subject'] == 'loop':
+        _loop(clock, _WARM_UP + task['seconds'])
+    else:
+        _spin(clock, task['subject'], _WARM_UP + task['seconds'])
+    gaps = [
+        ((now - before - _PERIOD) * 1e3, (waited - earlier) * 1e3)
+        for (before, earlier), (now, waited) in pairwise(clock.ticks[int(_WARM_UP / _PERIOD) :])
+    ]
+    return {'ticks': len(gaps), 'late': [gap for gap in gaps if gap[0] > _WORTH_TELLING]}
+
+
+def _loop(clock: Clock, seconds: float) -> None:
+    due = time.perf_counter()
+    end = due + seconds
+    while due < end:
+        due += _PERIOD
+        time.sleep(max(0.0, due - time.perf_counter()))
+        clock()
+
+
+def _spin(clock: Clock, subject: str, seconds: float) -> None:
+    rclpy.init(args=[], domain_id=os.getpid() % 100 + 1)
+    with tempfile.TemporaryDirectory() as folder:
+        nodes: list[Any] = [Ticker(clock), BagRecorder(Path(folder))]
+        if subject == 'blocked':
+            nodes.append(Sleeper())
+        single = subject == 'single'
+        executor: Any = SingleThreadedExecutor() if single else QuickExecutor(num_threads=2)
+        for node in nodes:
+            executor.add_node(node)
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            executor.spin_once(timeout_sec=0.1)
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+        rclpy.shutdown()
+
+
+if __name__ == '__main__':
+    print(json.dumps(main(json.loads(sys.argv[1]))))

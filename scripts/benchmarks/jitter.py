@@ -1,0 +1,79 @@
+"""How late a 50 Hz timer is over a long time, and how much of that the machine owes.
+
+Slices with QuickExecutor, once more beside a node whose callback sleeps 100 ms in every 200 ms,
+and with SingleThreadedExecutor, all with the recorder on, take turns with slices of a bare loop
+of `time.sleep`, which has neither ROS nor an executor in it. Of what is late by more than 1 ms,
+the time in which the kernel kept the thread waiting for a core is counted apart.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from _compare import at_least_one
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    import argparse
+
+_SUBJECTS = {
+    'loop': 'bare loop',
+    'single': 'SingleThreadedExecutor',
+    'ours': 'QuickExecutor',
+    'blocked': 'QuickExecutor, blocked',
+}
+_LIMITS = (1.0, 5.0, 15.0)  # ms
+
+#: By subject, what `_jitter.py` found in each slice.
+Found = dict[str, list[dict[str, Any]]]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument(
+        '--minutes', type=at_least_one, default=30, metavar='M', help='of all together (30)'
+    )
+    parser.add_argument(
+        '--seconds', type=at_least_one, default=30, metavar='S', help='of a slice (30)'
+    )
+
+
+def measure(options: argparse.Namespace) -> Found:
+    """Return what each slice found."""
+    found: Found = {subject: [] for subject in _SUBJECTS}
+    program = str(Path(__file__).with_name('_jitter.py'))
+    end = time.monotonic() + options.minutes * 60
+    while time.monotonic() < end:
+        for subject, slices in found.items():
+            task = json.dumps({'subject': subject, 'seconds': options.seconds})
+            done = subprocess.run(  # noqa: S603 (our own)
+                [sys.executable, program, task], capture_output=True, text=True, check=False
+            )
+            if done.returncode:
+                raise UserError(f'{_SUBJECTS[subject]} failed: {done.stderr}')
+            slices.append(json.loads(done.stdout))
+    return found
+
+
+def report(found: Found) -> str:
+    """Return a table of the numbers of late ticks, and in brackets of those the machine owes."""
+    heads = ('ticks', *(f'> {limit:g} ms' for limit in _LIMITS), 'max, ms', 'without waiting, ms')
+    lines = [f'{"":24}' + ''.join(f'{head:>20}' for head in heads)]
+    for subject, slices in found.items():
+        late = [each for part in slices for each in part['late']]
+        cells = [str(sum(part['ticks'] for part in slices))]
+        for limit in _LIMITS:
+            count = sum(ms > limit for ms, _ in late)
+            left = sum(ms - waited > limit for ms, waited in late)
+            cells.append(f'{count} ({count - left})')
+        cells.append(f'{max((ms for ms, _ in late), default=0.0):.3g}')
+        cells.append(f'{max((ms - waited for ms, waited in late), default=0.0):.3g}')
+        lines.append(f'{_SUBJECTS[subject]:24}' + ''.join(f'{cell:>20}' for cell in cells))
+    lines.append('in brackets: late only because the kernel kept the thread waiting for a core')
+    return '\n'.join(lines)
