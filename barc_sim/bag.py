@@ -9,19 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bag_directory import METADATA_NAME
+from barc_sim.bag_records import files, records
 from barc_sim.errors import UserError
 from barc_sim.samples import STATE, TOPICS, Sample, join
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from barc_sim.log import Log
 
-_MAGIC = b'\x89MCAP0\r\n'
 _logger = logging.getLogger(__name__)
 
 
@@ -48,8 +45,8 @@ def info(path: Path | str) -> dict[str, str]:
         There is no bag at `path`.
     """
     entries: dict[str, str] = {}
-    for file in _files(Path(path)):
-        for record in _records(file, messages=False):
+    for file in files(Path(path)):
+        for record in records(file, messages=False):
             if isinstance(record, Metadata) and record.name == METADATA_NAME:
                 entries.update(record.metadata)
     return entries
@@ -86,64 +83,56 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     return join(samples[cars[0]])
 
 
-def _files(path: Path) -> list[Path]:
-    if not path.exists():
-        raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
-    files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
-    if not files:
-        raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
-    return files
+class _Decoder:
+    """Decodes the messages of the topics that a log is made of, the records of one file."""
 
+    def __init__(self) -> None:
+        self.meaningless = 0  # records
+        self._types = get_typestore(Stores.EMPTY)
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, tuple[str, str]] = {}  # namespace and topic
 
-def _records(file: Path, *, messages: bool = True) -> Iterator[McapRecord]:
-    """Yield a file's records as far as it is whole, and warn if that is not to its end.
-
-    Without `messages`, only what is outside of the chunks, and no warning.
-    """
-    try:
-        stream = file.open('rb')
-    except OSError as error:
-        raise UserError(
-            f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
-        ) from error
-    with stream:
-        if (magic := stream.read(len(_MAGIC))) != _MAGIC:
-            what = 'not an MCAP file' if magic else 'empty'
-            raise UserError(f'{str(file)!r} is {what}: name another bag')
-        stream.seek(0)
-        records = StreamReader(stream, emit_chunks=not messages, validate_crcs=True).records
+    def decode(self, record: McapRecord) -> tuple[str, str, Sample] | None:
+        """Return namespace, topic and sample, where the record is a message of such a topic."""
         try:
-            yield from records
+            if isinstance(record, Schema):
+                self._schemas[record.id] = record
+            elif isinstance(record, Channel):
+                self._add(record)
+            elif isinstance(record, Message) and record.channel_id in self._channels:
+                return (*self._channels[record.channel_id], self._sample(record))
         except Exception:  # noqa: BLE001 (damage may raise anything)
-            if messages:
-                _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
+            self.meaningless += 1
+        return None
+
+    def _add(self, channel: Channel) -> None:
+        namespace, _, topic = channel.topic.rpartition('/')
+        schema = self._schemas.get(channel.schema_id)
+        self._channels.pop(channel.id, None)
+        if schema and topic in TOPICS and schema.name == TOPICS[topic].type:
+            self._types.register(get_types_from_msg(schema.data.decode(), schema.name))
+            self._channels[channel.id] = namespace or '/', topic
+
+    def _sample(self, message: Message) -> Sample:
+        _, topic = self._channels[message.channel_id]
+        decoded: Any = self._types.deserialize_cdr(message.data, TOPICS[topic].type)
+        stamp = decoded.header.stamp
+        # A bag of an earlier version may lack a field.
+        values = tuple(getattr(decoded, field, np.nan) for field in TOPICS[topic].fields)
+        return Sample(stamp.sec * 10**9 + stamp.nanosec, message.publish_time, values)
 
 
 def _samples(path: Path) -> dict[str, dict[str, list[Sample]]]:
     """Return the messages of the topics that a log is made of, by namespace and topic."""
-    types = get_typestore(Stores.EMPTY)
     samples: dict[str, dict[str, list[Sample]]] = defaultdict(lambda: defaultdict(list))
-    for file in _files(path):
-        schemas: dict[int, Schema] = {}
-        channels: dict[int, tuple[str, str]] = {}
-        for record in _records(file):
-            if isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                namespace, _, topic = record.topic.rpartition('/')
-                schema = schemas.get(record.schema_id)
-                if schema and topic in TOPICS and schema.name == TOPICS[topic].type:
-                    types.register(get_types_from_msg(schema.data.decode(), schema.name))
-                    channels[record.id] = namespace or '/', topic
-            elif isinstance(record, Message) and record.channel_id in channels:
-                namespace, topic = channels[record.channel_id]
-                message: Any = types.deserialize_cdr(record.data, TOPICS[topic].type)
-                samples[namespace][topic].append(_sample(message, topic, record.publish_time))
+    for file in files(path):
+        decoder = _Decoder()
+        for record in records(file):
+            if decoded := decoder.decode(record):
+                namespace, topic, sample = decoded
+                samples[namespace][topic].append(sample)
+        if decoder.meaningless:
+            _logger.warning(
+                '%s has %d records that mean nothing: left out', file, decoder.meaningless
+            )
     return samples
-
-
-def _sample(message: Any, topic: str, published: int) -> Sample:  # noqa: ANN401 (any type's)
-    stamp = message.header.stamp
-    # A bag of an earlier version may lack a field.
-    values = tuple(getattr(message, field, np.nan) for field in TOPICS[topic].fields)
-    return Sample(stamp.sec * 10**9 + stamp.nanosec, published, values)

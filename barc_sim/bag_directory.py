@@ -28,6 +28,26 @@ def check_root(root: Path) -> None:
     raise UserError(f'no bag can be made in {str(root)!r}, as {reason}: name another folder')
 
 
+def make_directory(path: Path) -> Path:
+    """Make and return the directory `path`.
+
+    Raises
+    ------
+    UserError
+        It is there already, or cannot be made.
+    """
+    check_root(path.parent)
+    try:
+        path.mkdir(parents=True)
+    except FileExistsError:
+        raise UserError(f'{str(path)!r} exists: name a new folder for the bag') from None
+    except OSError as error:
+        raise UserError(
+            f'the bag {str(path)!r} cannot be made ({error.strerror}): name another folder'
+        ) from error
+    return path
+
+
 def new_directory(root: Path) -> Path:
     """Make and return `<root>/<YYYY-MM-DD>_<HH-MM-SS>`, with a number behind it if that exists.
 

@@ -17,11 +17,13 @@ from barc_sim.description import describe
 from barc_sim.display import display, print_summary
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
+from barc_sim.losses import in_words
 from barc_sim.metrics import SpeedErrors
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.process import NUM_THREADS, ros
+from barc_sim.recording import from_options
 from barc_sim.road import Road
 
 if TYPE_CHECKING:
@@ -68,7 +70,7 @@ def cruise_control(
         run.print_result()
     elif run.recorder:
         print(run.recorder.path)  # noqa: T201
-    return 0
+    return 1 if run.recorder and run.recorder.failure else 0
 
 
 class CruiseControl:
@@ -84,7 +86,9 @@ class CruiseControl:
         """
         self._errors = SpeedErrors()
         self._root_is_new = not options.bag_dir.exists()
-        self.recorder = None if options.no_bag else BagRecorder(options.bag_dir)
+        self.recorder = (
+            None if options.no_bag else BagRecorder(options.bag_dir, from_options(options))
+        )
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
         try:
             self._controller = CruiseController(
@@ -122,6 +126,8 @@ class CruiseControl:
         gc.freeze()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         stop.then(self.finish)
+        if self.recorder:
+            self.recorder.finished.add_done_callback(lambda _: self.finish())
         try:
             executor.spin_until_future_complete(self._simulator.finished)
         finally:
@@ -176,6 +182,7 @@ class CruiseControl:
         print_summary(self._errors.summary(self.missed), self.slipped)
         if self.recorder:
             python = shlex.quote(_short(sys.executable))
+            print(in_words(self.recorder.counts, self.recorder.lost))  # noqa: T201
             path = shlex.quote(str(self.recorder.path))
             print(f'bag     {path}')  # noqa: T201
             print(f'plot    {python} -m barc_sim.plot {path}')  # noqa: T201

@@ -12,11 +12,11 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from barc_sim.bag_writer import Topic
+from barc_sim.bag_metadata import Topic
 from barc_sim.schemas import definition
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from rclpy.duration import Duration
     from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -40,18 +40,21 @@ def fits(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
     return bool(compatibility != QoSCompatibility.ERROR)
 
 
-def describe(name: str, publishers: Sequence[TopicEndpointInfo]) -> Topic:
-    """Return what a bag says of the topic.
+def describe(
+    name: str, publishers: Sequence[TopicEndpointInfo], definitions: Mapping[str, str]
+) -> Topic:
+    """Return what a bag says of the topic; `definitions` has those of types that are not installed.
 
     Raises
     ------
     LookupError
-        The definition of its type is not installed.
+        The definition of its type is neither there nor installed.
     """
+    type_name = publishers[0].topic_type
     return Topic(
         name=name,
-        type=publishers[0].topic_type,
-        definition=definition(publishers[0].topic_type),
+        type=type_name,
+        definition=definitions.get(type_name) or definition(type_name),
         type_hash=str(publishers[0].topic_type_hash),
         offered_qos=[_in_words(publisher.qos_profile) for publisher in publishers],
     )

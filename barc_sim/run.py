@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim import recording
 from barc_sim.cli import Parser, call
 from barc_sim.errors import UserError
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
@@ -106,6 +107,7 @@ def _parser() -> Parser:
     mode.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )
+    recording.add_arguments(mode)
     return parser
 
 

@@ -1,11 +1,14 @@
-"""The text of a message type's definition, from the `.msg` files installed beside its package."""
+"""The text of a message type's definition, from what is installed beside its package."""
 
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 from functools import cache
 from pathlib import Path
+
+from barc_sim import type_descriptions
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 _PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
@@ -17,8 +20,10 @@ _DELIMITER = '=' * 80
 def definition(type_name: str) -> str:
     """Return the `ros2msg` schema of a type: its definition and those of all that it refers to.
 
-    The layout is rosbag2's: the type's own text first; then, depth first and by name, each
-    dependency once, under a line of 80 `=` and its name as `MSG: std_msgs/Header`.
+    Those of a message are the texts of `.msg` files; a type that belongs to a service or an action
+    has none, so that its text is made from its description. The layout is rosbag2's: the type's
+    own text first; then, depth first and by name, each dependency once, under a line of 80 `=` and
+    its name as `MSG: std_msgs/Header`.
 
     Parameters
     ----------
@@ -30,6 +35,9 @@ def definition(type_name: str) -> str:
     LookupError
         No installed package has the definition of the type or of one of its dependencies.
     """
+    package, kind, base = _parts(type_name)
+    if kind != 'msg':
+        return _described(package, kind, base)
     seen: set[str] = set()
 
     def expand(name: str) -> str:
@@ -46,6 +54,26 @@ def definition(type_name: str) -> str:
         return ''.join(parts)
 
     return expand(type_name)
+
+
+def _parts(type_name: str) -> tuple[str, str, str]:
+    package, _, rest = type_name.partition('/')
+    kind, _, base = rest.partition('/')
+    if not (package.isidentifier() and kind.isidentifier() and base.isidentifier()):
+        raise LookupError(f'{type_name!r} is not the name of a type')
+    return package, kind, base
+
+
+def _described(package: str, kind: str, base: str) -> str:
+    """Return the schema of `std_srvs/srv/SetBool_Event`, which `SetBool.json` describes."""
+    file = _share(package) / kind / f'{base.partition("_")[0]}.json'
+    if not file.is_file():
+        raise LookupError(f'{package}/{kind}/{base} has no description at {str(file)!r}')
+    content = json.loads(file.read_text(encoding='utf-8'))['type_description_msg']
+    return type_descriptions.definition(
+        f'{package}/{kind}/{base}',
+        [content['type_description'], *content['referenced_type_descriptions']],
+    )
 
 
 def _dependencies(text: str, package: str) -> set[str]:

@@ -11,7 +11,8 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim import bag
-from barc_sim.bag_writer import BagWriter, Topic
+from barc_sim.bag_metadata import Topic
+from barc_sim.bag_writer import BagWriter
 from barc_sim.errors import UserError
 from barc_sim.rollout import rollout
 from barc_sim.samples import TOPICS
@@ -51,23 +52,21 @@ def start(directory: Path) -> BagWriter:
 
 def drive(writer: BagWriter, log: Log, namespace: str = '') -> None:
     """Write the messages of a run as the recorder does, in chunks of about a quarter second."""
-    channels = {
-        topic: writer.add_topic(
-            Topic(
-                name=f'{namespace}/{topic}',
-                type=TOPICS[topic].type,
-                definition=definition(TOPICS[topic].type),
-                type_hash='',
-                offered_qos=[],
-            )
+    topics = {
+        topic: Topic(
+            name=f'{namespace}/{topic}',
+            type=TOPICS[topic].type,
+            definition=definition(TOPICS[topic].type),
+            type_hash='',
+            offered_qos=[],
         )
         for topic in TOPICS
     }
     for k in range(len(log)):
         time = 10**18 + k * PERIOD
-        for topic, channel in channels.items():
+        for topic, described in topics.items():
             writer.write(
-                channel, encoded(log, k, topic), received=time + 5, published=time, sequence=k
+                described, encoded(log, k, topic), received=time + 5, published=time, sequence=k
             )
         if k % 12 == 0:
             writer.flush()
@@ -217,7 +216,7 @@ def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None
         type_hash='',
         offered_qos=[],
     )
-    writer.write(writer.add_topic(topic), bytes(12), received=1, published=1, sequence=1)
+    writer.write(topic, bytes(12), received=1, published=1, sequence=1)
     writer.close()
     with pytest.raises(UserError, match='no states of a car'):
         bag.read(tmp_path / 'run')

@@ -14,7 +14,8 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bag_writer import BagWriter, Topic
+from barc_sim.bag_metadata import Topic
+from barc_sim.bag_writer import BagWriter
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -81,8 +82,8 @@ def writer(tmp_path: Path) -> Iterator[BagWriter]:
     writer.close()
 
 
-def write(writer: BagWriter, channel: int, k: int) -> None:
-    writer.write(channel, encoded(float(k)), received=1000 + k, published=900 + k, sequence=k)
+def write(writer: BagWriter, topic: Topic, k: int) -> None:
+    writer.write(topic, encoded(float(k)), received=1000 + k, published=900 + k, sequence=k)
 
 
 def metadata(writer: BagWriter) -> dict[str, Any]:
@@ -92,9 +93,8 @@ def metadata(writer: BagWriter) -> dict[str, Any]:
 
 
 def test_seeking_reader_finds_every_message_with_its_times_and_sequence(writer: BagWriter) -> None:
-    channel = writer.add_topic(VALUE)
     for k in range(5):
-        write(writer, channel, k)
+        write(writer, VALUE, k)
     writer.close()
     with writer.file.open('rb') as stream:
         reader = SeekingReader(stream, validate_crcs=True)
@@ -113,7 +113,7 @@ def test_seeking_reader_finds_every_message_with_its_times_and_sequence(writer: 
 def test_channels_have_quality_of_service_and_hash_as_rosbag2_writes_them(
     writer: BagWriter,
 ) -> None:
-    write(writer, writer.add_topic(VALUE), 0)
+    write(writer, VALUE, 0)
     writer.close()
     with writer.file.open('rb') as stream:
         summary = SeekingReader(stream).get_summary()
@@ -127,9 +127,8 @@ def test_channels_have_quality_of_service_and_hash_as_rosbag2_writes_them(
 
 
 def test_rosbags_reads_the_directory_and_agrees_with_the_hash(writer: BagWriter) -> None:
-    channels = [writer.add_topic(VALUE), writer.add_topic(OTHER)]
     for k in range(10):
-        write(writer, channels[k % 2], k)
+        write(writer, (VALUE, OTHER)[k % 2], k)
     writer.close()
     read: list[tuple[str, int, Any]]
     with AnyReader([writer.directory]) as reader:
@@ -147,9 +146,8 @@ def test_rosbags_reads_the_directory_and_agrees_with_the_hash(writer: BagWriter)
 def test_metadata_is_version_9_and_covers_the_earliest_to_the_latest_message(
     writer: BagWriter,
 ) -> None:
-    channel = writer.add_topic(OTHER)
     for k in (3, 1, 7, 2):
-        write(writer, channel, k)
+        write(writer, OTHER, k)
     writer.add_metadata({'steps': '4'})
     writer.close()
     span = {
@@ -183,7 +181,7 @@ def test_metadata_is_version_9_and_covers_the_earliest_to_the_latest_message(
 
 
 def test_metadata_is_in_the_file_too(writer: BagWriter) -> None:
-    write(writer, writer.add_topic(VALUE), 0)
+    write(writer, VALUE, 0)
     writer.add_metadata({'steps': '1'})
     writer.close()
     with writer.file.open('rb') as stream:
@@ -218,11 +216,10 @@ def test_a_bag_without_messages_is_whole(writer: BagWriter) -> None:
 
 
 def test_what_was_flushed_is_in_the_file_before_it_is_closed(writer: BagWriter) -> None:
-    channel = writer.add_topic(VALUE)
     for k in range(3):
-        write(writer, channel, k)
+        write(writer, VALUE, k)
     writer.flush()
-    write(writer, channel, 3)
+    write(writer, VALUE, 3)
     read: list[McapRecord] = []
     with writer.file.open('rb') as stream, suppress(EndOfFile):
         read.extend(StreamReader(stream, validate_crcs=True).records)
@@ -230,9 +227,8 @@ def test_what_was_flushed_is_in_the_file_before_it_is_closed(writer: BagWriter) 
 
 
 def test_chunks_are_64_kib_at_most_and_have_checksums_and_messages(writer: BagWriter) -> None:
-    channel = writer.add_topic(VALUE)
     for k in range(5000):
-        write(writer, channel, k)
+        write(writer, VALUE, k)
         if k % 1000 == 0:
             writer.flush()
             writer.flush()
@@ -249,7 +245,7 @@ def test_chunks_are_64_kib_at_most_and_have_checksums_and_messages(writer: BagWr
 
 
 def test_sequence_numbers_wrap_at_32_bits(writer: BagWriter) -> None:
-    writer.write(writer.add_topic(VALUE), encoded(0.0), received=1, published=1, sequence=2**32 + 5)
+    writer.write(VALUE, encoded(0.0), received=1, published=1, sequence=2**32 + 5)
     writer.close()
     with writer.file.open('rb') as stream:
         (read,) = SeekingReader(stream).iter_messages()

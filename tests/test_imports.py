@@ -17,13 +17,16 @@ ROS_MODULES = {
     for name in (
         'composition',
         'convert',
+        'describing',
         'endpoints',
         'executor',
         'executor_pool',
         'executor_wait',
+        'listening',
         'offers',
         'parameters',
         'process',
+        'recorder_services',
         'topics',
     )
 }

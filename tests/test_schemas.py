@@ -55,7 +55,7 @@ def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
         ('no_such_msgs/msg/Header', "'no_such_msgs' is not installed"),
         ('std_msgs/msg/NoSuchType', "'std_msgs/msg/NoSuchType' has no definition"),
         ('json/msg/Header', 'share/json'),
-        ('../msg/Header', 'is not installed'),
+        ('../msg/Header', 'is not the name of a type'),
     ],
 )
 def test_what_is_not_installed_is_named(name: str, reason: str) -> None:

@@ -1,88 +1,60 @@
-"""The recorder: every topic's messages into a bag."""
+"""The recorder: the messages of every topic that is wanted, into a bag."""
 
 from __future__ import annotations
 
-import importlib
 import sys
-from dataclasses import dataclass
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.task import Future
 
-from barc_sim import offers
-from barc_sim.bag_directory import new_directory
-from barc_sim.bag_writer import BagWriter
+from barc_sim import describing, losses
+from barc_sim.bag_directory import make_directory, new_directory
+from barc_sim.bag_writer import BagWriter, FileLimits
 from barc_sim.cli import call
 from barc_sim.executor import QuickCallbackGroup
+from barc_sim.listening import Listener
 from barc_sim.parameters import Parameter, declare
 from barc_sim.process import spin
+from barc_sim.pump import Pump, check_space
+from barc_sim.recorder_services import serve
+from barc_sim.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-    from barc_sim.bag_writer import Topic
-
-# Messages that may wait: what a stall of a second brings at 10,000 a second.
-_DEPTH = 10_000
-# Messages taken from a topic in one turn, about 10 ms of work: other callbacks have theirs then.
-_BATCH = 1_000
-# [s] between two turns.
-_DRAIN_PERIOD = 0.05
-# [s] between two looks for new topics, each of which ends a chunk: what is lost by a kill.
+# [s] between two looks for new topics.
 _LOOK_PERIOD = 0.2
 _BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
 
 
-class _Polled(CallbackGroup):
-    """Of subscriptions that no executor waits for: their messages are taken by a timer.
-
-    To be woken for each message would cost 4 % of a core at 50 Hz with 7 topics, a look at all of
-    them every 50 ms costs about 1 %; and nothing comes between a state and the command that
-    answers it. Reception is stamped in DDS, so nothing is lost by looking later.
-    """
-
-    def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (CallbackGroup's)
-        """Keep the subscription out of the wait set."""
-        return False
-
-    def beginning_execution(self, entity: object) -> bool:  # noqa: ARG002 (CallbackGroup's)
-        """Refuse."""
-        return False
-
-    def ending_execution(self, entity: object) -> None:
-        """Do nothing, as nothing begins."""
-
-
-@dataclass
-class _Recording:
-    topic: Topic
-    publishers: int  # that its quality of service fits
-    subscription: Subscription
-    channel: int | None = None  # in the bag, from the first message on
-
-
 class BagRecorder(Node):
-    """Records every topic that has a publisher, hidden ones apart, from its construction on.
+    """Records the topics that are wanted and have a publisher, from its construction on.
 
     To be created before the other nodes of a process: within a participant, publishers and
     subscriptions match as they are created, so that what those nodes publish while they are being
-    set up on `/rosout` and `/parameter_events` is recorded, too. The messages wait in the
-    subscriptions until the node is spun or closed.
+    set up on `/rosout` and `/parameter_events` is recorded, too.
+
+    Messages are written by a thread of its own; it is spun to find topics, and for its services:
+    `~/pause`, `~/resume`, `~/is_paused`, `~/split_bagfile`, `~/stop` and, for another bag in the
+    folder, `~/record`.
 
     Parameters
     ----------
     directory
         Folder in which to make the bag's directory, `<date>_<time>`; the parameter `bag_dir`
         goes before it.
+    recording
+        What to record, and how.
+    path
+        The directory of the first bag itself, to be made; goes before the folder.
     metadata
         What the run says of itself, kept in the bag.
     options
@@ -97,124 +69,137 @@ class BagRecorder(Node):
     def __init__(
         self,
         directory: Path | None = None,
+        recording: Recording | None = None,
         *,
+        path: Path | None = None,
         metadata: Mapping[str, str] | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('bag_recorder', **options)
-        self._polled = _Polled()
-        self._recordings: dict[str, _Recording] = {}
-        self._unknown: dict[str, str] = {}
+        #: Done when writing has failed, where that is to stop the run.
+        self.finished: Future = Future()
+        self.failure: str | None = None  #: what went wrong first, in a sentence
+        self._recording = recording or Recording()
+        self._metadata = dict(metadata or {})
+        self._listener = Listener(self, self._recording.wants)
         self.discover()  # before the parameters are declared, to record their events
-
         default = str(directory or 'bags')
-        root = declare(self, [_BAG_DIR._replace(default=default)])['bag_dir']
-        self._writer = BagWriter(new_directory(Path(root)), metadata=metadata)
-        self.path = self._writer.directory
-        group = QuickCallbackGroup()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        for period, callback in ((_DRAIN_PERIOD, self._drain), (_LOOK_PERIOD, self._look)):
-            self.create_timer(period, callback, group, steady)
+        self._root = Path(declare(self, [_BAG_DIR._replace(default=default)])['bag_dir'])
+        self.start(path)
+        self.create_timer(
+            _LOOK_PERIOD,
+            self.discover,
+            QuickCallbackGroup(),
+            Clock(clock_type=ClockType.STEADY_TIME),
+        )
+        serve(self)
+
+    def start(self, path: Path | None = None) -> None:
+        """Begin a bag, in the directory `path`; without it, in the folder for bags.
+
+        Raises
+        ------
+        UserError
+            The bag cannot be made.
+        """
+        reserve = self._recording.reserve
+        check_space(path or self._root, reserve)
+        self.path = make_directory(path) if path else new_directory(self._root)
+        limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
+        self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
+        self._pump = Pump(self._writer, self._listener.take, reserve, self._on_failure)
+        self._pump.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
+
+    def _on_failure(self, failure: str | None) -> None:
+        if failure is None:
+            self.get_logger().warning(f'recording to {str(self.path)!r} goes on')
+            return
+        self.failure = self.failure or failure
+        self.get_logger().error(failure)
+        if self._recording.on_write_error == 'stop' and not self.finished.done():
+            self.finished.set_result(None)
 
     @property
     def counts(self) -> dict[str, int]:
         """Number of messages recorded, by topic."""
-        return self._writer.counts
+        return dict(self._writer.counts)
+
+    @property
+    def lost(self) -> dict[str, dict[str, int] | None]:
+        """Messages lost, by topic and publishing node; None for a topic where that is unknown."""
+        return self._listener.lost()
+
+    @property
+    def paused(self) -> bool:
+        """Whether messages are left out of the bag for now."""
+        return self._pump.paused
+
+    @paused.setter
+    def paused(self, paused: bool) -> None:
+        self._pump.paused = paused
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the bag is finished."""
+        return self._writer.closed
+
+    def split(self) -> None:
+        """Go on in the bag's next file."""
+        self._pump.split()
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Keep in the bag what the run says of itself; replaces entries of the same name."""
-        self._writer.add_metadata(entries)
+        self._metadata.update(entries)
+        self._pump.add_metadata(entries)
 
     def discover(self) -> None:
-        """Subscribe to every topic that has a publisher by now, as far as not done yet."""
-        for name, _ in self.get_topic_names_and_types():
-            hidden = '/_' in name
-            publishers = self.count_publishers(name)
-            recording = self._recordings.get(name)
-            known = recording.publishers if recording else 0
-            if not hidden and publishers != known and name not in self._unknown:
-                self._follow(name, recording)
+        """Listen to every wanted topic that has a publisher by now, as far as not done yet."""
+        for name, publishers in self._listener.discover():
+            self._ask(name, publishers)
+
+    def _ask(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Ask for a definition that is missing; warn where none is to be had."""
+
+        def answered(definition: str | None) -> None:
+            if definition:
+                self._listener.define(publishers[0].topic_type, definition)
+            if not (definition and self._listener.hear(name, publishers)):
+                why = self._listener.unknown[name]
+                self.get_logger().warning(f'{name} is not recorded: {why}')
+
+        describing.ask(self, publishers, answered)
 
     def close(self) -> None:
         """Record what is waiting and finish the bag; a second call does nothing."""
-        if self._writer.closed:
-            return
-        for timer in self.timers:
-            timer.cancel()
-        self._drain(_DEPTH)
-        if self._unknown:
-            self.add_metadata({f'not recorded {name}': why for name, why in self._unknown.items()})
-        self._writer.close()
+        while not self.stopped and self._listener.expects_latched:
+            time.sleep(0.01)
+        self._pump.close(self._last_words)
+
+    def _last_words(self) -> dict[str, str]:
+        unknown = self._listener.unknown
+        return {
+            **{f'not recorded {name}': why for name, why in unknown.items()},
+            **losses.as_metadata(self.lost),
+        }
+
+    def restart(self) -> None:
+        """Begin the next bag, after `close`.
+
+        Raises
+        ------
+        UserError
+            It cannot be made.
+        """
+        self._listener.take()  # what came meanwhile
+        self._listener.forget_losses()
+        self.start()
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""
         self.close()
+        self._listener.close()
         super().destroy_node()
-
-    def _look(self) -> None:
-        self.discover()
-        self._writer.flush()
-
-    def _drain(self, limit: int = _BATCH) -> None:
-        """Record what waits, up to `limit` messages of each topic."""
-        for recording in self._recordings.values():
-            self._take(recording, limit)
-
-    def _follow(self, name: str, recording: _Recording | None) -> None:
-        """Subscribe so that all publishers which the topic has now are heard."""
-        publishers = self.get_publishers_info_by_topic(name)
-        if recording:
-            recording.publishers = len(publishers)
-            if all(
-                offers.fits(publisher, recording.subscription.qos_profile)
-                for publisher in publishers
-            ):
-                return
-            self._take(recording, _DEPTH)
-            self.destroy_subscription(recording.subscription)
-            recording.subscription = self._subscribe(name, publishers)
-        elif publishers:
-            try:
-                topic = offers.describe(name, publishers)
-                subscription = self._subscribe(name, publishers)
-            except (ImportError, AttributeError, LookupError) as error:
-                self._unknown[name] = f'{publishers[0].topic_type}: {error}'
-                self.get_logger().warning(f'{name} is not recorded: {self._unknown[name]}')
-            else:
-                self._recordings[name] = _Recording(topic, len(publishers), subscription)
-
-    def _subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> Subscription:
-        package, module, base = publishers[0].topic_type.split('/')
-        return self.create_subscription(
-            getattr(importlib.import_module(f'{package}.{module}'), base),
-            name,
-            lambda _: None,
-            offers.request(publishers, _DEPTH),
-            callback_group=self._polled,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=True,
-        )
-
-    def _take(self, recording: _Recording, limit: int) -> None:
-        subscription = recording.subscription
-        with subscription.handle:
-            for _ in range(limit):
-                taken = subscription.handle.take_message(subscription.msg_type, True)
-                if taken is None:
-                    return
-                self._write(recording, *taken)
-
-    def _write(self, recording: _Recording, data: bytes, info: dict[str, int]) -> None:
-        if recording.channel is None:
-            recording.channel = self._writer.add_topic(recording.topic)
-        self._writer.write(
-            recording.channel,
-            data,
-            received=info['received_timestamp'],
-            published=info['source_timestamp'],
-            sequence=info['publication_sequence_number'],
-        )
 
 
 def main(args: list[str] | None = None) -> int:

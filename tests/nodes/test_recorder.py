@@ -23,7 +23,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
-from std_msgs.msg import Float64, String
+from std_msgs.msg import ColorRGBA, Float64, String
 
 from barc_sim import bag
 from barc_sim.errors import UserError
@@ -222,20 +222,52 @@ def test_leaves_hidden_topics_out(recorder: BagRecorder, talker: Node) -> None:
 
 
 def test_names_a_topic_whose_type_has_no_definition(
-    recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+
+    def definition(type_name: str) -> str:
+        raise LookupError(f'no definition of {type_name}')
+
+    monkeypatch.setattr('barc_sim.offers.definition', definition)
+    monkeypatch.setattr('barc_sim.describing._definition', lambda *_: None)
+    talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
+    executor.add_node(talker)
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    spin_until(executor, lambda: any(text.startswith('/value is not recorded') for text in said))
+    recorder.discover()
+    recorder.close()
+    assert '/value' not in recorder.counts
+    assert 'std_msgs/msg/Float64' in bag.info(recorder.path)['not recorded /value']
+    kept = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
+    assert len([text for text in kept if text.startswith('/value is not recorded')]) == 1
+
+
+def test_asks_the_publisher_for_a_definition_that_is_not_installed(
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def definition(type_name: str) -> str:
         raise LookupError(f'no definition of {type_name}')
 
     monkeypatch.setattr('barc_sim.offers.definition', definition)
-    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
-    recorder.discover()
-    recorder.discover()
+    executor.add_node(talker)
+    talker.create_publisher(ColorRGBA, 'color', LATCHED).publish(ColorRGBA(r=1.0))
+    spin_until(executor, lambda: recorder.counts.get('/color') == 1)
     recorder.close()
-    assert '/value' not in recorder.counts
-    assert 'std_msgs/msg/Float64' in bag.info(recorder.path)['not recorded /value']
-    said = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
-    assert len([text for text in said if text.startswith('/value is not recorded')]) == 1
+    assert 'not recorded /color' not in bag.info(recorder.path)
+    with AnyReader([recorder.path]) as reader:
+        ((connection, _, data),) = reader.messages(
+            [connection for connection in reader.connections if connection.topic == '/color']
+        )
+        assert reader.deserialize(data, connection.msgtype).r == 1.0  # type: ignore[attr-defined]
 
 
 def test_other_readers_open_the_bag_and_count_as_its_metadata_does(
@@ -272,7 +304,11 @@ def test_other_readers_open_the_bag_and_count_as_its_metadata_does(
 def test_metadata_may_be_added_until_the_end(recorder: BagRecorder) -> None:
     recorder.add_metadata({'missed deadlines': '0'})
     recorder.close()
-    assert bag.info(recorder.path) == {'command': 'test', 'missed deadlines': '0'}
+    assert bag.info(recorder.path) == {
+        'command': 'test',
+        'missed deadlines': '0',
+        'lost_messages': '0',
+    }
 
 
 def test_closing_again_changes_nothing(recorder: BagRecorder) -> None:

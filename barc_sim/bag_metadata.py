@@ -1,0 +1,125 @@
+"""What a bag says of itself: rosbag2's metadata, in version 9."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+_NAME = 'metadata.yaml'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topic:
+    """What a bag says of a topic."""
+
+    name: str
+    type: str  #: as in `std_msgs/msg/Header`
+    definition: str  #: `ros2msg` schema with dependencies
+    type_hash: str  #: as in `RIHS01_…`
+    offered_qos: Sequence[Mapping[str, Any]]  #: of each publisher, in rosbag2's terms
+
+
+@dataclass
+class Span:
+    """When the messages of a file or of a bag were received, and how many there are."""
+
+    start: int | None = None  #: [ns] since the epoch; None without messages
+    end: int = 0  #: [ns]
+    count: int = 0
+
+    def add(self, received: int) -> None:
+        """Count a message."""
+        if self.start is None:
+            self.start = self.end = received
+        elif received < self.start:
+            self.start = received
+        elif received > self.end:
+            self.end = received
+        self.count += 1
+
+    def __add__(self, other: Span) -> Span:
+        """Return what covers both."""
+        if self.start is None or other.start is None:
+            return other if self.start is None else self
+        return Span(
+            min(self.start, other.start), max(self.end, other.end), self.count + other.count
+        )
+
+    def in_words(self) -> dict[str, Any]:
+        """Return it as metadata has it."""
+        return {
+            'duration': {'nanoseconds': self.end - (self.start or 0)},
+            'starting_time': {'nanoseconds_since_epoch': self.start or 0},
+            'message_count': self.count,
+        }
+
+
+def information(
+    files: Mapping[str, Span], topics: Sequence[tuple[Topic, int]], custom: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return a bag's metadata.
+
+    Parameters
+    ----------
+    files
+        By their names.
+    topics
+        With the number of their messages.
+    custom
+        What the run says of itself.
+    """
+    return {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **sum(files.values(), Span()).in_words(),
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': topic.name,
+                    'type': topic.type,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': [dict(qos) for qos in topic.offered_qos],
+                    'type_description_hash': topic.type_hash,
+                },
+                'message_count': count,
+            }
+            for topic, count in topics
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': list(files),
+        'files': [{'path': name, **span.in_words()} for name, span in files.items()],
+        'custom_data': dict(custom),
+        'ros_distro': 'jazzy',
+    }
+
+
+def write(directory: Path, information: Mapping[str, Any]) -> None:
+    """Write metadata.yaml, whole or not at all.
+
+    Raises
+    ------
+    OSError
+        It cannot be written.
+    """
+    part = directory / f'.{_NAME}'
+    part.write_text(to_yaml({'rosbag2_bagfile_information': information}), encoding='utf-8')
+    part.replace(directory / _NAME)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes equal values out each time: rosbag2's files have no anchors."""
+
+    def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002
+        return True
+
+
+def to_yaml(value: object) -> str:
+    """Return it as rosbag2's YAML looks."""
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=2**31)

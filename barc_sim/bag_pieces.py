@@ -1,0 +1,115 @@
+"""A new file that grows by whole pieces, whatever becomes of its disk or its folder."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_COPIED_AT_ONCE = 1 << 20
+
+
+class Pieces:
+    """A stream to write to, of which the file gets all that waits, or nothing.
+
+    What is written waits in memory until `commit`. Where that fails, the file is as it was before,
+    the piece goes on waiting, and `commit` may be tried again.
+
+    Parameters
+    ----------
+    path
+        The file to make.
+
+    Raises
+    ------
+    OSError
+        The file exists or cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._waiting: list[bytes] = []
+        self._size = 0  # of the file
+        self._position = 0  # of the stream, with what waits
+        self._descriptor = self._open()
+
+    def _open(self) -> int:
+        return os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+
+    def write(self, data: bytes) -> int:
+        """Append to the piece."""
+        self._waiting.append(data)
+        self._position += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Return how much was written [B]."""
+        return self._position
+
+    def flush(self) -> None:
+        """Do nothing: a piece ends where its writer says so, with `commit`."""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether there is a piece to commit."""
+        return bool(self._waiting)
+
+    def commit(self) -> None:
+        """Hand the piece to the operating system.
+
+        Raises
+        ------
+        OSError
+            It was refused.
+        """
+        piece = memoryview(b''.join(self._waiting))
+        self._waiting = [bytes(piece)] if len(self._waiting) > 1 else self._waiting
+        try:
+            self._put(piece)
+        except OSError:
+            os.ftruncate(self._descriptor, self._size)
+            raise
+        self._size += len(piece)
+        self._waiting = []
+
+    def _put(self, data: memoryview) -> None:
+        offset = self._size
+        while data:
+            written = os.pwrite(self._descriptor, data, offset)
+            data = data[written:]
+            offset += written
+
+    @property
+    def in_place(self) -> bool:
+        """Whether the file is still where it was made."""
+        try:
+            found = self._path.stat()
+        except OSError:
+            return False
+        own = os.fstat(self._descriptor)
+        return (found.st_dev, found.st_ino) == (own.st_dev, own.st_ino)
+
+    def restore(self) -> None:
+        """Make the file anew, and its folder, after somebody has removed them.
+
+        Raises
+        ------
+        OSError
+            They cannot be made, or something else is there now.
+        """
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        removed, self._descriptor = self._descriptor, self._open()
+        size, self._size = self._size, 0
+        while self._size < size:
+            part = os.pread(removed, min(_COPIED_AT_ONCE, size - self._size), self._size)
+            self._put(memoryview(part))
+            self._size += len(part)
+        os.close(removed)
+
+    def close(self) -> None:
+        """Close the file as it is; what still waits is dropped."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1

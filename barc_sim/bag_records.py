@@ -1,0 +1,125 @@
+"""Reads the records of a bag's files, as far as they are whole."""
+
+from __future__ import annotations
+
+import logging
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from mcap.reader import SeekingReader
+from mcap.records import Chunk, McapRecord
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+    from typing import IO
+
+_MAGIC = b'\x89MCAP0\r\n'
+_logger = logging.getLogger(__name__)
+
+
+@dataclass
+class Damage:
+    """What was found while a file was read."""
+
+    unreadable_chunks: int = 0
+    unfinished: bool = False  #: it ends before its end
+
+    def __bool__(self) -> bool:
+        """Return whether anything is missing."""
+        return self.unfinished or self.unreadable_chunks > 0
+
+
+def files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, which `path` is the directory of, or one of.
+
+    Raises
+    ------
+    UserError
+        There are none.
+    """
+    if not path.exists():
+        raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
+    if not path.is_dir():
+        return [path]
+    found = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
+    if not found:
+        raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
+    return sorted(found, key=_order)
+
+
+def _order(file: Path) -> tuple[int, str]:
+    """Return what sorts `run_10.mcap` behind `run_9.mcap`."""
+    number = re.search(r'_(\d+)\.mcap$', file.name)
+    return int(number[1]) if number else -1, file.name
+
+
+def records(
+    file: Path, *, messages: bool = True, damage: Damage | None = None
+) -> Iterator[McapRecord]:
+    """Yield a file's records as far as it is whole.
+
+    A chunk that has no whole messages is left out.
+
+    Parameters
+    ----------
+    file
+        The file.
+    messages
+        False for only what is outside of the chunks.
+    damage
+        Takes what is wrong with the file; without it, that is a warning in the log.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, or is no MCAP file.
+    """
+    found = Damage() if damage is None else damage
+    try:
+        stream = file.open('rb')
+        size = file.stat().st_size
+    except OSError as error:
+        raise UserError(
+            f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
+        ) from error
+    with stream:
+        if (magic := stream.read(len(_MAGIC))) != _MAGIC:
+            what = 'not an MCAP file' if magic else 'empty'
+            raise UserError(f'{str(file)!r} is {what}: name another bag')
+        if messages:
+            yield from _described(stream)
+        stream.seek(0)
+        # A length beyond the file's is damage, and nothing to allocate memory for.
+        reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+        try:
+            for record in reader.records:
+                if not isinstance(record, Chunk):
+                    yield record
+                elif messages:
+                    yield from _whole(record, found)
+        except Exception:  # noqa: BLE001 (damage may raise anything)
+            found.unfinished = True
+    if damage is None and messages and found:
+        _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
+
+
+def _described(stream: IO[bytes]) -> list[McapRecord]:
+    """Return the schemas and channels of the summary, as those in a chunk may be lost with it."""
+    try:
+        summary = SeekingReader(stream, validate_crcs=True).get_summary()
+        return [*summary.schemas.values(), *summary.channels.values()] if summary else []
+    except Exception:  # noqa: BLE001 (damage may raise anything)
+        return []
+
+
+def _whole(chunk: Chunk, damage: Damage) -> list[McapRecord]:
+    try:
+        return breakup_chunk(chunk, validate_crc=True)
+    except Exception:  # noqa: BLE001 (damage may raise anything)
+        damage.unreadable_chunks += 1
+        return []
