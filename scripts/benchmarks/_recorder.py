@@ -1,0 +1,134 @@
+"""Meets a recorder with a flood, as JSON on the command line says; prints the figures as JSON."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from barc_sim.composition import CruiseControl
+from barc_sim.executor import QuickExecutor
+from barc_sim.process import NUM_THREADS, ros
+from barc_sim.signals import StopSignals
+
+
+def main() -> None:
+    """Do what the command line says."""
+    task = json.loads(sys.argv[1])
+    with tempfile.TemporaryDirectory() as folder:
+        work = _rosbag2 if task['recorder'].startswith('rosbag2') else _run
+        print(json.dumps(work(task, Path(folder))))
+
+
+def _flood(task: dict[str, Any]) -> int:
+    """Publish in a process of its own; return how many messages were published."""
+    if not task['topics']:
+        time.sleep(task['seconds'])
+        return 0
+    program = str(Path(__file__).with_name('_flood.py'))
+    done = subprocess.run(  # noqa: S603 (our own)
+        [sys.executable, program, json.dumps(task)], stdout=subprocess.PIPE, check=True
+    )
+    return int(done.stdout)
+
+
+def _kept(folder: Path) -> int:
+    """Return how many messages of the flood are in a bag."""
+    (metadata,) = folder.rglob('metadata.yaml')
+    information = yaml.safe_load(metadata.read_text())['rosbag2_bagfile_information']
+    return sum(
+        topic['message_count']
+        for topic in information['topics_with_message_count']
+        if topic['topic_metadata']['name'].startswith('/flood')
+    )
+
+
+def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
+    steps: list[float] = []
+
+    class Timed(CruiseControl):
+        def on_step(self, t: float, seen: Any) -> None:  # noqa: ANN401
+            steps.append(time.perf_counter())
+            super().on_step(t, seen)
+
+    sent: list[int] = []
+    used: dict[str, float] = {}
+
+    def publish() -> None:
+        time.sleep(1.0)  # the run's start is not what is measured
+        threads = (t.ident for t in threading.enumerate() if t.name == 'recorder' and t.ident)
+        clock = next(map(time.pthread_getcpuclockid, threads), None)
+        began, processor = time.perf_counter(), time.process_time()
+        own = time.clock_gettime(clock) if clock else 0.0
+        steps.clear()
+        sent.append(_flood(task))
+        taken = (time.perf_counter() - began) / 100.0
+        used['core, %'] = (time.process_time() - processor) / taken
+        used['recorder thread, %'] = (time.clock_gettime(clock) - own if clock else 0.0) / taken
+        run.finish()
+
+    with ros([]), StopSignals() as stop:
+        run = Timed(
+            Namespace(
+                **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed')),
+                distance=0.0,
+                realtime_factor=1.0,
+                no_bag=task['recorder'] == 'no recorder',
+                bag_dir=folder,
+                quiet=True,
+            ),
+            [],
+        )
+        threading.Thread(target=publish).start()
+        run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        missed = run.missed
+        run.close()
+    counted = 0
+    if run.recorder:
+        lost = run.recorder.lost.values()
+        counted = sum(sum(by_node.values()) for by_node in lost if by_node)
+    off = np.abs(np.diff(steps) - 0.02) * 1e3
+    return {
+        'sent': sent[0],
+        'lost': sent[0] - (_kept(folder) if run.recorder else 0),
+        'lost, as counted': counted,
+        **used,
+        'step jitter p99, ms': float(np.percentile(off, 99)),
+        'missed': missed,
+    }
+
+
+def _rosbag2(task: dict[str, Any], folder: Path) -> dict[str, float]:
+    command = ['ros2', 'bag', 'record', '--all-topics', '--storage', 'mcap']
+    if task['depth']:
+        profile = {'history': 'keep_last', 'depth': task['depth'], 'reliability': 'reliable'}
+        overrides = {f'/flood_{n}': profile for n in range(task['topics'])}
+        (folder / 'qos.yaml').write_text(json.dumps(overrides))  # JSON is YAML
+        command += ['--qos-profile-overrides-path', str(folder / 'qos.yaml')]
+    recorder = subprocess.Popen(  # noqa: S603 (the user's)
+        [*command, '--output', str(folder / 'bag')],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    began = time.perf_counter()
+    sent = _flood(task)
+    taken = time.perf_counter() - began
+    recorder.send_signal(2)
+    recorder.wait()
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)  # with what the flood has used
+    core = (used.ru_utime + used.ru_stime) / taken * 100.0
+    return {'sent': sent, 'lost': sent - _kept(folder), 'core, % (with the flood)': core}
+
+
+if __name__ == '__main__':
+    main()
