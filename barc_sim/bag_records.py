@@ -27,7 +27,8 @@ class Damage:
     """What was found while a file was read."""
 
     unreadable_chunks: int = 0
-    unfinished: bool = False  #: it ends before its end
+    unfinished: bool = False  #: its end is missing
+    unread: int = 0  #: [B] behind the last whole record
 
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
@@ -96,14 +97,17 @@ def records(
         stream.seek(0)
         # A length beyond the file's is damage, and nothing to allocate memory for.
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+        whole = 0
         try:
             for record in reader.records:
+                whole = stream.tell()
                 if not isinstance(record, Chunk):
                     yield record
                 elif messages:
                     yield from _whole(record, found)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             found.unfinished = True
+            found.unread = size - whole
     if damage is None and messages and found:
         _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
 

@@ -22,7 +22,7 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
     parser = Parser(
         prog=f'python -m {PROG}',
         description='Rebuild index, summary and metadata.yaml of a bag whose run was killed.',
-        epilog='A file of which a part in the middle is damaged is kept, as FILE.damaged.',
+        epilog='A file of which more than the last chunk is damaged is kept, as FILE.damaged.',
     )
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
     return parser.parse_args(argv)
@@ -34,7 +34,7 @@ def report(found: Recovered) -> Iterator[str]:
         if damage.unreadable_chunks:
             yield f'{name}: {damage.unreadable_chunks} damaged chunks are left out'
         if damage.unfinished:
-            yield f'{name}: was unfinished'
+            yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
     for path in found.kept:
         yield f'kept as it was: {path}'
     for name, count in sorted(found.counts.items()):

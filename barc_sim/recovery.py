@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+#: [B] What a kill may leave of a chunk; a damaged file has more behind its last whole record.
+_CHUNK_AT_MOST = 128 * 1024
+
 
 @dataclass
 class Recovered:
@@ -41,8 +44,8 @@ class Recovered:
 def recover(path: Path) -> Recovered:
     """Write what is damaged of a bag's files anew, with summary, and metadata.yaml beside them.
 
-    A damaged file is replaced when its successor is whole. Where only its end was missing, nothing
-    is left of the old one; where part of it was unreadable, that is kept, as `<name>.damaged`.
+    A damaged file is replaced when its successor is whole. Where only its last chunk was not,
+    nothing is left of the old one; where more of it was unreadable, it is kept as `<name>.damaged`.
 
     Parameters
     ----------
@@ -83,7 +86,7 @@ def _recover_file(file: Path, found: Recovered) -> None:
         found.damages[file.name] = damage
         copy.file.finish(_information(found))
         copy.file.commit()
-        if damage.unreadable_chunks:
+        if damage.unreadable_chunks or damage.unread > _CHUNK_AT_MOST:
             found.kept.append(file.rename(_unused(file)))
         part.replace(file)
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+import mcap_doctor
 import pytest
 import yaml
 from mcap.exceptions import EndOfFile
@@ -14,8 +15,9 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from barc_sim import bag_records
 from barc_sim.bag_metadata import Topic
-from barc_sim.bag_writer import BagWriter
+from barc_sim.bag_writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -74,9 +76,14 @@ def encoded(value: float) -> bytes:
 
 
 @pytest.fixture
-def writer(tmp_path: Path) -> Iterator[BagWriter]:
+def directory(tmp_path: Path) -> Path:
     directory = tmp_path / 'run'
     directory.mkdir()
+    return directory
+
+
+@pytest.fixture
+def writer(directory: Path) -> Iterator[BagWriter]:
     writer = BagWriter(directory, metadata={'command': 'a b'})
     yield writer
     writer.close()
@@ -267,3 +274,87 @@ def test_a_bag_is_never_overwritten(writer: BagWriter) -> None:
 def test_a_directory_that_is_gone_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"gone_0.mcap' cannot be made \(No such file"):
         BagWriter(tmp_path / 'gone')
+
+
+@pytest.mark.parametrize('count', [0, 1, 5000])
+def test_files_are_as_the_mcap_specification_wants_them(
+    writer: BagWriter, directory: Path, count: int
+) -> None:
+    for k in range(count):
+        write(writer, (VALUE, OTHER)[k % 2], k)
+        if k % 700 == 0:
+            writer.flush()
+    writer.close()
+    mcap_doctor.check(directory / 'run_0.mcap')
+
+
+def is_healthy(file: Path) -> bool:
+    try:
+        mcap_doctor.check(file)
+    except Exception:  # noqa: BLE001 (damage may raise anything)
+        return False
+    return True
+
+
+def test_the_doctor_notices_a_changed_byte(writer: BagWriter, directory: Path) -> None:
+    for k in range(100):
+        write(writer, VALUE, k)
+    writer.close()
+    file = directory / 'run_0.mcap'
+    assert is_healthy(file)
+    content = file.read_bytes()
+    for position in range(8, len(content), 97):
+        changed = bytearray(content)
+        changed[position] ^= 0x55
+        file.write_bytes(changed)
+        assert not is_healthy(file), position
+
+
+@pytest.mark.parametrize(
+    'limits', [FileLimits(size=2000), FileLimits(duration=250e-9)], ids=['size', 'duration']
+)
+def test_files_are_split_without_losing_a_message(tmp_path: Path, limits: FileLimits) -> None:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    writer = BagWriter(directory, metadata={'command': 'a b'}, limits=limits)
+    for k in range(1000):
+        write(writer, (VALUE, OTHER)[k % 2], k)
+        if k % 50 == 0:
+            writer.flush()
+    writer.close()
+    files = bag_records.files(directory)
+    assert len(files) > 3
+    times = []
+    for file in files:
+        mcap_doctor.check(file)
+        with file.open('rb') as stream:
+            reader = SeekingReader(stream)
+            times += [message.log_time for _, _, message in reader.iter_messages()]
+            assert next(iter(reader.iter_metadata())).metadata == {'command': 'a b'}
+    assert times == list(range(1000, 2000))
+    assert [file.name for file in files] == metadata(writer)['relative_file_paths']
+    assert sum(file['message_count'] for file in metadata(writer)['files']) == 1000
+    with AnyReader([directory]) as reader:
+        assert reader.message_count == 1000
+
+
+def test_a_next_file_that_cannot_be_made_loses_nothing(tmp_path: Path) -> None:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    (directory / 'run_1.mcap').mkdir()
+    writer = BagWriter(directory, limits=FileLimits(size=1))
+    for k in range(10):
+        with suppress(FileExistsError):
+            write(writer, VALUE, k)
+    writer.close()
+    mcap_doctor.check(directory / 'run_0.mcap')
+    assert metadata(writer)['message_count'] == 10
+
+
+def test_a_clock_that_jumps_backwards_is_taken_as_it_is(writer: BagWriter, directory: Path) -> None:
+    for k in (5, 6, 1, 2):
+        write(writer, VALUE, k)
+    writer.close()
+    mcap_doctor.check(directory / 'run_0.mcap')
+    assert metadata(writer)['starting_time'] == {'nanoseconds_since_epoch': 1001}
+    assert metadata(writer)['duration'] == {'nanoseconds': 5}
