@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 #: [s] between two turns, each of which takes what has come meanwhile.
 _PERIOD = 0.05
-#: [s] between the ends of two chunks: what a kill loses, with the time that a turn takes.
-_CHUNK_PERIOD = 0.2
+#: [s] between the ends of two chunks. A kill loses what came since the last: this, and up to a turn.
+_CHUNK_PERIOD = 0.15
 
 
 class Message(NamedTuple):

@@ -36,7 +36,7 @@ TOPIC = Topic(
     name='/value',
     type='std_msgs/msg/Float64',
     definition='float64 data\n',
-    type_hash='RIHS01_00',
+    type_hash='RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
     offered_qos=[QOS],
 )
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
+import mcap_doctor
 import pytest
 import yaml
 from barc_interfaces.msg import ECU
@@ -20,15 +23,23 @@ from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_system_default,
+)
 from rclpy.serialization import deserialize_message
+from rclpy.service_introspection import ServiceIntrospectionState
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import ColorRGBA, Float64, String
+from std_srvs.srv import SetBool, SetBool_Event, Trigger
 
 from barc_sim import bag
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
 from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -390,3 +401,179 @@ def test_killed_it_leaves_what_had_reached_the_file(
     with pytest.raises(UserError, match='no states of a car'):
         bag.read(path)
     assert f'{path.name}_0.mcap is unfinished or damaged' in caplog.text
+
+
+def test_losses_are_counted_for_each_publisher_and_kept(
+    ros: Context, recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.listening._DEPTH', 5)
+    other = Node('other', context=ros)
+    first = talker.create_publisher(Float64, 'value', 100)
+    second = other.create_publisher(Float64, 'value', 100)
+    recorder.discover()
+    with stopped(recorder):
+        for publisher, count in ((first, 1), (second, 1)):
+            for _ in range(count):
+                publisher.publish(Float64())
+        take(recorder)
+        for _ in range(20):
+            first.publish(Float64())
+        for _ in range(3):
+            second.publish(Float64())
+    recorder.close()
+    other.destroy_node()
+    assert recorder.counts['/value'] == 2 + 5
+    assert recorder.lost['/value'] == {'talker': 18}
+    assert bag.info(recorder.path)['lost_messages'] == '18'
+    assert bag.info(recorder.path)['lost /value'] == '18 (18 of talker)'
+    text = (recorder.path / 'metadata.yaml').read_text()
+    custom = yaml.safe_load(text)['rosbag2_bagfile_information']['custom_data']
+    assert custom['lost /value'] == '18 (18 of talker)'
+
+
+@contextmanager
+def stopped(recorder: BagRecorder) -> Iterator[None]:
+    """Keep the recorder's thread from taking messages."""
+    with recorder._pump._lock:  # noqa: SLF001 (as a slow disk would)
+        yield
+
+
+def take(recorder: BagRecorder) -> None:
+    recorder._pump._move()  # noqa: SLF001 (as its thread would)
+
+
+def test_a_late_publisher_that_offers_less_costs_the_others_nothing(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    first = talker.create_publisher(Float64, 'value', LATCHED)
+    recorder.discover()
+    for k in range(50):
+        first.publish(Float64(data=float(k)))
+        if k == 20:
+            late = talker.create_publisher(Float64, 'value', BEST_EFFORT)
+            recorder.discover()
+    late.publish(Float64(data=-1.0))
+    recorder.close()
+    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
+    assert sorted(kept) == [-1.0, *map(float, range(50))]
+    assert recorder.lost['/value'] == {}
+
+
+def test_only_wanted_topics_are_recorded(ros: Context, tmp_path: Path) -> None:
+    recording = Recording(topics=re.compile('value'), exclude=re.compile('2$'))
+    recorder = BagRecorder(tmp_path, recording, context=ros)
+    talker = Node('talker', context=ros)
+    for name in ('value1', 'value2', 'other'):
+        talker.create_publisher(Float64, name, LATCHED).publish(Float64())
+    recorder.discover()
+    recorder.destroy_node()
+    talker.destroy_node()
+    assert set(recorder.counts) == {'/value1'}
+
+
+def test_hidden_topics_and_services_events_are_recorded_if_asked_for(
+    ros: Context, tmp_path: Path
+) -> None:
+    recorder = BagRecorder(tmp_path, Recording(include_hidden_topics=True), context=ros)
+    talker = Node('talker', context=ros)
+    service = talker.create_service(SetBool, 'switch', lambda _, response: response)
+    client = talker.create_client(SetBool, 'switch')
+    client.configure_introspection(
+        talker.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+    )
+    hidden = talker.create_publisher(Float64, '_value', 10)
+    recorder.discover()
+    hidden.publish(Float64())
+    client.call_async(SetBool.Request(data=True))
+    recorder.destroy_node()
+    talker.destroy_service(service)
+    talker.destroy_node()
+    assert recorder.counts['/_value'] == 1
+    (event,) = messages(recorder.path, '/switch/_service_event')
+    (request,) = deserialize_message(event.data, SetBool_Event).request
+    assert request.data
+
+
+def test_a_latched_message_is_waited_for_at_the_end(ros: Context, tmp_path: Path) -> None:
+    talker = Node('talker', context=ros)
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    recorder = BagRecorder(tmp_path, context=ros)
+    recorder.destroy_node()
+    talker.destroy_node()
+    assert recorder.counts['/value'] == 1
+
+
+@pytest.fixture
+def request_service(
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+) -> Callable[[str], tuple[bool, str]]:
+    """Return a function that calls one of the recorder's services."""
+    executor.add_node(talker)
+
+    def call(name: str) -> tuple[bool, str]:
+        client = talker.create_client(Trigger, f'{recorder.get_name()}/{name}')
+        response = client.call_async(Trigger.Request())
+        spin_until(executor, response.done)
+        return response.result().success, response.result().message
+
+    return call
+
+
+def test_services_pause_and_resume(
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    assert request_service('is_paused') == (True, 'false')
+    publisher.publish(Float64(data=1.0))
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    assert request_service('pause') == (True, 'paused')
+    assert request_service('is_paused') == (True, 'true')
+    publisher.publish(Float64(data=2.0))
+    take(recorder)
+    assert request_service('resume') == (True, 'recording')
+    publisher.publish(Float64(data=3.0))
+    recorder.close()
+    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
+    assert kept == [1.0, 3.0]
+    assert recorder.lost['/value'] == {}
+
+
+def test_services_split_stop_and_record_anew(
+    recorder: BagRecorder, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
+    first = recorder.path
+    assert request_service('split_bagfile') == (True, str(first))
+    assert len(list(first.glob('*.mcap'))) == 2
+    success, said = request_service('record')
+    assert not success
+    assert said.endswith('is being recorded: call stop first')
+    assert request_service('stop') == (True, str(first))
+    assert (first / 'metadata.yaml').exists()
+    success, said = request_service('split_bagfile')
+    assert not success
+    assert said == 'nothing is being recorded: call record first'
+    assert request_service('record') == (True, str(recorder.path))
+    assert recorder.path != first
+    recorder.close()
+    with AnyReader([first]), AnyReader([recorder.path]):
+        pass
+
+
+@pytest.mark.parametrize('policy', ['stop', 'continue'])
+def test_a_write_error_ends_the_run_if_asked_for(ros: Context, tmp_path: Path, policy: str) -> None:
+    recorder = BagRecorder(tmp_path, Recording(on_write_error=policy), context=ros)
+    shutil.rmtree(recorder.path)
+    wait_for(lambda: recorder.failure is not None)
+    assert recorder.finished.done() == (policy == 'stop')
+    recorder.destroy_node()
+    mcap_doctor.check(recorder.path / f'{recorder.path.name}_0.mcap')
+
+
+def test_a_directory_of_ones_own_is_never_overwritten(ros: Context, tmp_path: Path) -> None:
+    (tmp_path / 'mine').mkdir()
+    with pytest.raises(UserError, match="mine' exists: name a new folder for the bag"):
+        BagRecorder(path=tmp_path / 'mine', context=ros)
