@@ -221,8 +221,7 @@ class QuickExecutor(MultiThreadedExecutor):
             raise ConditionReachedException
 
     def _ready_callbacks(self, timeout_nsec: int) -> Iterator[tuple[Callback, Entity, Node]]:
-        all_free = not (self._pool or self._tasks)
-        for entry in self._wait_list.wait(self, timeout_nsec, all_free=all_free):
+        for entry in self._wait_list.wait(self, timeout_nsec):
             execute = None if self._is_shutdown else self._wait_list.take(self, entry)
             if execute is not None:
                 callback = Callback(entry, execute, self.trigger, self._resume_later)

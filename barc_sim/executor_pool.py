@@ -84,10 +84,6 @@ class Pool:
         """Whether the handler waits for a thread of the pool or runs in one."""
         return handler in self._woken
 
-    def __len__(self) -> int:
-        """Return how many handlers wait for a thread of the pool or run in one."""
-        return len(self._woken)
-
     def run_here(self, handler: Callback | Task) -> None:
         """Call the handler in this thread."""
         self._busy.add(get_ident())

@@ -77,9 +77,9 @@ class WaitList:
 
     def __init__(self) -> None:
         self._stale = True
-        self._refused: set[Entry] = set()  # their groups were found claimed: ask them again
+        self._refused: set[Entry] = set()  # found ready, but not to be executed
         self._left_out: set[Entry] = set()  # of this wait
-        self._passed_over: dict[Entry, None] = {}  # ready, but refused; the longest ago first
+        self._passed_over: dict[Entry, None] = {}  # refused since executed; longest ago first
         self._in_use = Lock()  # held while the wait set is filled and waited for
         self._held = ExitStack()
         self._wait_set: Any = None
@@ -98,23 +98,20 @@ class WaitList:
             finally:
                 self._in_use.release()
 
-    def wait(
-        self, executor: MultiThreadedExecutor, timeout_nsec: int, *, all_free: bool
-    ) -> list[Entry]:
+    def wait(self, executor: MultiThreadedExecutor, timeout_nsec: int) -> list[Entry]:
         """Wait until something is ready, the executor is woken or the time is over.
 
-        `all_free` says that no callback group is claimed, as far as the executor knows. What
-        was passed over before comes first, so that none keeps others of its group out.
+        What was refused before comes first, so that none keeps others of its group out.
         """
         with self._in_use:
             try:
                 if self._stale:
                     self._refresh(executor)
                 try:
-                    self._fill(executor, all_free=all_free)
+                    self._fill(executor)
                 except (InvalidHandle, _rclpy.RCLError):  # one was destroyed, or has grown
                     self._refresh(executor)
-                    self._fill(executor, all_free=all_free)
+                    self._fill(executor)
                 self._wait_set.wait(timeout_nsec)
                 if executor._is_shutdown:
                     raise ShutdownException
@@ -177,9 +174,9 @@ class WaitList:
             return Entry(entity, node, self._add_guard_condition, entity, take)
         return Entry(entity, node, getattr(self._wait_set, f'add_{kind}'), entity.handle, take)
 
-    def _fill(self, executor: MultiThreadedExecutor, *, all_free: bool) -> None:
-        suspects = self._refused if all_free else self._entries
-        self._refused = {each for each in suspects if not executor.can_execute(each.entity)}
+    def _fill(self, executor: MultiThreadedExecutor) -> None:
+        # Only these: to ask all whether they can be executed would take longer than the wait.
+        self._refused = {each for each in self._refused if not executor.can_execute(each.entity)}
         # Fast DDS ends a wait for a subscription's events at once where messages wait, too.
         events = {it for each in self._refused for it in getattr(each.entity, 'event_handlers', ())}
         self._left_out = self._refused | {it for it in self._waitables if it.entity in events}

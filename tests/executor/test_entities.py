@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -248,6 +249,23 @@ def test_a_destroyed_handle_is_gone_at_once_between_spins(
     assert getattr(node, f'destroy_{kind}')(entity)
 
     assert not entity.handle.pointer
+
+
+def test_a_handle_destroyed_during_the_last_wait_of_a_spin_is_gone(
+    node: Node, executor: QuickExecutor
+) -> None:
+    timer = node.create_timer(1000.0, lambda: None)
+    wait_list = executor._wait_list  # noqa: SLF001 (a spin would wait once more)
+    thread = threading.Thread(target=wait_list.wait, args=(executor, -1))
+    thread.start()
+    while timer.handle.pointer not in wait_list._by_pointer:  # noqa: SLF001
+        time.sleep(0.001)
+
+    node.destroy_timer(timer)
+    thread.join(DEADLINE)
+
+    assert not thread.is_alive()
+    assert not timer.handle.pointer
 
 
 def test_a_destroyed_subscription_leaves_the_graph_while_spinning(

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
+    from rclpy.timer import Timer
+
+    from barc_sim.executor import QuickExecutor
 
     Until = Callable[[Callable[[], object]], None]
 
@@ -54,6 +57,24 @@ def test_a_changed_period_holds_from_the_next_call(
     timer.timer_period_ns = 1_000_000
     timer.reset()
     until(lambda: len(calls) > 5)
+
+
+def test_a_timer_cancelled_as_it_is_taken_does_not_end_the_spin(
+    node: Node, executor: QuickExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+    take = executor._take_timer  # noqa: SLF001 (between its look at the timer and its call)
+
+    def cancel_and_take(timer: Timer) -> object:
+        timer.cancel()  # as another thread might
+        return take(timer)
+
+    monkeypatch.setattr(executor, '_take_timer', cancel_and_take)
+    timer = node.create_timer(0.001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    executor.spin_once(timeout_sec=0.05)
+
+    assert timer.is_canceled()
+    assert calls == []
 
 
 def test_timers_cancelled_and_reset_by_another_thread_never_end_the_spin(
