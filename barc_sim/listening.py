@@ -197,12 +197,6 @@ class Listener:
         with self._lock:
             return {name: heard.lost() for name, heard in self._heard.items()}
 
-    def forget_losses(self) -> None:
-        """Count from now on."""
-        with self._lock:
-            for heard in self._heard.values():
-                heard.losses = Losses()
-
     @property
     def expects_latched(self) -> bool:
         """Whether a latched message may still be on its way to a subscription that is new."""
@@ -214,7 +208,11 @@ class Listener:
             )
 
     def close(self) -> None:
-        """End; the subscriptions go with the node."""
+        """End; what was lost can still be asked for."""
+        with self._lock:
+            for heard in self._heard.values():
+                for subscription in heard.subscriptions:
+                    self._node.destroy_subscription(subscription)
         self._taker.close()
 
 

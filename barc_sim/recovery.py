@@ -13,6 +13,7 @@ from barc_sim import bag_metadata
 from barc_sim.bag_directory import METADATA_NAME
 from barc_sim.bag_file import BagFile
 from barc_sim.bag_metadata import Span, Topic
+from barc_sim.bag_pieces import is_being_written
 from barc_sim.bag_records import Damage, files, records
 from barc_sim.errors import UserError
 
@@ -55,8 +56,8 @@ def recover(path: Path) -> Recovered:
     Raises
     ------
     UserError
-        There is no bag, nothing in it can be read, or the files cannot be written; the bag is as
-        it was then.
+        There is no bag, it is still being recorded, nothing in it can be read, or the files cannot
+        be written; the bag is as it was then.
     """
     directory = path if path.is_dir() else path.parent
     found = Recovered()
@@ -73,6 +74,8 @@ def recover(path: Path) -> Recovered:
 
 
 def _recover_file(file: Path, found: Recovered) -> None:
+    if is_being_written(file):
+        raise UserError(f'{str(file)!r} is being recorded: end that first')
     part = file.with_name(f'.{file.name}.part')
     part.unlink(missing_ok=True)
     damage = Damage()

@@ -132,6 +132,18 @@ def flood(talker: Node, process: subprocess.Popen[str], *, until: Callable[[], b
     wait_for(published)
 
 
+def test_a_read_only_disk_is_one_sentence(ros_domain: int, small_disk: Path) -> None:
+    del ros_domain
+    remount = ['mount', '-o', 'remount,ro', str(small_disk)]
+    subprocess.run(remount, check=True)
+    with recording('--output', str(small_disk / 'mine'), '--min-free-space', '0') as process:
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert said.count('\n') == 1
+    assert said.startswith('barc_sim.record: error: ')
+    assert said.endswith('name another folder\n')
+
+
 def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
     talker: Node, small_disk: Path
 ) -> None:

@@ -132,6 +132,14 @@ def test_a_bag_of_several_files_becomes_whole(tmp_path: Path) -> None:
         assert reader.message_count == 1000
 
 
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
+    writer = write(tmp_path / 'run')
+    with pytest.raises(UserError, match=r"run_0.mcap' is being recorded: end that first"):
+        make_whole(tmp_path / 'run')
+    writer.close()
+    make_whole(tmp_path / 'run')
+
+
 def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match='there is no bag'):
         make_whole(tmp_path / 'gone')

@@ -81,8 +81,7 @@ class BagRecorder(Node):
         self.failure: str | None = None  #: what went wrong first, in a sentence
         self._recording = recording or Recording()
         self._metadata = dict(metadata or {})
-        self._listener = Listener(self, self._recording.wants)
-        self.discover()  # before the parameters are declared, to record their events
+        self._listen()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [_BAG_DIR._replace(default=default)])['bag_dir'])
         self.start(path)
@@ -93,6 +92,10 @@ class BagRecorder(Node):
             Clock(clock_type=ClockType.STEADY_TIME),
         )
         serve(self)
+
+    def _listen(self) -> None:
+        self._listener = Listener(self, self._recording.wants)
+        self.discover()
 
     def start(self, path: Path | None = None) -> None:
         """Begin a bag, in the directory `path`; without it, in the folder for bags.
@@ -191,8 +194,8 @@ class BagRecorder(Node):
         UserError
             It cannot be made.
         """
-        self._listener.take()  # what came meanwhile
-        self._listener.forget_losses()
+        self._listener.close()
+        self._listen()  # latched messages come again
         self.start()
 
     def destroy_node(self) -> None:

@@ -420,7 +420,7 @@ def test_losses_are_counted_for_each_publisher_and_kept(
             first.publish(Float64())
         for _ in range(3):
             second.publish(Float64())
-    recorder.close()
+    recorder.destroy_node()
     other.destroy_node()
     assert recorder.counts['/value'] == 2 + 5
     assert recorder.lost['/value'] == {'talker': 18}
@@ -543,8 +543,10 @@ def test_services_pause_and_resume(
 
 
 def test_services_split_stop_and_record_anew(
-    recorder: BagRecorder, request_service: Callable[[str], tuple[bool, str]]
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
 ) -> None:
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    recorder.discover()
     first = recorder.path
     assert request_service('split_bagfile') == (True, str(first))
     assert len(list(first.glob('*.mcap'))) == 2
@@ -559,8 +561,9 @@ def test_services_split_stop_and_record_anew(
     assert request_service('record') == (True, str(recorder.path))
     assert recorder.path != first
     recorder.close()
-    with AnyReader([first]), AnyReader([recorder.path]):
-        pass
+    for path in (first, recorder.path):
+        with AnyReader([path]) as reader:
+            assert reader.topics['/value'].msgcount == 1
 
 
 @pytest.mark.parametrize('policy', ['stop', 'continue'])
