@@ -68,7 +68,8 @@ class Pump:
         self._reserve = reserve
         self._on_failure = on_failure
         self._waiting: deque[Message] = deque()
-        self._stuck = False
+        self._stuck = False  # until the disk takes again what it has refused
+        self._broken = False  # for good: the source has failed
         self._chunk_due = time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
@@ -84,16 +85,19 @@ class Pump:
 
     def _turn(self) -> None:
         try:
-            if not self._stuck:
+            if not self._stuck and not self._broken:
                 self._move()
             if time.monotonic() >= self._chunk_due:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check()
                 self._writer.flush()
-                if self._stuck:
+                if self._stuck and not self._broken:
                     self._stuck = False
                     self._on_failure(None)
         except OSError as error:
+            self._fail(error)
+        except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
+            self._broken = True
             self._fail(error)
 
     def _move(self) -> None:
@@ -121,10 +125,11 @@ class Pump:
         if free < self._reserve:
             raise OSError(errno.ENOSPC, short(free, self._reserve))
 
-    def _fail(self, error: OSError) -> None:
+    def _fail(self, error: Exception) -> None:
         if not self._stuck:
             self._stuck = True
-            failure = f'writing to {str(self._writer.directory)!r} failed: {error.strerror}'
+            reason = getattr(error, 'strerror', None) or repr(error)
+            failure = f'writing to {str(self._writer.directory)!r} failed: {reason}'
             self.failure = self.failure or failure
             self._on_failure(failure)
 

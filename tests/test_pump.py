@@ -185,6 +185,25 @@ def test_little_space_is_noticed_while_there_is_enough_to_finish(
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
+def test_a_source_that_fails_is_said_once_and_the_bag_is_finished(
+    pump: Pump,
+    source: Source,
+    said: list[str | None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail() -> list[Message]:
+        raise RuntimeError('rcl has failed')
+
+    source.put(1)
+    wait_for(lambda: kept(tmp_path) == [1])
+    monkeypatch.setattr(pump, '_source', fail)
+    wait_for(lambda: bool(said))
+    pump.close()
+    assert said == [f"writing to '{tmp_path / 'run'}' failed: RuntimeError('rcl has failed')"]
+    mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
+
+
 def test_too_little_space_at_the_start_is_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
