@@ -6,59 +6,57 @@ import gc
 import shlex
 import shutil
 import sys
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rclpy.parameter import Parameter
 
 from barc_sim.bag_directory import check_root
 from barc_sim.description import describe
-from barc_sim.display import display, print_summary
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
 from barc_sim.losses import in_words
-from barc_sim.metrics import SpeedErrors
-from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
-from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.recording import from_options
 from barc_sim.road import Road
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Callable
 
     from rclpy.executors import Executor
     from rclpy.node import Node
 
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.plant import Observation
     from barc_sim.signals import StopSignals
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.
 _SWITCH_INTERVAL = 1e-4
-#: [m] The lab's road ends there.
-_DISTANCE = 180.0
 
 
-def cruise_control(
-    options: Namespace, argv: list[str], ros_args: list[str], stop: StopSignals
+def conduct(
+    create: Callable[[], Run], options: Namespace, ros_args: list[str], stop: StopSignals
 ) -> int:
-    """Drive until the distance is reached or `stop` is requested; return the exit code.
+    """Do the run that `create` returns until it ends or `stop` is requested; return the exit code.
 
     Raises
     ------
     UserError
         where an option or a ROS argument can't be used; nothing is left behind then.
     """
-    Road.named(options.road or 'lab')
+    if options.road:
+        Road.named(options.road)
     if not options.no_bag:
         check_root(options.bag_dir)
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     with ros(ros_args):
-        run = CruiseControl(options, argv)
+        run = create()
         try:
             run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
         except UserError:  # nothing was driven
@@ -68,13 +66,14 @@ def cruise_control(
             run.close()
     if not options.quiet:
         run.print_result()
+        run.print_bag()
     elif run.recorder:
         print(run.recorder.path)  # noqa: T201
     return 1 if run.recorder and run.recorder.failure else 0
 
 
-class CruiseControl:
-    """Recorder, controller and simulator, composed."""
+class Run(ABC):
+    """A recorder, a simulator and the nodes that drive it, composed."""
 
     def __init__(self, options: Namespace, argv: list[str]) -> None:
         """Make the nodes, the recorder first: it is to hear what the others say at their start.
@@ -84,38 +83,40 @@ class CruiseControl:
         UserError
             where a parameter or the topic can't be had; nothing is left behind then.
         """
-        self._errors = SpeedErrors()
         self._root_is_new = not options.bag_dir.exists()
         self.recorder = (
             None if options.no_bag else BagRecorder(options.bag_dir, from_options(options))
         )
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
         try:
-            self._controller = CruiseController(
-                parameter_overrides=_overrides(
-                    speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
-                )
-            )
-            self._nodes.append(self._controller)
-            self._simulator = VehicleSimulator(
-                distance=_DISTANCE,
-                on_step=self.on_step,
-                parameter_overrides=_overrides(
-                    distance=options.distance,
-                    road=options.road,
-                    realtime_factor=options.realtime_factor,
-                    seed=options.seed,
-                ),
-            )
-            self._nodes.append(self._simulator)
+            self.simulator = self.compose(options)
         except BaseException:
             self.discard()
             raise
-        distance = self._simulator.get_parameter('distance').value
-        self._display = display(distance, quiet=options.quiet)
         if self.recorder:
             self.recorder.add_metadata(describe(argv, self._nodes))
             self.recorder.discover()
+
+    @abstractmethod
+    def compose(self, options: Namespace) -> VehicleSimulator:
+        """Make the nodes with `add`, and return the simulator; `on_step` is to be its callback."""
+
+    @abstractmethod
+    def on_step(self, t: float, seen: Observation) -> None:
+        """Take note of what the simulator has just published, at `t` [s]."""
+
+    @abstractmethod
+    def close_display(self) -> None:
+        """Leave the terminal's line in order."""
+
+    @abstractmethod
+    def print_result(self) -> None:
+        """Print how it went."""
+
+    def add(self, node: Any) -> Any:  # noqa: ANN401 (as it came)
+        """Have `node` spun and, at the end, destroyed; return it."""
+        self._nodes.append(node)
+        return node
 
     def spin(self, stop: StopSignals, executor: Executor) -> None:
         """Drive until the run is finished or `stop` is requested."""
@@ -129,30 +130,30 @@ class CruiseControl:
         if self.recorder:
             self.recorder.finished.add_done_callback(lambda _: self.finish())
         try:
-            executor.spin_until_future_complete(self._simulator.finished)
+            executor.spin_until_future_complete(self.simulator.finished)
         finally:
             executor.shutdown()
-            self._display.close()
+            self.close_display()
 
     def finish(self) -> None:
-        """End the run now."""
-        self._simulator.finish()
+        """End the run now; may be called from any thread."""
+        self.simulator.finish()
 
     @property
     def missed(self) -> int:
         """Commands that were not there when they were due."""
-        return self._simulator.missed
+        return self.simulator.missed
 
     @property
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock."""
-        return self._simulator.slipped
+        return self.simulator.slipped
 
     def close(self) -> None:
         """End the nodes, the recorder last, with the results in its bag; again, do nothing."""
         if self.recorder and self._nodes:
             results = {
-                'steps': self._simulator.steps,
+                'steps': self.simulator.steps,
                 'missed_deadlines': self.missed,
                 'slipped_periods': self.slipped,
             }
@@ -171,15 +172,8 @@ class CruiseControl:
         while self._nodes:
             self._nodes.pop().destroy_node()
 
-    def on_step(self, t: float, seen: Observation) -> None:
-        """Take note of what the simulator has just published, at `t` [s]."""
-        reference = self._controller.speed_reference
-        self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
-        self._display.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
-
-    def print_result(self) -> None:
-        """Print the table, the bag's path, and what to do with it."""
-        print_summary(self._errors.summary(self.missed), self.slipped)
+    def print_bag(self) -> None:
+        """Print the bag's path, and what to do with it."""
         if self.recorder:
             python = shlex.quote(_short(sys.executable))
             print(in_words(self.recorder.counts, self.recorder.lost))  # noqa: T201
@@ -196,6 +190,6 @@ def _short(path: str) -> str:
     return path
 
 
-def _overrides(**values: float | str | None) -> list[Parameter]:
+def overrides(**values: float | str | None) -> list[Parameter]:
     """Return the parameters that the command line gave; those it left out are the nodes' own."""
     return [Parameter(name, value=value) for name, value in values.items() if value is not None]

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist, Vector3
 from std_msgs.msg import Header
 
 from barc_sim.bike_model import Input
+from barc_sim.driving import Drive
 
 if TYPE_CHECKING:
     from barc_sim.pid import PID
@@ -61,6 +63,20 @@ def to_input(message: ECU) -> Input:
 def to_ecu(command: Input, header: Header) -> ECU:
     """Return `command` as a message."""
     return ECU(header=header, motor=command.motor, servo=command.servo)
+
+
+def to_drive(twist: Twist, linear_scale: float = 1.0, angular_scale: float = 1.0) -> Drive:
+    """Return the wish in `twist`, each kind of share multiplied by its scale."""
+    return Drive(
+        forward=twist.linear.x * linear_scale,
+        turn=twist.angular.z * angular_scale,
+        brake=-twist.linear.z * linear_scale,
+    )
+
+
+def to_twist(wish: Drive) -> Twist:
+    """Return `wish` as a message."""
+    return Twist(linear=Vector3(x=wish.forward, z=-wish.brake or 0.0), angular=Vector3(z=wish.turn))
 
 
 def to_pid_state(

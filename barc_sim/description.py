@@ -30,7 +30,7 @@ def describe(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
             {name: {'ros__parameters': parameters} for name, parameters in values},
             sort_keys=False,
         ),
-        **{name: str(own[name]) for name in ('kp', 'ki', 'kd', 'road')},
+        **{name: str(own[name]) for name in ('kp', 'ki', 'kd', 'road') if name in own},
     }
 
 

@@ -58,6 +58,10 @@ class Driver:
     ----------
     limits
         May be replaced at any time.
+    wish
+        What is wished for as of the latest command.
+    servo
+        [rad] the latest command's.
     """
 
     def __init__(
@@ -85,14 +89,14 @@ class Driver:
 
     def reset(self) -> None:
         """Forget all that was heard, and put the wheel straight."""
-        self._wish = COAST
+        self._heard_wish = self.wish = COAST
         self._heard = -inf
-        self._servo = 0.0
+        self.servo = 0.0
         self._braking = 0.0  # the sign of the wish that brought the car to where it is
 
     def hear(self, wish: Drive, t: float) -> None:
         """Take a usable `wish` at `t` [s]; what is beyond -1 and 1 is cut off."""
-        self._wish = Drive(
+        self._heard_wish = Drive(
             _limited(wish.forward, 1.0),
             _limited(wish.turn, 1.0),
             _limited(max(wish.brake, 0.0), 1.0),
@@ -101,19 +105,18 @@ class Driver:
 
     def command(self, t: float, speed: float) -> Input:
         """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
-        wish = self._wish
-        if not wish.brake and t - self._heard > self.stale_after:
-            wish = COAST
+        stale = t - self._heard > self.stale_after
+        self.wish = wish = COAST if stale and not self._heard_wish.brake else self._heard_wish
         self._steer(wish)
-        return Input(motor=self._acceleration(wish, speed), servo=self._servo)
+        return Input(motor=self._acceleration(wish, speed), servo=self.servo)
 
     def _steer(self, wish: Drive) -> None:
         limits, turned = self.limits, self.limits.steering_rate * self.dt
         if wish.brake or (limits.self_centring and not wish.turn):
-            self._servo -= _limited(self._servo, turned)
+            self.servo -= _limited(self.servo, turned)
         elif wish.turn:
-            self._servo += wish.turn * turned
-        self._servo = _limited(self._servo, limits.steering)
+            self.servo += wish.turn * turned
+        self.servo = _limited(self.servo, limits.steering)
 
     def _acceleration(self, wish: Drive, speed: float) -> float:
         limits, forward = self.limits, wish.forward

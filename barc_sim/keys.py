@@ -27,6 +27,7 @@ _LETTERS = {
     'q': 'quit',
     '\x03': 'quit',
 }
+_DRIVING = ('up', 'down', 'left', 'right', 'space')
 _CTRL = 4  # in the protocol's sum of modifiers
 _RELEASE = 3
 _PASTE_BEGINS, _PASTE_ENDS = '200~', '201~'
@@ -124,25 +125,26 @@ class HeldKeys:
         self._until: dict[str, float] = {}
         self._told = COAST
 
-    def hear(self, event: KeyEvent, t: float) -> None:
-        """Take note of an `event` at `t` [s] of a key to drive with."""
+    def hear(self, event: KeyEvent, t: float) -> bool:
+        """Take note of an `event` at `t` [s]; return whether a key was pressed anew."""
+        until = self._until.pop(event.key, -inf)
         if event.released:
-            self._until.pop(event.key, None)
-        elif self.releases:
-            self._until[event.key] = inf
-        elif self._until.get(event.key, -inf) >= t:
-            self._until[event.key] = max(self._until[event.key], t + self._repeat_hold)
+            return False
+        pressed = until < t
+        if self.releases:
+            until = inf
         else:
-            self._until[event.key] = t + self._press_hold
+            until = max(until, t + (self._press_hold if pressed else self._repeat_hold))
+        self._until[event.key] = until
+        return pressed
 
     def release(self) -> None:
         """Let go of all keys."""
         self._until.clear()
 
     def held(self, t: float) -> tuple[str, ...]:
-        """Return the keys held at `t` [s], in the order in which they were pressed."""
-        self._until = {key: until for key, until in self._until.items() if until >= t}
-        return tuple(self._until)
+        """Return the driving keys held at `t` [s]."""
+        return tuple(key for key in _DRIVING if self._until.get(key, -inf) >= t)
 
     def wish(self, t: float) -> Drive | None:
         """Return what the keys wish for at `t` [s]; when let go, coasting once and then None.

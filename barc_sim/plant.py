@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians
+from math import radians, sin
 from typing import NamedTuple
 
 from barc_sim.bike_model import Forces, Input, Motion, State, Vehicle, forces, motion, step
@@ -62,3 +62,12 @@ class Plant:
             self._held = command
         theta = radians(self.road.grade_deg(self.state.x))
         self.state = step(self.state, self._held, theta, self.vehicle, self.ts)
+
+    def brake(self, deceleration: float) -> None:
+        """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
+
+        On a hill it takes part of that to keep the car from rolling.
+        """
+        pull = self.vehicle.gravity * sin(radians(self.road.grade_deg(self.state.x)))
+        motor = max(-deceleration, min(pull - self.state.v / self.ts, deceleration))
+        self.advance(self._held._replace(motor=motor))

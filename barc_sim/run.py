@@ -1,4 +1,4 @@
-"""The runs: `python -m barc_sim.run acc`."""
+"""The runs: `python -m barc_sim.run acc` and `python -m barc_sim.run teleop`."""
 
 from __future__ import annotations
 
@@ -41,12 +41,17 @@ def acc() -> int:
     return main(['acc', *sys.argv[1:]])
 
 
+def teleop() -> int:
+    """Drive by hand, as `ros2 run barc_sim teleop` does."""
+    return main(['teleop', *sys.argv[1:]])
+
+
 def _main(argv: list[str]) -> int:
     cut = argv.index('--ros-args') if '--ros-args' in argv else len(argv)
     options = _parser().parse_args(argv[:cut])
     with StopSignals() as stop:
         try:
-            from barc_sim.composition import cruise_control  # noqa: PLC0415 (--help is to be quick)
+            run = _run(options.mode)
         except ModuleNotFoundError as error:
             package = (error.name or '').partition('.')[0]
             if package not in _ROS:
@@ -55,12 +60,29 @@ def _main(argv: list[str]) -> int:
                 f'{_ROS[package]} is not installed in this Python: start with ./scripts/run, which '
                 'sets it up, or source a ROS 2 Jazzy workspace'
             ) from None
-        return cruise_control(options, argv, argv[cut:], stop)
+        return run(options, argv, argv[cut:], stop)
+
+
+def _run(mode: str) -> Callable[..., int]:
+    # Imported here, as --help is to be quick.
+    if mode == 'teleop':
+        from barc_sim.teleop import teleop  # noqa: PLC0415
+
+        return teleop
+    from barc_sim.cruise_control import cruise_control  # noqa: PLC0415
+
+    return cruise_control
 
 
 def _parser() -> Parser:
     parser = Parser(prog=f'python -m {_PROG}', description='Run the simulator.', epilog=_EPILOG)
     modes = parser.add_subparsers(dest='mode', required=True, metavar='MODE')
+    _add_acc(modes)
+    _add_teleop(modes)
+    return parser
+
+
+def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
     mode = modes.add_parser(
         'acc',
         help='cruise control: the PID holds a speed over the hills',
@@ -94,6 +116,31 @@ def _parser() -> Parser:
         metavar='FACTOR',
         help="simulated seconds per second, or 'max' for as fast as it goes (1)",
     )
+    _add_common(mode)
+
+
+def _add_teleop(modes: argparse._SubParsersAction[Parser]) -> None:
+    mode = modes.add_parser(
+        'teleop',
+        help='drive by hand',
+        description='Simulator, relay, keyboard and recorder, until q or Ctrl-C.',
+        epilog=_EPILOG,
+    )
+    mode.add_argument(
+        '--road',
+        metavar='ROAD',
+        help="'lab', 'flat', or a CSV file with the columns start_m,grade_deg (flat)",
+    )
+    mode.add_argument(
+        '--realtime-factor',
+        type=_factor,
+        metavar='FACTOR',
+        help='simulated seconds per second (1)',
+    )
+    _add_common(mode)
+
+
+def _add_common(mode: Parser) -> None:
     bag = mode.add_mutually_exclusive_group()
     bag.add_argument(
         '--bag-dir',
@@ -108,7 +155,6 @@ def _parser() -> Parser:
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )
     recording.add_arguments(mode)
-    return parser
 
 
 def _number(low: float, high: float) -> Callable[[str], float]:

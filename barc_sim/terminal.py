@@ -42,7 +42,10 @@ class Terminal:
         """
         why = _unusable(fd)
         if why:
-            raise UserError(f'cannot read keys: {why}; start it in the foreground of a terminal')
+            raise UserError(
+                f'no keys are read, as {why}: start it in the foreground of a terminal, or drive '
+                'with another publisher of cmd_vel'
+            )
         self._fd = fd
         self._lock = Lock()
         self._settings: list[int | list[bytes | int]] | None = None

@@ -18,6 +18,7 @@ ROS_MODULES = {
         'composition',
         'convert',
         'describing',
+        'cruise_control',
         'endpoints',
         'executor',
         'executor_pool',
@@ -27,6 +28,8 @@ ROS_MODULES = {
         'parameters',
         'process',
         'recorder_services',
+        'simulator_parameters',
+        'teleop',
         'topics',
     )
 }

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from barc_sim import topics
 from barc_sim.bike_model import Input
@@ -63,6 +64,7 @@ class CruiseController(Node):
         group = QuickCallbackGroup()
         subscription(self, EZDynBkMdl, topics.STATE_ERROR, self._on_state_error, group)
         subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
+        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
 
     @property
     def speed_reference(self) -> float:
@@ -78,6 +80,12 @@ class CruiseController(Node):
         pid.kp, pid.ki, pid.kd = values['kp'], values['ki'], values['kd']
         pid.output_max = values['acceleration_limit']
         pid.output_min = -pid.output_max
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._pid.reset()
+        self._previous = self._state = self._error = None
+        response.success, response.message = True, 'as at the start'
+        return response
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         if self._values['subtract_error']:

@@ -11,13 +11,13 @@ from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import topics
-from barc_sim.bike_model import Input, Vehicle
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
+from barc_sim.commands import Commands
 from barc_sim.convert import (
-    NANOSECONDS,
     to_environment,
     to_header,
     to_input,
@@ -29,41 +29,16 @@ from barc_sim.endpoints import incompatible_peers, publisher, subscription
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.parameters import Parameter, declare
-from barc_sim.plant import Observation, Plant
 from barc_sim.process import spin
-from barc_sim.road import Road
-from barc_sim.sensor import Deviation
+from barc_sim.simulator_parameters import PARAMETERS, period_ns, plant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.timer import Timer
 
-_VEHICLE = Vehicle()
-_PARAMETERS = [
-    Parameter('mass', _VEHICLE.mass, 'm, the mass [kg]', (1.0, 1e6)),
-    Parameter('air_drag_coeff', _VEHICLE.air_drag_coeff, 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
-    Parameter('friction', _VEHICLE.friction, 'F_f, rolling resistance [N]', (0.0, 1e6)),
-    Parameter('l_f', _VEHICLE.l_f, 'centre of mass to front axle [m]', (0.01, 100.0)),
-    Parameter('l_r', _VEHICLE.l_r, 'centre of mass to rear axle [m]', (0.01, 100.0)),
-    Parameter('gravity', _VEHICLE.gravity, 'g [m/s²]', (0.0, 100.0)),
-    Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
-    Parameter('road', 'lab', "'lab', 'flat' or a CSV file with the columns start_m,grade_deg"),
-    Parameter(
-        'realtime_factor',
-        1.0,
-        'simulated seconds per second; 0: each step as soon as its command has arrived',
-        (0.0, 1000.0),
-    ),
-    Parameter('wait_for_controller', True, 'whether time begins only when somebody publishes ecu'),
-    Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
-    Parameter('noise_s', 0.0, 'standard deviation of position along [m]', (0.0, 1e3)),
-    Parameter('noise_ey', 0.0, 'standard deviation of position across [m]', (0.0, 1e3)),
-    Parameter('noise_epsi', 0.0, 'standard deviation of heading [rad]', (0.0, 1e3)),
-    Parameter('noise_v_x', 0.0, 'standard deviation of v_x [m/s]', (0.0, 1e3)),
-    Parameter('noise_v_y', 0.0, 'standard deviation of v_y [m/s]', (0.0, 1e3)),
-    Parameter('noise_psi_dot', 0.0, 'standard deviation of yaw rate [rad/s]', (0.0, 1e3)),
-]
+    from barc_sim.plant import Observation
+
 _DISTANCE = Parameter(
     'distance', 0.0, 'the run ends here [m]; 0: it goes on', (0.0, 1e6), read_only=True
 )
@@ -75,6 +50,8 @@ _GATE_COUNT = 10
 _CHECK_PERIOD = 1.0
 #: Share of a period by which a deadline that is judged may be late.
 _PUNCTUAL = 0.1
+#: So long a node that commands is waited for to reset itself.
+_RESET_TIMEOUT = 0.5
 
 
 class VehicleSimulator(Node):
@@ -87,7 +64,12 @@ class VehicleSimulator(Node):
     command has arrived.
 
     A command answers the state whose stamp it bears. One without a stamp, as `ros2 topic pub`
-    sends it, holds until the next, and nothing is missed meanwhile.
+    sends it, holds until the next, and nothing is missed meanwhile. Where none has arrived for
+    `command_timeout` by the wall clock, the car brakes to a standstill and stays there.
+
+    `~/reset` starts afresh, once the present state is answered: state, held command and noise as
+    at first, nodes that offer `topics.RESETS` reset, and stamps that go on. `~/pause` lets
+    simulated time stand still.
 
     Attributes
     ----------
@@ -119,27 +101,21 @@ class VehicleSimulator(Node):
             where a parameter is out of range, or the topic has a simulator already.
         """
         super().__init__('vehicle_simulator', **options)
-        table = [parameter._replace(read_only=True) for parameter in _PARAMETERS]
+        table = [parameter._replace(read_only=True) for parameter in PARAMETERS]
         values = declare(self, [*table, _DISTANCE._replace(default=distance)])
-        self._period_ns = round(NANOSECONDS / values['rate'])
+        self._values = values
+        self._period_ns = period_ns(values)
         self._distance = values['distance'] or inf
         self._realtime_factor = values['realtime_factor']
         self._wait_for_controller = values['wait_for_controller']
-        self._plant = Plant(
-            road=Road.named(values['road']),
-            vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
-            ts=self._period_ns / NANOSECONDS,
-            noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
-            seed=values['seed'],
-        )
+        self._plant = plant(values)
+        self._commands = Commands(values['command_timeout'])
         self._on_step = on_step
         self._claim = claim(self, topics.STATE)
         self.finished: Future = Future()
         self.steps = self.missed = self.slipped = 0
-        self._stamp = 0
-        self._command: Input | None = None
-        self._answered = False
-        self._open_loop = False
+        self._first_step = self._stamp = 0
+        self._running = self._paused = self._reset_due = False
         self._pace: Timer | None = None
 
         self._state_error_pub = publisher(self, EZDynBkMdl, topics.STATE_ERROR)
@@ -147,6 +123,12 @@ class VehicleSimulator(Node):
         self._state_pub = publisher(self, ZDynBkMdl, topics.STATE)
         self._group = QuickCallbackGroup()
         subscription(self, ECU, topics.ECU, self._on_command, self._group)
+        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=self._group)
+        self.create_service(SetBool, '~/pause', self._on_pause, callback_group=self._group)
+        self._resets = [
+            self.create_client(Trigger, name, callback_group=self._group) for name in topics.RESETS
+        ]
+        self._resetting: list[Future] = []
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
         self._warned: set[str] = set()
         self._timer(_CHECK_PERIOD, self._check_peers)
@@ -167,7 +149,11 @@ class VehicleSimulator(Node):
         return self.create_timer(period, callback, self._group, self._wall)
 
     def _wait(self) -> None:
-        """Begin once there is a controller."""
+        """Begin once there is a controller, and reset where it was asked to be."""
+        if not all(future.done() for future in self._resetting):
+            if time.monotonic() < self._reset_until:
+                return
+            self.get_logger().warning('a node that commands has not answered its reset')
         ready = self.count_publishers(topics.ECU) or not self._wait_for_controller
         self._ready_for = self._ready_for + 1 if ready else 0
         if self._ready_for >= _GATE_COUNT:
@@ -177,12 +163,27 @@ class VehicleSimulator(Node):
     def _begin(self) -> None:
         if self.count_publishers(topics.STATE) > 1:
             raise UserError(taken(self._state_pub.topic_name, self.context.get_domain_id()))
-        self._stamp = time.time_ns()
+        self._running = True
+        self._stamp = max(time.time_ns(), self._stamp + self._period_ns)
+        self._commands.wait(time.monotonic())
         self._publish_state()
-        if self._realtime_factor:
-            period = self._plant.ts / self._realtime_factor
-            self._due = time.monotonic() + period
+        self._go_on()
+
+    def _go_on(self) -> None:
+        """Let time run from now on."""
+        if self._paused or not self._realtime_factor:
+            return
+        period = self._plant.ts / self._realtime_factor
+        self._due = time.monotonic() + period
+        if self._pace:
+            self._pace.reset()
+        else:
             self._pace = self._timer(period, self._on_deadline)
+
+    def _hold(self) -> None:
+        """Let time stand still."""
+        if self._pace:
+            self._pace.cancel()
 
     def _publish_state(self) -> None:
         seen = self._plant.observe()
@@ -191,7 +192,7 @@ class VehicleSimulator(Node):
         self._state_error_pub.publish(to_state_error(seen, header))
         self._state_pub.publish(to_state(seen, header))
         if self._on_step:
-            self._on_step(self.steps * self._plant.ts, seen)
+            self._on_step((self.steps - self._first_step) * self._plant.ts, seen)
         self.steps += 1
 
     def _on_command(self, message: ECU) -> None:
@@ -202,11 +203,42 @@ class VehicleSimulator(Node):
             )
             return
         stamp = to_nanoseconds(message.header.stamp)
-        self._command = to_input(message)
-        self._open_loop = stamp == 0
-        self._answered = stamp in (0, self._stamp)
-        if self._answered and self.steps and not self._realtime_factor:
-            self._advance()
+        self._commands.hear(to_input(message), stamp, self._stamp, time.monotonic())
+        if self._running and self._commands.answered:
+            if self._reset_due:
+                self._reset()
+            elif not (self._realtime_factor or self._paused):
+                self._advance()
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._reset_due = True
+        if self._commands.answered or not self._running:
+            self._reset()
+        response.success, response.message = True, 'the car is back at the start'
+        return response
+
+    def _reset(self) -> None:
+        self._reset_due = self._running = False
+        self._hold()
+        self._plant = plant(self._values)
+        self._commands = Commands(self._values['command_timeout'])
+        self._first_step = self.steps
+        ready = [reset for reset in self._resets if reset.service_is_ready()]
+        self._resetting = [reset.call_async(Trigger.Request()) for reset in ready]
+        self._reset_until = time.monotonic() + _RESET_TIMEOUT
+        self._ready_for = min(self._ready_for, _GATE_COUNT - 1)  # they know one another
+        self._gate.reset()
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        was, self._paused = self._paused, bool(request.data)
+        response.success, response.message = True, 'paused' if self._paused else 'running'
+        if self._paused:
+            self._hold()
+        elif was and self._running:
+            if self._commands.answered and not self._realtime_factor:
+                self._advance()
+            self._go_on()
+        return response
 
     def _on_deadline(self) -> None:
         period = self._plant.ts / self._realtime_factor
@@ -214,12 +246,12 @@ class VehicleSimulator(Node):
         behind = int(late / period)
         self._due += (behind + 1) * period
         self.slipped += behind
-        if not self._answered and late > _PUNCTUAL * period:
+        if not self._commands.answered and late > _PUNCTUAL * period:
             # The machine held up the whole process, maybe the controller in it, too: the state
             # gets another period to be answered in.
             self.slipped += 1
             return
-        if not self._answered:
+        if not self._commands.answered:
             self.missed += 1
             self.get_logger().warning(
                 f'missed deadline {self.missed}: no command answers state {self.steps - 1} '
@@ -230,21 +262,32 @@ class VehicleSimulator(Node):
 
     def _advance(self) -> None:
         """Take the step to the next state, or finish where the present one is the last."""
+        if self._reset_due:
+            self._reset()
+            return
         if self._plant.state.x >= self._distance:
-            if self._pace:
-                self._pace.cancel()
+            self._hold()
             self.finish()
             return
-        self._plant.advance(self._command)
-        self._answered = self._open_loop
+        if self._commands.lost(time.monotonic()):
+            self.get_logger().warning(
+                f'no command for {self._commands.timeout:g} s: the car brakes to a standstill',
+                throttle_duration_sec=10.0,
+            )
+            self._plant.brake(self._values['timeout_braking'])
+        else:
+            self._plant.advance(self._commands.latest)
+        self._commands.expect()
         self._stamp += self._period_ns
         self._publish_state()
 
     def _check_peers(self) -> None:
         """Say once what keeps this node from hearing or being heard."""
+        if self._reset_due:  # nobody answers the present state
+            self._reset()
         if not self.steps:
             self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
-        elif not self._realtime_factor and self.steps == self._steps_checked:
+        elif not (self._realtime_factor or self._paused) and self.steps == self._steps_checked:
             self._warn(f'waiting for the command that answers state {self.steps - 1}')
         self._steps_checked = self.steps
         for sentence in incompatible_peers(self):

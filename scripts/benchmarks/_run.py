@@ -14,7 +14,7 @@ import numpy as np
 from rclpy import executors
 from rclpy.node import Node
 
-from barc_sim.composition import CruiseControl
+from barc_sim.cruise_control import CruiseControl
 from barc_sim.executor import QuickExecutor
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.signals import StopSignals

@@ -1,0 +1,130 @@
+"""The node `keyboard`: publishes what the keys of the terminal wish for, as `cmd_vel`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from geometry_msgs.msg import Twist
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from barc_sim import topics
+from barc_sim.cli import call
+from barc_sim.convert import to_twist
+from barc_sim.driving import FULL_BRAKE, RATE
+from barc_sim.endpoints import publisher
+from barc_sim.executor import QuickCallbackGroup
+from barc_sim.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
+from barc_sim.parameters import Parameter, declare
+from barc_sim.process import spin
+from barc_sim.terminal import Terminal
+
+if TYPE_CHECKING:
+    from barc_sim.keys import KeyEvent
+
+_PARAMETERS = [
+    Parameter(
+        'press_hold',
+        PRESS_HOLD,
+        'a key counts as held for so long after it was pressed, which is to be longer than the '
+        'delay before it repeats [s]',
+        (0.05, 5.0),
+        read_only=True,
+    ),
+    Parameter(
+        'repeat_hold',
+        REPEAT_HOLD,
+        'and for so long after each repeat [s]',
+        (0.05, 5.0),
+        read_only=True,
+    ),
+]
+
+
+class Keyboard(Node):
+    """Publishes while a key is held, zero once when it is let go, and then nothing.
+
+    At its end it publishes the brake.
+
+    Attributes
+    ----------
+    finished
+        Done when the user wants to end it.
+    """
+
+    def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)
+        """Read keys from `terminal`, which is closed at the end.
+
+        Raises
+        ------
+        UserError
+            where a parameter is out of range.
+        """
+        super().__init__('keyboard', **options)
+        values = declare(self, _PARAMETERS)
+        self._keys = HeldKeys(values['press_hold'], values['repeat_hold'])
+        self._events: deque[tuple[KeyEvent, float]] = deque()
+        self._terminal = terminal
+        self.finished: Future = Future()
+        # Whoever sets it, from whatever thread: the terminal is given back before all else ends.
+        self.finished.add_done_callback(lambda _: terminal.close())
+
+        self._twist_pub = publisher(self, Twist, topics.CMD_VEL)
+        group = QuickCallbackGroup()
+        self._reset = self.create_client(Trigger, topics.RESET, callback_group=group)
+        self._typed = self.create_guard_condition(self._on_typed, group)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(1.0 / RATE, self._publish, group, steady)
+        terminal.listen(self._on_event)
+
+    def destroy_node(self) -> None:
+        """Give the terminal back, brake, and destroy the node."""
+        self._terminal.close()
+        if self.context.ok():
+            self._twist_pub.publish(to_twist(FULL_BRAKE))
+        super().destroy_node()
+
+    def _on_event(self, event: KeyEvent) -> None:
+        """Hand an event over to the thread that spins; called in the terminal's."""
+        if event.key == 'quit':
+            self.finished.set_result(None)
+        else:
+            self._events.append((event, time.monotonic()))
+            self._typed.trigger()
+
+    def _on_typed(self) -> None:
+        while self._events:
+            event, t = self._events.popleft()
+            if event.key == 'kitty':
+                self._keys.releases = True
+            elif event.key == 'blur':
+                self._keys.release()
+            elif self._keys.hear(event, t) and event.key == 'reset':
+                self._ask_for_reset()
+        self._publish()
+        self._timer.reset()
+
+    def _ask_for_reset(self) -> None:
+        if self._reset.service_is_ready():
+            self._reset.call_async(Trigger.Request())
+        else:
+            self.get_logger().warning('there is no simulator to reset')
+
+    def _publish(self) -> None:
+        wish = self._keys.wish(time.monotonic())
+        if wish is not None:
+            self._twist_pub.publish(to_twist(wish))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone, until `q`, Ctrl-C, or a signal."""
+    return call('keyboard', lambda: spin(lambda: Keyboard(Terminal()), args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

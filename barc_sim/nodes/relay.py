@@ -1,0 +1,125 @@
+"""The node `relay`: turns a driver's wishes, `cmd_vel`, into commands, `ecu`, at 20 Hz."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+from barc_interfaces.msg import ECU, ZDynBkMdl
+from geometry_msgs.msg import Twist
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from barc_sim import topics
+from barc_sim.cli import call
+from barc_sim.convert import to_drive, to_ecu
+from barc_sim.driving import RATE, STALE_AFTER, Driver, Limits
+from barc_sim.endpoints import publisher, subscription
+from barc_sim.executor import QuickCallbackGroup
+from barc_sim.parameters import Parameter, declare
+from barc_sim.process import spin
+
+if TYPE_CHECKING:
+    from rclpy.parameter import Parameter as RosParameter
+
+_LIMITS = Limits()
+_PARAMETERS = [
+    Parameter('acceleration', _LIMITS.acceleration, 'greatest [m/s²]', (0.0, 100.0)),
+    Parameter('deceleration', _LIMITS.deceleration, 'greatest [m/s²]', (0.0, 100.0)),
+    Parameter('speed', _LIMITS.speed, 'greatest, either way [m/s]', (0.0, 100.0)),
+    Parameter('steering', _LIMITS.steering, 'greatest front angle, either way [rad]', (0.0, 1.5)),
+    Parameter('steering_rate', _LIMITS.steering_rate, 'greatest [rad/s]', (0.0, 100.0)),
+    Parameter(
+        'self_centring',
+        _LIMITS.self_centring,
+        'whether the wheel returns to straight when let go; if not, left and right change its '
+        'angle, and it stays',
+    ),
+    Parameter('linear_scale', 1.0, 'share of the limits for a linear of 1', (-100.0, 100.0)),
+    Parameter('angular_scale', 1.0, 'share of the limits for an angular of 1', (-100.0, 100.0)),
+    Parameter('stale_after', STALE_AFTER, 'age at which a Twist counts no more [s]', (0.05, 60.0)),
+]
+
+
+class Relay(Node):
+    """Publishes a command at all times: coasting where nobody drives.
+
+    Its time is the driver's, the wall clock, at any real-time factor. Its commands bear no stamp:
+    each holds until the next.
+
+    Attributes
+    ----------
+    driver
+        Makes the commands; `wish` and `servo` tell what holds.
+    refused
+        Twists that were not finite.
+    """
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401 (Node's own)
+        """Declare the parameters, and publish commands.
+
+        Raises
+        ------
+        UserError
+            where a parameter is out of range.
+        """
+        super().__init__('relay', **options)
+        self.driver = Driver(dt=1.0 / RATE)
+        self._values = declare(self, _PARAMETERS)
+        self._apply()
+        self.add_post_set_parameters_callback(self._on_parameters)
+        self._speed = 0.0
+        self.refused = 0
+
+        self._ecu_pub = publisher(self, ECU, topics.ECU)
+        group = QuickCallbackGroup()
+        subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
+        subscription(self, Twist, topics.CMD_VEL, self._on_twist, group)
+        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self.driver.dt, self._on_timer, group, steady)
+
+    def _on_parameters(self, parameters: list[RosParameter]) -> None:
+        self._values.update({parameter.name: parameter.value for parameter in parameters})
+        self._apply()
+
+    def _apply(self) -> None:
+        self.driver.limits = Limits(*(self._values[name] for name in Limits._fields))
+        self.driver.stale_after = self._values['stale_after']
+
+    def _on_state(self, state: ZDynBkMdl) -> None:
+        self._speed = state.v_x
+
+    def _on_twist(self, twist: Twist) -> None:
+        wish = to_drive(twist, self._values['linear_scale'], self._values['angular_scale'])
+        if wish.usable:
+            self.driver.hear(wish, time.monotonic())
+            return
+        if not self.refused:
+            self.get_logger().warning(
+                f'refused a Twist that is not finite: {twist.linear}, {twist.angular}; more of '
+                'them are refused silently'
+            )
+        self.refused += 1
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.driver.reset()
+        self._speed = 0.0
+        response.success, response.message = True, 'as at the start'
+        return response
+
+    def _on_timer(self) -> None:
+        command = self.driver.command(time.monotonic(), self._speed)
+        self._ecu_pub.publish(to_ecu(command, Header()))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone, until it is told to stop."""
+    return call('relay', lambda: spin(Relay, args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

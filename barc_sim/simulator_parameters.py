@@ -1,0 +1,71 @@
+"""The parameters of the node `vehicle_simulator`, and the plant that they make."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.bike_model import Vehicle
+from barc_sim.convert import NANOSECONDS
+from barc_sim.parameters import Parameter
+from barc_sim.plant import Plant
+from barc_sim.road import Road
+from barc_sim.sensor import Deviation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_VEHICLE = Vehicle()
+PARAMETERS = [
+    Parameter('mass', _VEHICLE.mass, 'm, the mass [kg]', (1.0, 1e6)),
+    Parameter('air_drag_coeff', _VEHICLE.air_drag_coeff, 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
+    Parameter('friction', _VEHICLE.friction, 'F_f, rolling resistance [N]', (0.0, 1e6)),
+    Parameter('l_f', _VEHICLE.l_f, 'centre of mass to front axle [m]', (0.01, 100.0)),
+    Parameter('l_r', _VEHICLE.l_r, 'centre of mass to rear axle [m]', (0.01, 100.0)),
+    Parameter('gravity', _VEHICLE.gravity, 'g [m/s²]', (0.0, 100.0)),
+    Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
+    Parameter('road', 'lab', "'lab', 'flat' or a CSV file with the columns start_m,grade_deg"),
+    Parameter(
+        'realtime_factor',
+        1.0,
+        'simulated seconds per second; 0: each step as soon as its command has arrived',
+        (0.0, 1000.0),
+    ),
+    Parameter('wait_for_controller', True, 'whether time begins only when somebody publishes ecu'),
+    Parameter(
+        'command_timeout',
+        0.0,
+        'where no command has arrived for so long [s, by the wall clock], the car brakes to a '
+        'standstill, and commands are not due state by state until one bears a stamp; 0: never',
+        (0.0, 3600.0),
+    ),
+    Parameter('timeout_braking', 8.0, 'deceleration then [m/s²]', (0.0, 100.0)),
+    Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
+    Parameter('noise_s', 0.0, 'standard deviation of position along [m]', (0.0, 1e3)),
+    Parameter('noise_ey', 0.0, 'standard deviation of position across [m]', (0.0, 1e3)),
+    Parameter('noise_epsi', 0.0, 'standard deviation of heading [rad]', (0.0, 1e3)),
+    Parameter('noise_v_x', 0.0, 'standard deviation of v_x [m/s]', (0.0, 1e3)),
+    Parameter('noise_v_y', 0.0, 'standard deviation of v_y [m/s]', (0.0, 1e3)),
+    Parameter('noise_psi_dot', 0.0, 'standard deviation of yaw rate [rad/s]', (0.0, 1e3)),
+]
+
+
+def period_ns(values: Mapping[str, Any]) -> int:
+    """Return the time between two states [ns]."""
+    return round(NANOSECONDS / float(values['rate']))
+
+
+def plant(values: Mapping[str, Any]) -> Plant:
+    """Return the plant at the start.
+
+    Raises
+    ------
+    UserError
+        where the road can't be had.
+    """
+    return Plant(
+        road=Road.named(values['road']),
+        vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
+        ts=period_ns(values) / NANOSECONDS,
+        noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
+        seed=values['seed'],
+    )

@@ -1,0 +1,76 @@
+"""What a drive by hand shows in the terminal: one line, drawn in place."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from math import degrees
+from typing import NamedTuple
+
+from barc_sim.driving import COAST, Drive
+
+#: [s] between two drawings in a terminal, and between two lines elsewhere.
+_LIVE_PERIOD = 0.1
+_PLAIN_PERIOD = 1.0
+
+
+class Status(NamedTuple):
+    """What is shown."""
+
+    t: float  #: [s] of the drive
+    speed: float  #: [m/s]
+    steering: float  #: [rad]
+    wish: Drive = COAST
+
+
+class StatusLine:
+    """Draws in the caller's thread, now and then."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        """Draw on stdout unless `quiet`."""
+        self._live = sys.stdout.isatty()
+        self._period = _LIVE_PERIOD if self._live else _PLAIN_PERIOD
+        self._next = float('inf') if quiet else 0.0
+        self._drawn = False
+
+    def is_due(self) -> bool:
+        """Return whether a status would be drawn now."""
+        return time.monotonic() >= self._next
+
+    def show(self, status: Status) -> None:
+        """Draw if the last drawing is old enough."""
+        if not self.is_due():
+            return
+        self._next = time.monotonic() + self._period
+        self._drawn = True
+        line = text(status)
+        if self._live:
+            # Not to the last column: the terminal would go on to the next line.
+            sys.stdout.write(f'\r\x1b[K{line[: shutil.get_terminal_size().columns - 1]}')
+            sys.stdout.flush()
+        else:
+            print(line, flush=True)  # noqa: T201
+
+    def close(self) -> None:
+        """Go to the next line."""
+        if self._live and self._drawn:
+            print()  # noqa: T201
+
+
+def text(status: Status) -> str:
+    """Return the line for `status`; its columns stay where they are."""
+    wish = status.wish
+    held = {
+        '↑': wish.forward > 0.0,
+        '↓': wish.forward < 0.0,
+        '←': wish.turn > 0.0,
+        '→': wish.turn < 0.0,
+        'brake': wish.brake > 0.0,
+    }
+    # Rounded first, and zero added: no negative zero is shown.
+    speed, steering = round(status.speed, 2) + 0.0, round(degrees(status.steering), 1) + 0.0
+    return (
+        f'{status.t:7.1f} s  speed {speed:6.2f} m/s  steering {steering:5.1f}°  '
+        f'held {" ".join(symbol for symbol, on in held.items() if on) or "-"}'
+    )
