@@ -1,13 +1,24 @@
-"""The cruise-control loop without ROS: the same trajectory as the nodes', bit for bit."""
+"""The runs without ROS: cruise control, the nodes' trajectory bit for bit, and driving by hand."""
 
 from __future__ import annotations
+
+from collections import deque
+from math import nan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from barc_sim.bike_model import Input
+from barc_sim.driving import Driver
 from barc_sim.log import Log
 from barc_sim.pid import PID, SPEED_REFERENCE, speed_controller
 from barc_sim.plant import Plant
+from barc_sim.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from barc_sim.driving import Drive
 
 
 def rollout(
@@ -53,6 +64,53 @@ def rollout(
         plant.advance(command)
         # As the nodes take it from stamps, which are whole nanoseconds.
         dt = period_ns / 1e9
+    return _log(rows)
+
+
+def drive(
+    wishes: Iterable[tuple[float, Drive]],
+    duration: float,
+    *,
+    plant: Plant | None = None,
+    driver: Driver | None = None,
+) -> Log:
+    """Drive as `wishes` say, each heard at its time [s], for `duration` [s]: the relay's loop.
+
+    A recorded `cmd_vel` gives the same trajectory each time, bit for bit: a command is made at
+    every multiple of the driver's `dt`, of the wishes heard by then, and acts from the state on
+    whose period it falls in. `plant`, on the flat, and `driver` are the run's defaults unless
+    given, and are left as the run left them.
+    """
+    plant = plant or Plant(road=Road.flat())
+    driver = driver or Driver()
+    waiting = deque(sorted(wishes, key=lambda wish: wish[0]))
+    rows: list[tuple[float, ...]] = []
+    command = Input()
+    period_ns, dt_ns = round(plant.ts * 1e9), round(driver.dt * 1e9)
+    due_ns = 0
+    for k in range(round(duration / plant.ts) + 1):
+        seen = plant.observe()
+        while due_ns < (k + 1) * period_ns:
+            t = due_ns / 1e9
+            while waiting and waiting[0][0] <= t:
+                heard, wish = waiting.popleft()
+                driver.hear(wish, heard)
+            command = driver.command(t, seen.measured.v_x)
+            due_ns += dt_ns
+        rows.append(
+            (
+                k * period_ns / 1e9,
+                *seen.measured,
+                *seen.error,
+                *command,
+                seen.theta_deg,
+                seen.elevation,
+                *seen.forces,
+                *(nan,) * 4,
+                False,
+            )
+        )
+        plant.advance(command)
     return _log(rows)
 
 

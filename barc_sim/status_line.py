@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from contextlib import suppress
 from math import degrees
 from typing import NamedTuple
 
@@ -45,17 +46,21 @@ class StatusLine:
         self._next = time.monotonic() + self._period
         self._drawn = True
         line = text(status)
-        if self._live:
-            # Not to the last column: the terminal would go on to the next line.
-            sys.stdout.write(f'\r\x1b[K{line[: shutil.get_terminal_size().columns - 1]}')
-            sys.stdout.flush()
-        else:
+        if not self._live:
             print(line, flush=True)  # noqa: T201
+            return
+        # Not to the last column: the terminal would go on to the next line.
+        self._write(f'\r\x1b[K{line[: shutil.get_terminal_size().columns - 1]}')
 
     def close(self) -> None:
         """Go to the next line."""
         if self._live and self._drawn:
-            print()  # noqa: T201
+            self._write('\n')
+
+    def _write(self, data: str) -> None:
+        with suppress(OSError):  # a terminal that is gone: its signal ends the run in order
+            sys.stdout.write(data)
+            sys.stdout.flush()
 
 
 def text(status: Status) -> str:

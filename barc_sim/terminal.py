@@ -6,7 +6,7 @@ import os
 import select
 import termios
 from contextlib import suppress
-from threading import Lock, Thread
+from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
@@ -67,7 +67,8 @@ class Terminal:
     def listen(self, on_event: Callable[[KeyEvent], object]) -> None:
         """Make the terminal raw, and call `on_event` from a thread for each key.
 
-        The end of the terminal is a `quit`.
+        The end of the terminal is a `quit`. `on_event` must not wait for the thread that closes
+        the terminal, which waits for it.
         """
         with self._lock:
             settings = termios.tcgetattr(self._fd)
@@ -79,7 +80,8 @@ class Terminal:
             termios.tcsetattr(self._fd, termios.TCSANOW, raw)
             self._write(_BEGIN)
             woken, self._wake = os.pipe()
-        Thread(target=self._read, args=(woken, on_event), name='keys', daemon=True).start()
+        self._thread = Thread(target=self._read, args=(woken, on_event), name='keys', daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """Give the terminal back as it was; may be called from any thread, and again."""
@@ -94,6 +96,8 @@ class Terminal:
                 termios.tcflush(self._fd, termios.TCIFLUSH)
                 termios.tcsetattr(self._fd, termios.TCSANOW, settings)
             os.close(self._wake)
+        if self._thread is not current_thread():
+            self._thread.join()
 
     def _read(self, woken: int, on_event: Callable[[KeyEvent], object]) -> None:
         decoder = KeyDecoder()

@@ -107,3 +107,27 @@ def test_replaced_vehicle_counts_from_the_next_step() -> None:
     assert plant.observe().forces == forces(6.0, radians(-7.0), Vehicle())
     plant.advance(Input(1.0))
     assert plant.state == step(STATE, Input(1.0), radians(-7.0), Vehicle(), 0.05)
+
+
+@pytest.mark.parametrize(('x', 'v'), [(10.0, 6.0), (10.0, -6.0), (25.0, 6.0), (25.0, -3.0)])
+def test_brake_stops_the_car_either_way_and_on_a_hill_without_reversing_it(
+    x: float, v: float
+) -> None:
+    plant = plant_at(State(x=x, v=v))
+    speeds = []
+    for _ in range(60):
+        plant.brake(8.0)
+        speeds.append(plant.state.v)
+    assert all(speed * v >= -1e-12 for speed in speeds)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-12)
+    still = plant.state.x
+    plant.brake(8.0)
+    assert plant.state.x == pytest.approx(still, abs=1e-12)
+
+
+def test_brake_decelerates_at_its_limit_and_keeps_the_wheel() -> None:
+    plant = plant_at(State(v=6.0))
+    plant.advance(Input(servo=0.2))
+    plant.state = State(v=6.0)
+    plant.brake(3.0)
+    assert plant.state == step(State(v=6.0), Input(-3.0, 0.2), radians(5.0), VEHICLE, 0.05)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from barc_sim.bike_model import Vehicle, bikeFE
+from barc_sim.driving import COAST, FULL_BRAKE, Drive, Limits
 from barc_sim.log import Log
 from barc_sim.metrics import summary
 from barc_sim.pid import ACCELERATION_LIMIT, PID, speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
-from barc_sim.rollout import rollout
+from barc_sim.rollout import drive, rollout
 from barc_sim.sensor import Deviation
 
 if TYPE_CHECKING:
@@ -234,3 +235,42 @@ def test_speed_controller_takes_gains() -> None:
     pid = speed_controller(1.0, 2.0, 3.0)
     assert (pid.kp, pid.ki, pid.kd) == (1.0, 2.0, 3.0)
     assert (pid.output_min, pid.output_max) == (-8.0, 8.0)
+
+
+# Driving by hand
+
+
+WISHES = [(0.0, Drive(forward=1.0)), (1.5, Drive(turn=1.0)), (2.0, FULL_BRAKE)]
+
+
+def test_the_same_wishes_give_the_same_trajectory_bit_for_bit() -> None:
+    one, other = drive(WISHES, 6.0), drive(reversed(WISHES), 6.0)
+    for name in Log.__dataclass_fields__:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+
+
+def test_up_gives_the_speed_that_the_limits_predict() -> None:
+    wishes = [(0.05 * k, Drive(forward=1.0)) for k in range(40)]
+    log = drive([*wishes, (2.0, COAST)], 4.0)
+    assert log.speed[-1] == pytest.approx(2.0 * Limits().acceleration, rel=0.01)
+
+
+def test_left_turns_left_and_the_brake_stops_the_car() -> None:
+    log = drive(WISHES, 6.0)
+    assert log.psi[-1] > 0.1
+    assert log.y[-1] > 0.1
+    assert log.speed[-1] == pytest.approx(0.0, abs=1e-3)
+    assert log.speed.min() >= -1e-6
+
+
+def test_a_wish_goes_stale() -> None:
+    log = drive([(0.0, Drive(forward=1.0))], 3.0)
+    assert log.speed[-1] == pytest.approx(0.5 * Limits().acceleration, rel=0.15)
+    assert log.motor[-1] == 0.0
+
+
+def test_a_drive_by_hand_has_no_reference() -> None:
+    log = drive([], 1.0)
+    assert len(log) == 51
+    assert np.isnan(log.reference).all()
+    assert not log.saturated.any()

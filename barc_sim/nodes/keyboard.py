@@ -85,7 +85,7 @@ class Keyboard(Node):
     def destroy_node(self) -> None:
         """Give the terminal back, brake, and destroy the node."""
         self._terminal.close()
-        if self.context.ok():
+        if self.context.ok() and self._twist_pub in self.publishers:
             self._twist_pub.publish(to_twist(FULL_BRAKE))
         super().destroy_node()
 

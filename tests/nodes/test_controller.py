@@ -14,6 +14,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 
 from barc_sim import topics
 from barc_sim.convert import to_header, to_nanoseconds
@@ -185,6 +186,17 @@ def test_gains_and_reference_take_effect_while_it_runs(bench: Callable[..., Benc
     assert one.controller.speed_reference == 8.5
     assert all(result.successful for result in one.set(acceleration_limit=0.5))
     assert one.answers([(40 * MS, 7.0), (60 * MS, 10.0)]) == [0.5, -0.5]
+
+
+def test_reset_is_a_fresh_start(bench: Callable[..., Bench]) -> None:
+    one = bench()
+    samples = [(0, 1.0), (20 * MS, 1.5), (40 * MS, 3.0)]
+    first = one.answers(samples)
+    client = one.peer.create_client(Trigger, 'controller/reset')
+    one.until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    one.until(future.done)
+    assert one.answers([(stamp + 60 * MS, v_x) for stamp, v_x in samples]) == first
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,6 +17,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import topics
 from barc_sim.convert import to_header, to_nanoseconds
@@ -342,3 +344,168 @@ def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: Wo
     with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
         world.until(simulator.finished.done)
     assert simulator.steps == 0
+
+
+# Lost commands
+
+
+def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    commands = world.driver()
+    simulator = world.simulator(command_timeout=0.2, realtime_factor=4.0, road='flat')
+    world.until(lambda: simulator.steps > 0)
+    commands.publish(ECU(motor=4.0, servo=0.1))
+    world.until(lambda: bool(world.states) and world.states[-1].v_x > 2.0)
+    world.until(lambda: world.states[-1].v_x == pytest.approx(0.0, abs=1e-9))
+    stood = len(world.states)
+    world.until(lambda: len(world.states) > stood + 20)
+    assert min(state.v_x for state in world.states) >= -1e-12
+    assert world.states[-1].x == pytest.approx(world.states[stood].x, abs=1e-6)
+    braking = [b.v_x - a.v_x for a, b in pairwise(world.states)]
+    assert min(braking) == pytest.approx(-8.0 * 0.02, rel=0.02)
+    assert simulator.missed == 0
+    assert 'no command for 0.2 s: the car brakes to a standstill' in capfd.readouterr().err
+
+
+def test_car_goes_on_when_commands_return(world: World) -> None:
+    commands = world.driver()
+    world.simulator(command_timeout=0.05, realtime_factor=4.0, road='flat')
+    world.until(lambda: len(world.states) > 20)
+    assert world.states[-1].v_x == 0.0
+    commands.publish(ECU(motor=4.0))
+    world.until(lambda: world.states[-1].v_x > 0.0)
+
+
+def test_without_a_timeout_the_last_command_holds(world: World) -> None:
+    commands = world.driver()
+    world.simulator(realtime_factor=20.0, road='flat')
+    world.until(lambda: len(world.states) > 0)
+    commands.publish(ECU(motor=1.0))
+    world.until(lambda: len(world.states) > 300)
+    assert world.states[-1].v_x > world.states[-50].v_x
+
+
+# Services
+
+
+def call(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
+    """Return the response of the simulator's service."""
+    node = world.add(Node('caller', context=world.context))
+    client = node.create_client(service_type, f'vehicle_simulator/{name}')
+    world.until(client.service_is_ready)
+    future = client.call_async(service_type.Request(**request))
+    world.until(future.done)
+    assert future.result().success
+    return future.result()
+
+
+def rows(states: list[ZDynBkMdl]) -> list[tuple[float, ...]]:
+    return [(state.x, state.y, state.psi, state.v_x, state.psi_dot) for state in states]
+
+
+@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
+def test_reset_gives_the_same_states_again_with_later_stamps(world: World, factor: float) -> None:
+    def answer(state: ZDynBkMdl) -> ECU:
+        return ECU(header=state.header, motor=3.0 - state.v_x, servo=0.05 * state.v_x)
+
+    told: list[float] = []
+    world.driver(answer)
+    simulator = world.simulator(
+        realtime_factor=factor,
+        noise_v_x=0.1,
+        noise_s=0.2,
+        seed=4,
+        on_step=lambda t, _: told.append(t),
+    )
+    world.until(lambda: len(world.states) >= 30)
+    for run in (2, 3, 4):
+        call(world, Trigger, 'reset')
+        world.until(lambda run=run: told.count(0.0) == run and told[-1] > 0.6)
+    world.until(lambda: len(world.states) == len(told) == simulator.steps)
+    starts = [k for k, t in enumerate(told) if t == 0.0]
+    assert len(starts) == 4
+    runs = [rows(world.states[k : k + 30]) for k in starts]
+    if simulator.missed == 0:
+        assert runs[0] == runs[1] == runs[2] == runs[3]
+    times = stamps(world.states)
+    assert all(a < b for a, b in pairwise(times))
+
+
+def test_reset_waits_for_whoever_commands_and_resets_it_once(world: World) -> None:
+    calls: list[int] = []
+
+    def on_reset(_: Any, response: Any) -> Any:  # noqa: ANN401
+        calls.append(simulator.steps)
+        return response
+
+    world.driver(partial(command, 1.0))
+    controller = world.add(Node('controller', context=world.context))
+    controller.create_service(Trigger, '~/reset', on_reset)
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 10)
+    call(world, Trigger, 'reset')
+    world.until(lambda: bool(calls))
+    world.until(lambda: simulator.steps > calls[0] + 5)
+    world.until(lambda: len(world.states) == simulator.steps)
+    assert len(calls) == 1
+    assert world.states[calls[0]].x == 0.0
+    assert world.states[calls[0] - 1].x > 0.0
+
+
+def test_reset_goes_on_though_whoever_commands_does_not_answer(
+    world: World, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, '_RESET_TIMEOUT', 0.05)
+    world.driver(partial(command, 1.0))
+    deaf = Node('controller', context=world.context)  # not spun
+    deaf.create_service(Trigger, '~/reset', lambda _, response: response)
+    world.nodes.append(deaf)
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 5)
+    call(world, Trigger, 'reset')
+    before = simulator.steps
+    world.until(lambda: simulator.steps > before + 3)
+    assert 'has not answered its reset' in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_reset_helps_where_nobody_answers_the_present_state(world: World) -> None:
+    world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: simulator.steps == 1)
+    call(world, Trigger, 'reset')
+    world.until(lambda: simulator.steps == 2)
+
+
+@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
+def test_time_stands_still_while_paused(world: World, factor: float) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=factor)
+    world.until(lambda: len(world.states) >= 5)
+    assert call(world, SetBool, 'pause', data=True).message == 'paused'
+    world.until(lambda: len(world.states) == simulator.steps)
+    steps = simulator.steps
+    for _ in range(3):
+        call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == steps
+    assert call(world, SetBool, 'pause', data=False).message == 'running'
+    world.until(lambda: len(world.states) >= steps + 5)
+    times = stamps(world.states)
+    assert times == [times[0] + k * 20_000_000 for k in range(len(times))]
+
+
+def test_reset_while_paused_shows_the_start_and_stays_paused(world: World) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 5)
+    call(world, SetBool, 'pause', data=True)
+    world.until(lambda: len(world.states) == simulator.steps)
+    steps = simulator.steps
+    call(world, Trigger, 'reset')
+    world.until(lambda: len(world.states) == steps + 1)
+    assert world.states[-1].x == 0.0
+    call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == steps + 1
+    call(world, SetBool, 'pause', data=False)
+    world.until(lambda: len(world.states) >= steps + 5)

@@ -1,0 +1,164 @@
+"""The relay alone: what it makes of Twists, and what it refuses."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU, ZDynBkMdl
+from geometry_msgs.msg import Twist, Vector3
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from barc_sim import topics
+from barc_sim.errors import UserError
+from barc_sim.nodes.relay import Relay
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+
+class Bench:
+    """A relay, and a node that sends it Twists and hears its commands."""
+
+    def __init__(
+        self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
+    ) -> None:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.relay = Relay(context=context, parameter_overrides=overrides)
+        self.peer = Node('peer', context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.relay)
+        self.executor.add_node(self.peer)
+        self.until = partial(spin_until, self.executor)
+        self.commands: list[ECU] = []
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topics.QOS)
+        self.twists = self.peer.create_publisher(Twist, 'cmd_vel', 10)  # as the stock ones do
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topics.QOS)
+
+    def send(self, forward: float = 0.0, turn: float = 0.0, brake: float = 0.0) -> None:
+        """Publish a Twist of these shares."""
+        self.twists.publish(Twist(linear=Vector3(x=forward, z=-brake), angular=Vector3(z=turn)))
+
+    def until_motor(self, motor: float) -> None:
+        """Spin until a command of this acceleration arrives."""
+        self.commands.clear()
+        self.until(lambda: any(command.motor == motor for command in self.commands))
+
+
+@pytest.fixture
+def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
+    benches = []
+
+    def make(**parameters: float | bool) -> Bench:
+        benches.append(Bench(ros, spin_until, **parameters))
+        return benches[-1]
+
+    yield make
+    for made in benches:
+        made.executor.shutdown()
+        made.peer.destroy_node()
+        made.relay.destroy_node()
+
+
+def test_relay_commands_coasting_without_a_stamp_from_its_start_on(
+    bench: Callable[..., Bench],
+) -> None:
+    b = bench()
+    b.until(lambda: len(b.commands) >= 5)
+    assert {(c.motor, c.servo, c.header.stamp.sec) for c in b.commands} == {(0.0, 0.0, 0)}
+
+
+def test_twist_is_a_share_of_the_limits_which_may_be_changed(bench: Callable[..., Bench]) -> None:
+    b = bench(acceleration=3.0, stale_after=60.0)
+    b.send(forward=0.5)
+    b.until_motor(1.5)
+    b.relay.set_parameters([Parameter('acceleration', value=5.0)])
+    b.until_motor(2.5)
+    b.relay.set_parameters([Parameter('linear_scale', value=2.0)])
+    b.send(forward=0.4)
+    b.until_motor(4.0)
+    b.send(forward=7.0)
+    b.until_motor(5.0)
+
+
+def test_wheel_turns_and_returns_or_stays_as_told(bench: Callable[..., Bench]) -> None:
+    b = bench(self_centring=False, steering=0.2, stale_after=60.0)
+    b.send(turn=1.0)
+    b.until(lambda: b.relay.driver.servo == 0.2)
+    b.send()
+    b.until(lambda: not b.relay.driver.wish.turn)
+    assert b.relay.driver.servo == 0.2
+    b.relay.set_parameters([Parameter('self_centring', value=True)])
+    b.until(lambda: b.relay.driver.servo == 0.0)
+
+
+def test_stale_twist_becomes_coasting(bench: Callable[..., Bench]) -> None:
+    b = bench(stale_after=0.2)
+    b.send(forward=1.0)
+    b.until_motor(4.0)
+    b.until_motor(0.0)
+
+
+def test_down_brakes_a_car_that_drives_forward(bench: Callable[..., Bench]) -> None:
+    b = bench(stale_after=60.0)
+    b.states.publish(ZDynBkMdl(v_x=10.0))
+    b.send(forward=-1.0)
+    b.until_motor(-8.0)
+
+
+def test_brake_stays_on_after_its_twist_has_gone_stale(bench: Callable[..., Bench]) -> None:
+    b = bench(stale_after=0.05)
+    b.states.publish(ZDynBkMdl(v_x=10.0))
+    b.send(brake=1.0)
+    b.until_motor(-8.0)
+    b.commands.clear()
+    b.until(lambda: len(b.commands) > 10)
+    assert {command.motor for command in b.commands} == {-8.0}
+
+
+def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
+    bench: Callable[..., Bench], capfd: pytest.CaptureFixture[str]
+) -> None:
+    b = bench(stale_after=60.0)
+    b.send(forward=0.5)
+    for value in (float('nan'), float('inf'), float('-inf')):
+        b.send(forward=value)
+        b.send(turn=value)
+        b.send(brake=value)
+    b.until(lambda: b.relay.refused == 9)
+    b.until_motor(2.0)
+    assert capfd.readouterr().err.count('refused a Twist') == 1
+
+
+def test_reset_forgets_wish_and_wheel(bench: Callable[..., Bench]) -> None:
+    b = bench(stale_after=60.0)
+    b.send(forward=1.0, turn=1.0)
+    b.until_motor(4.0)
+    client = b.peer.create_client(Trigger, 'relay/reset')
+    b.until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    b.until(future.done)
+    b.until_motor(0.0)
+    assert b.relay.driver.servo == 0.0
+
+
+@pytest.mark.parametrize('name', ['acceleration', 'steering', 'stale_after'])
+def test_parameter_out_of_range_is_refused(bench: Callable[..., Bench], name: str) -> None:
+    with pytest.raises(UserError, match=f'parameter {name} of relay must lie between'):
+        bench(**{name: -1.0})
+
+
+def test_every_parameter_is_described(bench: Callable[..., Bench]) -> None:
+    relay = bench().relay
+    names = set(relay.list_parameters(prefixes=[], depth=0).names) - {'use_sim_time'}
+    assert len(names) >= 9
+    assert [name for name in names if not relay.describe_parameter(name).description] == []

@@ -1,0 +1,56 @@
+"""Which command holds, whether it is the answer, and when it counts as lost."""
+
+from __future__ import annotations
+
+from barc_sim.bike_model import Input
+from barc_sim.commands import Commands
+
+GO, STOP = Input(motor=1.0), Input(motor=-1.0)
+
+
+def test_nothing_holds_before_the_first_command() -> None:
+    commands = Commands()
+    assert commands.latest is None
+    assert not commands.answered
+
+
+def test_a_command_answers_the_state_of_its_stamp_only() -> None:
+    commands = Commands()
+    commands.hear(GO, stamp=10, present=20, t=0.0)
+    assert (commands.latest, commands.answered) == (GO, False)
+    commands.hear(STOP, stamp=20, present=20, t=0.0)
+    assert (commands.latest, commands.answered) == (STOP, True)
+    commands.expect()
+    assert (commands.latest, commands.answered) == (STOP, False)
+
+
+def test_a_command_without_a_stamp_answers_every_state_until_one_with_a_stamp_comes() -> None:
+    commands = Commands()
+    commands.hear(GO, stamp=0, present=20, t=0.0)
+    commands.expect()
+    assert commands.answered
+    commands.hear(GO, stamp=20, present=20, t=0.0)
+    commands.expect()
+    assert not commands.answered
+
+
+def test_with_a_timeout_no_state_waits_for_the_first_command() -> None:
+    commands = Commands(timeout=0.5)
+    commands.expect()
+    assert commands.answered
+
+
+def test_silence_beyond_the_timeout_is_a_loss_until_the_next_command() -> None:
+    commands = Commands(timeout=0.5)
+    commands.wait(5.0)
+    assert not commands.lost(5.5)
+    assert commands.lost(5.6)
+    commands.hear(GO, stamp=0, present=20, t=6.0)
+    assert not commands.lost(6.5)
+    commands.wait(5.0)
+    assert not commands.lost(6.5)
+    assert commands.lost(6.51)
+
+
+def test_without_a_timeout_nothing_is_lost() -> None:
+    assert not Commands().lost(1e9)
