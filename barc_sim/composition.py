@@ -22,6 +22,7 @@ from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.recording import from_options
 from barc_sim.road import Road
+from barc_sim.ros_graph import observe
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -96,6 +97,7 @@ class Run(ABC):
         if self.recorder:
             self.recorder.add_metadata(describe(argv, self._nodes))
             self.recorder.discover()
+            self._keep_graph(self.recorder)
 
     @abstractmethod
     def compose(self, options: Namespace) -> VehicleSimulator:
@@ -158,6 +160,7 @@ class Run(ABC):
                 'slipped_periods': self.slipped,
             }
             self.recorder.add_metadata({name: str(value) for name, value in results.items()})
+            self._keep_graph(self.recorder)
         self._destroy()
 
     def discard(self) -> None:
@@ -167,6 +170,10 @@ class Run(ABC):
             shutil.rmtree(self.recorder.path)
             if self._root_is_new:
                 self.recorder.path.parent.rmdir()
+
+    @staticmethod
+    def _keep_graph(recorder: BagRecorder) -> None:
+        recorder.add_metadata({'graph': observe(recorder).to_json()})
 
     def _destroy(self) -> None:
         while self._nodes:

@@ -28,6 +28,7 @@ ROS_MODULES = {
         'parameters',
         'process',
         'recorder_services',
+        'ros_graph',
         'simulator_parameters',
         'teleop',
         'topics',
