@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Sequence
 
+    from matplotlib.figure import Figure
+
+    from barc_sim.animation import View
     from barc_sim.log import Log
 
 PROG = 'barc_sim.replay'
@@ -68,10 +71,18 @@ def _play_in_window(log: Log, title: str) -> bool:
     figure = output.window(side_view.SIZE, title)
     if figure is None:
         return False
-    playing = animation.animate(side_view.SideView(log, figure, title=title))
+    playing = animation.animate(view_of(log, figure, title))
     output.show()
     del playing  # it played for as long as it was kept
     return True
+
+
+def view_of(log: Log, figure: Figure, title: str) -> View:
+    """Return the view that suits the run: from above where it was driven by hand."""
+    from barc_sim import side_view, top_view  # noqa: PLC0415
+
+    kind = top_view.TopView if top_view.suits(log) else side_view.SideView
+    return kind(log, figure, title=title)
 
 
 def save(log: Log, path: Path, *, title: str = '') -> None:
@@ -87,7 +98,7 @@ def save(log: Log, path: Path, *, title: str = '') -> None:
 
     gif = path.suffix.lower() == '.gif'
     dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)
-    view = side_view.SideView(log, Figure(figsize=side_view.SIZE, dpi=dpi), title=title)
+    view = view_of(log, Figure(figsize=side_view.SIZE, dpi=dpi), title)
     times = track(
         animation.frame_times(view.duration, fps),
         'Saving',

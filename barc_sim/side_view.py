@@ -25,7 +25,7 @@ from barc_sim.road_scene import RoadScene
 from barc_sim.terrain import Terrain
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
@@ -72,7 +72,9 @@ class SideView:
             self._trace, reference = self._draw_speed(speed)
             here = [*_draw_here(course, self._distance), *_draw_here(speed, self._distance)]
             self._cursors, self._dots = here[::2], here[1::2]
-            self._readings = _draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
+            self._readings = draw_readings(
+                figure.add_axes((0.06, 0.9, 0.925, 0.1)), title, READINGS
+            )
         moving = [self._trace, *reference, *here, *self._readings.values()]
         self.artists = [*self._scene.artists, *moving]
         # Above what stands still, and in one order: matplotlib would put every line on a patch.
@@ -139,13 +141,13 @@ def _draw_here(axes: Axes, distance: NDArray[np.float64]) -> tuple[Line2D, Line2
     return cursor, dot
 
 
-def _draw_readings(axes: Axes, title: str) -> dict[str, Text]:
-    """Return the texts that show the values, by name."""
+def draw_readings(axes: Axes, title: str, readings: Mapping[str, float]) -> dict[str, Text]:
+    """Return the texts that show the values, by name, which end where `readings` says."""
     axes.set_axis_off()
     axes.text(0.0, 0.5, title, fontsize=13, fontweight='bold', va='center')
-    for name, x in READINGS.items():
+    for name, x in readings.items():
         axes.text(x, 0.68, name, color=MUTED, fontsize=9, ha='right', va='bottom')
     return {
         name: axes.text(x, 0.56, '', fontsize=15, ha='right', va='top')
-        for name, x in READINGS.items()
+        for name, x in readings.items()
     }

@@ -50,6 +50,7 @@ class Terminal:
         self._lock = Lock()
         self._settings: list[int | list[bytes | int]] | None = None
         self._kitty = False
+        self._thread: Thread | None = None
 
     def __enter__(self) -> Self:
         """Return the terminal."""
@@ -85,19 +86,24 @@ class Terminal:
 
     def close(self) -> None:
         """Give the terminal back as it was; may be called from any thread, and again."""
+        self._restore()
+        # Also where the reading thread has restored it: it is not to read from it any more.
+        thread = self._thread
+        if thread and thread is not current_thread():
+            thread.join()
+
+    def _restore(self) -> None:
         with self._lock:
             settings, self._settings = self._settings, None
             if settings is None:
                 return
             self._write((_POP_KITTY if self._kitty else b'') + _END)
             with suppress(termios.error):  # it may be gone
-                # What was typed meanwhile is not for the shell. Nothing here waits for a terminal
-                # that takes no output, as TCSAFLUSH would.
+                # What was typed meanwhile is not for the shell. TCSAFLUSH would wait for a terminal
+                # that takes no output.
                 termios.tcflush(self._fd, termios.TCIFLUSH)
                 termios.tcsetattr(self._fd, termios.TCSANOW, settings)
             os.close(self._wake)
-        if self._thread is not current_thread():
-            self._thread.join()
 
     def _read(self, woken: int, on_event: Callable[[KeyEvent], object]) -> None:
         decoder = KeyDecoder()
@@ -122,7 +128,8 @@ class Terminal:
 
     def _write(self, data: bytes) -> None:
         with suppress(OSError):  # it may be gone, or only to be read
-            os.write(self._fd, data)
+            if select.select([], [self._fd], [], 0.0)[1]:
+                os.write(self._fd, data)
 
 
 def _unusable(fd: int) -> str | None:

@@ -9,10 +9,5 @@ ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'
 CMD_VEL = 'cmd_vel'
 
-#: Services, and those by which the nodes that may command are reset.
-RESET = 'vehicle_simulator/reset'
-PAUSE = 'vehicle_simulator/pause'
-RESETS = ('controller/reset', 'relay/reset')
-
 #: Every topic of a run: reliable, with room for a second of 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)

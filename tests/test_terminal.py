@@ -142,6 +142,7 @@ def test_close_does_not_wait_for_a_terminal_that_takes_no_output(
     with suppress(BlockingIOError):
         while True:
             os.write(console.fd, b'x' * 1000)
+    os.set_blocking(console.fd, True)
     terminal.close()
     assert console.settings() == console.before
 
@@ -157,6 +158,7 @@ def test_close_from_the_reading_thread_works(console: Pty) -> None:
     console.type(b'q')
     console.next()
     assert console.settings() == console.before
+    terminal.close()  # the thread has ended when this returns
 
 
 def test_what_is_no_terminal_is_refused() -> None:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim import topics
+from barc_sim import services, topics
 from barc_sim.cli import call
 from barc_sim.convert import to_twist
 from barc_sim.driving import FULL_BRAKE, RATE
@@ -76,7 +76,7 @@ class Keyboard(Node):
 
         self._twist_pub = publisher(self, Twist, topics.CMD_VEL)
         group = QuickCallbackGroup()
-        self._reset = self.create_client(Trigger, topics.RESET, callback_group=group)
+        self._reset = self.create_client(Trigger, services.RESET, callback_group=group)
         self._typed = self.create_guard_condition(self._on_typed, group)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(1.0 / RATE, self._publish, group, steady)

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim import topics
+from barc_sim import services, topics
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
@@ -67,9 +67,9 @@ class VehicleSimulator(Node):
     sends it, holds until the next, and nothing is missed meanwhile. Where none has arrived for
     `command_timeout` by the wall clock, the car brakes to a standstill and stays there.
 
-    `~/reset` starts afresh, once the present state is answered: state, held command and noise as
-    at first, nodes that offer `topics.RESETS` reset, and stamps that go on. `~/pause` lets
-    simulated time stand still.
+    `~/reset` starts afresh, once the present state is answered: state, held command and noise are
+    as at first, the nodes that command are reset, too, and stamps go on. `~/pause` lets simulated
+    time stand still.
 
     Attributes
     ----------
@@ -126,7 +126,8 @@ class VehicleSimulator(Node):
         self.create_service(Trigger, '~/reset', self._on_reset, callback_group=self._group)
         self.create_service(SetBool, '~/pause', self._on_pause, callback_group=self._group)
         self._resets = [
-            self.create_client(Trigger, name, callback_group=self._group) for name in topics.RESETS
+            self.create_client(Trigger, name, callback_group=self._group)
+            for name in services.COMMANDERS_RESET
         ]
         self._resetting: list[Future] = []
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
