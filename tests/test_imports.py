@@ -26,12 +26,14 @@ ROS_MODULES = {
         'listening',
         'offers',
         'parameters',
+        'polled',
         'process',
         'recorder_services',
         'ros_graph',
         'simulator_parameters',
         'teleop',
         'topics',
+        'view_peers',
     )
 }
 

@@ -1,0 +1,115 @@
+"""What the live page and its server say to each other.
+
+States go to the page in binary messages: rows of little-endian float64, one value per name in
+`COLUMNS`, NaN for what is not known. All else is JSON with a `type`.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple, NoReturn
+
+#: What a row says of a state; the truth where the measurement's error is known.
+COLUMNS = (
+    't',  # [s] since the first state
+    'x',  # [m] along the road's surface
+    'y',  # [m] to the left
+    'psi',  # [rad] heading
+    'speed',  # [m/s] along the vehicle
+    'measured_speed',  # [m/s]
+    'theta_deg',  # [deg] incline
+    'elevation',  # [m]
+    'motor',  # [m/s²] the command
+    'servo',  # [rad]
+    'reference',  # [m/s]
+    'proportional',  # [m/s²] the controller's three terms
+    'integral',
+    'derivative',
+)
+#: The controller's parameters that the page may set.
+TUNABLE = ('kp', 'ki', 'kd', 'speed_reference')
+
+
+class Malformed(ValueError):  # noqa: N818 (it says what the message is)
+    """A message that no page of ours sends."""
+
+
+class Drive(NamedTuple):
+    """Drive as `cmd_vel` does."""
+
+    linear: float = 0.0  #: share of the greatest acceleration, from -1 to 1
+    angular: float = 0.0  #: share of the greatest steering rate, from -1 to 1, left is positive
+
+
+class Tune(NamedTuple):
+    """Set one of the controller's parameters."""
+
+    name: str
+    value: float
+
+
+class Reset(NamedTuple):
+    """Put the car back to the start."""
+
+
+class Pause(NamedTuple):
+    """Stop simulated time, or let it go on."""
+
+    on: bool
+
+
+Request = Drive | Tune | Reset | Pause
+
+
+class Status(NamedTuple):
+    """What the composition knows of a run and no topic tells; None for what it doesn't."""
+
+    missed: int | None = None  #: commands that were not there when they were due
+    slipped: int | None = None  #: periods by which time has fallen behind the wall clock
+    paused: bool | None = None
+
+
+def say(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can say)
+    """Return the message of a type to the page."""
+    return json.dumps({'type': kind, **fields}, separators=(',', ':'), allow_nan=False)
+
+
+def parse(message: str | bytes) -> Request:
+    """Return what a page asks for.
+
+    Raises
+    ------
+    Malformed
+        where it is nothing that a page can ask for.
+    """
+    if not isinstance(message, str):
+        raise Malformed('a page sends text, not binary data')
+    try:
+        fields = json.loads(message, parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+        raise Malformed(f'not JSON: {error}') from None
+    if not isinstance(fields, dict):
+        raise Malformed('a JSON object is expected')
+    kind = fields.pop('type', None)
+    if kind == 'drive' and set(fields) == {'linear', 'angular'}:
+        return Drive(**{name: _number(value, 1.0) for name, value in fields.items()})
+    if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in TUNABLE:
+        return Tune(fields['name'], _number(fields['value'], 1e9))
+    if kind == 'reset' and not fields:
+        return Reset()
+    if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
+        return Pause(fields['on'])
+    raise Malformed('unknown request')
+
+
+def _no_number(name: str) -> NoReturn:
+    raise ValueError(f'{name} is not a number')
+
+
+def _number(value: object, limit: float) -> float:
+    """Return `value` if it is a number from -limit to limit."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise Malformed('a number is expected')
+    if not abs(value) <= limit:  # NaN isn't, either
+        raise Malformed(f'a number from {-limit:g} to {limit:g} is expected')
+    return float(value)

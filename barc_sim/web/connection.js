@@ -1,0 +1,53 @@
+// The websocket: what arrives, and coming back by itself.
+
+const PATIENCE = [0.25, 0.5, 1, 2, 4]; // [s] before each attempt, the last one again and again
+const REFUSED = 1008; // what this page sent was refused: it is of another version
+const FULL = 1013;
+
+export class Connection {
+  /** `on`: hello, facts, status, refused and end, by message; rows, opened, lost, shut. */
+  constructor(on) {
+    this.on = on;
+    this.attempts = 0;
+    this.ended = false;
+    this.#open();
+  }
+
+  send(type, fields = {}) {
+    if (this.socket.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify({ type, ...fields }));
+    return true;
+  }
+
+  #open() {
+    const address = new URL('socket', location.href);
+    address.protocol = address.protocol.replace('http', 'ws');
+    this.socket = new WebSocket(address);
+    this.socket.binaryType = 'arraybuffer';
+    this.socket.onmessage = ({ data }) => this.#receive(data);
+    this.socket.onclose = ({ code, reason }) => this.#closed(code, reason);
+  }
+
+  #receive(data) {
+    if (typeof data !== 'string') {
+      this.on.rows(new Float64Array(data));
+      return;
+    }
+    const { type, ...fields } = JSON.parse(data);
+    if (type === 'hello') this.attempts = 0;
+    if (type === 'end') this.ended = true;
+    this.on[type](fields);
+  }
+
+  #closed(code, reason) {
+    if (this.ended) return;
+    if (code === REFUSED || code === FULL) {
+      this.on.shut(reason);
+      return;
+    }
+    const wait = PATIENCE[Math.min(this.attempts, PATIENCE.length - 1)];
+    this.attempts += 1;
+    this.on.lost();
+    setTimeout(() => this.#open(), 1000 * wait);
+  }
+}

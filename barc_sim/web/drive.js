@@ -1,0 +1,113 @@
+// Keys with true press and release, and two thumb pads -> what is held.
+
+const KEYS = {
+  ArrowUp: 'forward', KeyW: 'forward', ArrowDown: 'back', KeyS: 'back',
+  ArrowLeft: 'left', KeyA: 'left', ArrowRight: 'right', KeyD: 'right', Space: 'stop',
+};
+const LEAST = 20; // [ms] between two messages while a thumb moves
+const REPEAT = 50; // [ms] between two messages while something is held
+const DEAD = 0.12; // share of a pad's radius that counts as its middle
+const CREEP = 0.5; // [m/s] below which the stop brakes less and less, so as not to go backwards
+
+const clip = (value) => Math.min(Math.max(value, -1), 1);
+
+export class Driving {
+  /** `send` is given linear and angular, from -1 to 1; `speed` returns the car's [m/s]. */
+  constructor(send, speed, commands) {
+    this.send = send;
+    this.speed = speed;
+    this.pressed = new Map(); // event code -> what it does
+    this.pads = { steer: 0, throttle: 0 };
+    this.moving = false;
+    this.told = 0; // when a thumb's place was sent
+    this.#listen(commands);
+    for (const name of Object.keys(this.pads)) this.#listenToPad(name);
+    setInterval(() => this.moving && this.#update(), REPEAT);
+  }
+
+  /** Let go of everything. */
+  release() {
+    this.pressed.clear();
+    this.pads = { steer: 0, throttle: 0 };
+    for (const pad of document.querySelectorAll('.pad')) rest(pad);
+    this.#update();
+  }
+
+  #listen(commands) {
+    addEventListener('keydown', (event) => {
+      if (event.ctrlKey || event.altKey || event.metaKey) return;
+      const action = KEYS[event.code];
+      if (action) {
+        event.preventDefault();
+        if (!event.repeat) {
+          this.pressed.set(event.code, action);
+          this.#update();
+        }
+      } else if (!event.repeat && commands[event.code]) {
+        commands[event.code]();
+      }
+    });
+    addEventListener('keyup', (event) => {
+      if (!KEYS[event.code]) return;
+      event.preventDefault(); // space would press a button that has the focus
+      if (this.pressed.delete(event.code)) this.#update();
+    });
+    addEventListener('blur', () => this.release());
+    addEventListener('pagehide', () => this.release());
+    document.addEventListener('visibilitychange', () => document.hidden && this.release());
+  }
+
+  #listenToPad(name) {
+    const pad = document.getElementById(name);
+    const follow = (event) => {
+      if (!pad.hasPointerCapture(event.pointerId)) return;
+      const box = pad.getBoundingClientRect();
+      const [x, y] = [
+        clip((event.clientX - box.left - box.width / 2) / (0.4 * box.width)),
+        clip((event.clientY - box.top - box.height / 2) / (0.4 * box.height)),
+      ];
+      const held = name === 'steer' ? -x : -y;
+      this.pads[name] = Math.abs(held) < DEAD ? 0 : held;
+      const knob = pad.querySelector('i');
+      knob.style.transform = name === 'steer'
+        ? `translateX(${0.34 * box.width * x}px)` : `translateY(${0.34 * box.height * y}px)`;
+      if (event.timeStamp - this.told < LEAST) return; // what it is now is sent with the repeat
+      this.told = event.timeStamp;
+      this.#update();
+    };
+    const letGo = () => {
+      this.pads[name] = 0;
+      rest(pad);
+      this.#update();
+    };
+    pad.addEventListener('pointerdown', (event) => {
+      event.preventDefault();
+      pad.setPointerCapture(event.pointerId);
+      pad.classList.add('held');
+      follow(event);
+    });
+    pad.addEventListener('pointermove', follow);
+    pad.addEventListener('lostpointercapture', letGo);
+  }
+
+  #update() {
+    const held = new Set(this.pressed.values());
+    for (const cap of document.querySelectorAll('kbd')) {
+      cap.classList.toggle('held', held.has(cap.dataset.held));
+    }
+    let linear = clip(held.has('forward') - held.has('back') + this.pads.throttle);
+    let angular = clip(held.has('left') - held.has('right') + this.pads.steer);
+    if (held.has('stop')) {
+      linear = clip(-this.speed() / CREEP);
+      angular = 0;
+    }
+    const moving = held.size > 0 || linear !== 0 || angular !== 0;
+    if (moving || this.moving) this.send(linear, angular);
+    this.moving = moving;
+  }
+}
+
+function rest(pad) {
+  pad.classList.remove('held');
+  pad.querySelector('i').style.transform = '';
+}

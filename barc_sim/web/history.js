@@ -1,0 +1,96 @@
+// The states so far, and the state at any time between them.
+
+const MOST = 1 << 18; // rows
+const JUMP = 3; // [m] between two states: the car was put somewhere else
+
+export class History {
+  constructor() {
+    this.columns = [];
+    this.clear();
+  }
+
+  clear() {
+    this.count = 0;
+    this.data = new Float64Array(1 << 14);
+  }
+
+  /** Set the names of a row's values. */
+  name(columns) {
+    this.columns = columns;
+    this.index = Object.fromEntries(columns.map((name, i) => [name, i]));
+    this.clear();
+  }
+
+  /** Add rows; time that goes back begins anew. */
+  add(rows) {
+    const width = this.columns.length;
+    for (let from = 0; from + width <= rows.length; from += width) {
+      const t = rows[from];
+      if (this.count && t < this.last('t')) this.clear();
+      else if (this.count && t === this.last('t')) continue;
+      if (this.count === MOST) this.#forget();
+      if ((this.count + 1) * width > this.data.length) this.#grow();
+      this.data.set(rows.subarray(from, from + width), this.count * width);
+      this.count += 1;
+    }
+  }
+
+  at(row, name) {
+    return this.data[row * this.columns.length + this.index[name]];
+  }
+
+  last(name) {
+    return this.count ? this.at(this.count - 1, name) : NaN;
+  }
+
+  /** The last row at or before `t`; the first where there is none. */
+  row(t) {
+    let low = 0;
+    let high = this.count;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (this.at(middle, 't') <= t) low = middle;
+      else high = middle;
+    }
+    return low;
+  }
+
+  /** Whether the car was put somewhere else between `row` and the next one. */
+  jumps(row) {
+    return Math.hypot(
+      this.at(row + 1, 'x') - this.at(row, 'x'), this.at(row + 1, 'y') - this.at(row, 'y'),
+    ) > JUMP;
+  }
+
+  /** The state at `t`: motion between states, and commands that hold until the next. */
+  state(t) {
+    if (!this.count) return null;
+    const row = this.row(t);
+    const state = {};
+    for (const name of this.columns) state[name] = this.at(row, name);
+    if (row + 1 < this.count && !this.jumps(row)) {
+      const span = this.at(row + 1, 't') - state.t;
+      const share = Math.min(Math.max((t - state.t) / span, 0), 1);
+      for (const name of ['x', 'y', 'psi', 'speed', 'measured_speed', 'elevation', 'servo']) {
+        const next = this.at(row + 1, name);
+        if (!Number.isNaN(next)) state[name] += share * (next - state[name]);
+      }
+    }
+    state.t = Math.min(Math.max(t, this.at(0, 't')), this.last('t'));
+    return state;
+  }
+
+  #grow() {
+    const larger = new Float64Array(2 * this.data.length);
+    larger.set(this.data);
+    this.data = larger;
+  }
+
+  /** Drop the older half. */
+  #forget() {
+    const width = this.columns.length;
+    const half = this.count >> 1;
+    this.data.copyWithin(0, half * width, this.count * width);
+    this.count -= half;
+  }
+}

@@ -1,0 +1,169 @@
+// The car from above, to scale, on a grid that scrolls; x is up, y to the left.
+
+import { colours, font, niceStep, reading } from './look.js';
+
+const LENGTH = 4.5; // [m]
+const WIDTH = 1.9;
+const TYRE = [0.7, 0.28]; // [m] length and width
+const TRACK = 0.84; // [m] from the middle to a wheel
+const BODY = '#0072B2';
+const INK = '#222222';
+
+export class TopView {
+  constructor() {
+    this.span = NaN; // [m] that the smaller side shows
+  }
+
+  draw(surface, history, axles, state) {
+    const context = surface.begin();
+    const { width, height } = surface;
+    context.fillStyle = colours.ground;
+    context.fillRect(0, 0, width, height);
+    if (!state) return;
+    const wanted = 20 + 1.1 * Math.min(Math.abs(state.speed), 60);
+    this.span = Number.isNaN(this.span) ? wanted : this.span + 0.04 * (wanted - this.span);
+    const scale = Math.min(width, height) / this.span;
+    const toScreen = (x, y) => [
+      width / 2 - (y - state.y) * scale, height / 2 - (x - state.x) * scale,
+    ];
+    drawGrid(context, width, height, scale, state, toScreen);
+    drawPath(context, history, state, toScreen);
+    const [x, y] = toScreen(state.x, state.y);
+    context.save();
+    context.translate(x, y);
+    context.rotate(-state.psi - Math.PI / 2);
+    context.scale(scale, -scale);
+    drawCar(context, axles, Number.isNaN(state.servo) ? 0 : state.servo, scale);
+    context.restore();
+    drawScaleBar(context, scale);
+  }
+}
+
+function drawGrid(context, width, height, scale, state, toScreen) {
+  const step = Math.max(niceStep(60 / scale, 1), 1);
+  const [alongX, alongY] = [height / 2 / scale, width / 2 / scale];
+  context.font = font(12);
+  context.fillStyle = colours.muted;
+  const each = (from, to, draw) => {
+    for (let i = Math.ceil(from / step); i * step <= to; i += 1) {
+      context.strokeStyle = i % 5 === 0 ? colours['ground-strong'] : colours['ground-line'];
+      context.lineWidth = i === 0 ? 2 : 1;
+      context.beginPath();
+      draw(i * step, i % 5 === 0);
+      context.stroke();
+    }
+  };
+  each(state.x - alongX, state.x + alongX, (x, strong) => {
+    const [, v] = toScreen(x, 0);
+    context.moveTo(0, v);
+    context.lineTo(width, v);
+    context.textAlign = 'left';
+    context.textBaseline = 'bottom';
+    if (strong && v > 70) context.fillText(`x ${reading(x, 0)} m`, 8, v - 3);
+  });
+  each(state.y - alongY, state.y + alongY, (y, strong) => {
+    const [u] = toScreen(0, y);
+    context.moveTo(u, 0);
+    context.lineTo(u, height);
+    context.textAlign = 'left';
+    context.textBaseline = 'top';
+    if (strong && u > 240) context.fillText(`y ${reading(y, 0)} m`, u + 5, 8);
+  });
+}
+
+function drawPath(context, history, state, toScreen) {
+  context.strokeStyle = colours.blue;
+  context.globalAlpha = 0.75;
+  context.lineWidth = 2.5;
+  context.lineJoin = 'round';
+  context.beginPath();
+  let pen = false;
+  let [lastX, lastY] = [NaN, NaN];
+  const end = history.row(state.t);
+  for (let row = 0; row <= end; row += 1) {
+    const [x, y] = [history.at(row, 'x'), history.at(row, 'y')];
+    const jumps = row < end && history.jumps(row);
+    if (pen && !jumps && Math.hypot(x - lastX, y - lastY) < 0.25) continue;
+    if (pen) context.lineTo(...toScreen(x, y));
+    else context.moveTo(...toScreen(x, y));
+    pen = !jumps;
+    [lastX, lastY] = [x, y];
+  }
+  if (pen) context.lineTo(...toScreen(state.x, state.y));
+  context.stroke();
+  context.globalAlpha = 1;
+}
+
+/** In metres from the centre of mass, x forward, y to the left. */
+function drawCar(context, axles, servo, scale) {
+  const middle = (axles[0] + axles[1]) / 2;
+  const box = (x, y, length, width, radius, colour) => {
+    context.beginPath();
+    context.roundRect(x - length / 2, y - width / 2, length, width, radius);
+    context.fillStyle = colour;
+    context.fill();
+  };
+  box(middle - 0.08, -0.1, LENGTH + 0.2, WIDTH + 0.2, 0.6, 'rgb(0 0 0 / 0.16)');
+  for (const [axle, angle] of [[axles[0], 0], [axles[1], servo]]) {
+    for (const side of [TRACK, -TRACK]) {
+      context.save();
+      context.translate(axle, side);
+      context.rotate(angle);
+      box(0, 0, TYRE[0], TYRE[1], 0.07, INK);
+      context.restore();
+    }
+  }
+  context.save();
+  context.translate(middle, 0);
+  context.lineWidth = 1.2 / scale;
+  context.strokeStyle = INK;
+  context.beginPath();
+  context.moveTo(-2.1, 0.78);
+  context.bezierCurveTo(-2.3, 0.72, -2.3, -0.72, -2.1, -0.78);
+  context.bezierCurveTo(-1.2, -0.88, -0.2, -0.9, 0.5, -0.86);
+  context.bezierCurveTo(1.1, -0.78, 1.7, -0.76, 2.0, -0.66);
+  context.bezierCurveTo(2.34, -0.5, 2.34, 0.5, 2.0, 0.66);
+  context.bezierCurveTo(1.7, 0.76, 1.1, 0.78, 0.5, 0.86);
+  context.bezierCurveTo(-0.2, 0.9, -1.2, 0.88, -2.1, 0.78);
+  context.fillStyle = BODY;
+  context.fill();
+  context.stroke();
+  const shape = (points, colour) => {
+    context.beginPath();
+    for (const point of points) context.lineTo(...point);
+    context.closePath();
+    context.fillStyle = colour;
+    context.fill();
+  };
+  shape([[0.95, 0.62], [0.4, 0.54], [0.4, -0.54], [0.95, -0.62], [1.08, 0]], '#dcebf4');
+  shape([[-1.55, 0.55], [-1.2, 0.5], [-1.2, -0.5], [-1.55, -0.55], [-1.62, 0]], '#dcebf4');
+  shape([[0.22, 0.6], [-1.05, 0.6], [-1.2, 0.72], [0.5, 0.74]], '#dcebf4');
+  shape([[0.22, -0.6], [-1.05, -0.6], [-1.2, -0.72], [0.5, -0.74]], '#dcebf4');
+  for (const side of [1, -1]) {
+    shape([[2.0, 0.68 * side], [2.2, 0.48 * side], [2.22, 0.3 * side], [2.05, 0.44 * side]], '#f0e442');
+    shape([[-2.2, 0.66 * side], [-2.24, 0.38 * side], [-2.14, 0.38 * side], [-2.1, 0.66 * side]], '#d55e00');
+  }
+  context.restore();
+}
+
+function drawScaleBar(context, scale) {
+  const metres = niceStep(100 / scale, 1);
+  const [x, y] = [16, 22];
+  context.fillStyle = colours.panel;
+  context.globalAlpha = 0.85;
+  context.fillRect(x - 8, y - 18, metres * scale + 16, 32);
+  context.globalAlpha = 1;
+  context.strokeStyle = colours.ink;
+  context.lineWidth = 2;
+  context.beginPath();
+  context.moveTo(x, y);
+  context.lineTo(x, y + 6);
+  context.lineTo(x + metres * scale, y + 6);
+  context.lineTo(x + metres * scale, y);
+  context.stroke();
+  context.font = font(12, 600);
+  context.fillStyle = colours.ink;
+  context.textAlign = 'center';
+  context.textBaseline = 'bottom';
+  context.fillText(`${metres} m`, x + (metres * scale) / 2, y + 2);
+}
