@@ -1,4 +1,4 @@
-"""Command: play a run from its bag again, in a window or into a video."""
+"""Command: play a run from its bag again, in a window, in a web page or into a video."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
+from barc_sim.view_options import add_address_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -32,12 +33,17 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
     parser.add_argument(
         '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
     )
-    parser.add_argument(
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument(
         '--save',
         metavar='FILE',
         help='save as .mp4 or .gif; without it a window opens, or BAG/replay.mp4 is saved where '
         'there is no display',
     )
+    how.add_argument(
+        '--web', action='store_true', help='serve a page to watch it in, with a time slider'
+    )
+    add_address_options(parser)
     return parser.parse_args(argv)
 
 
@@ -47,7 +53,7 @@ def play(options: Namespace) -> None:
     Raises
     ------
     UserError
-        where the bag cannot be read, or the video not be saved as asked.
+        where the bag cannot be read, the video not be saved as asked, or the page not be served.
     """
     from barc_sim import bag, output  # noqa: PLC0415 (--help need not wait for NumPy)
 
@@ -56,6 +62,11 @@ def play(options: Namespace) -> None:
     log = bag.read(source, options.namespace)
     directory = source if source.is_dir() else source.parent
     title = directory.resolve().name
+    if options.web:
+        from barc_sim import view_replay  # noqa: PLC0415
+
+        view_replay.serve(log, title, options.view_host, options.view_port)
+        return
     if not path and _play_in_window(log, title):
         return
     path = path or directory / 'replay.mp4'

@@ -23,6 +23,12 @@ def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
         default='auto',
         help=f'the live picture: a web page, or none (auto: {default})',
     )
+    add_address_options(parser)
+    parser.set_defaults(view_auto=default)
+
+
+def add_address_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--view-port` and `--view-host`."""
     parser.add_argument(
         '--view-port',
         type=_port,
@@ -37,7 +43,6 @@ def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
         help='address to serve the page at; 0.0.0.0 for a phone in the same network: who is told '
         'the whole address may drive (127.0.0.1)',
     )
-    parser.set_defaults(view_auto=default)
 
 
 def wanted(options: argparse.Namespace) -> bool:

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from rclpy.client import Client
     from rclpy.node import Node
-    from rclpy.task import Future
 
     #: Told whether it was done, and if not, why.
     Answer = Callable[[bool, str], None]
@@ -34,21 +33,6 @@ _SERVICES = {
 }
 
 
-class _WhileAsked(QuickCallbackGroup):
-    """Of clients that an executor waits for only while a request is under way.
-
-    Each entity in the wait set costs time at every turn of the executor.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.asked = 0
-
-    def can_execute(self, entity: object) -> bool:
-        """Only while a request is under way."""
-        return bool(self.asked and super().can_execute(entity))
-
-
 class Peers:
     """Calls the services of `vehicle_simulator` and `controller`, without waiting for them.
 
@@ -59,9 +43,9 @@ class Peers:
         """Ask as `node`."""
         self._node = node
         self._deliver = deliver
-        self._group = _WhileAsked()
+        group = QuickCallbackGroup()
         self._clients = {
-            service: node.create_client(kind, service, callback_group=self._group)
+            service: node.create_client(kind, service, callback_group=group)
             for service, kind in _SERVICES.items()
         }
 
@@ -110,14 +94,7 @@ class Peers:
         if not client.service_is_ready():
             return False
 
-        def done(future: Future) -> None:
-            self._group.asked -= 1
-            told(future.result())
-
-        self._group.asked += 1
-        client.call_async(request).add_done_callback(done)
-        if self._node.executor:
-            self._node.executor.wake()
+        client.call_async(request).add_done_callback(lambda future: told(future.result()))
         return True
 
 

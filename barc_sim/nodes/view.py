@@ -170,7 +170,8 @@ class ViewNode(Node):
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
             self._look_at_parameters()
-            self._send_status()
+            if self._ended is None:
+                self._send_status()
         return self._until_next() if self._server.pages else _SLOW_PERIOD
 
     def _look(self) -> bytes:

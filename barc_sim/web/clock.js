@@ -16,6 +16,10 @@ export class Clock {
 
   /** Return the time [s] to show at `now` [s], where the newest state is of `newest` [s]. */
   advance(now, newest) {
+    if (Number.isNaN(newest)) { // nothing has arrived yet
+      this.restart();
+      return NaN;
+    }
     const passed = this.seen ? Math.min(now - this.seen.now, 0.25) : 0;
     this.#measure(now, newest);
     const goal = newest - DELAY * this.rate;
@@ -39,7 +43,7 @@ export class Clock {
     const span = now - this.seen.since;
     if (span < 0.25) return;
     const measured = (newest - this.seen.newest) / span;
-    this.rate = measured < 0 || measured === 0 ? 0 : this.rate + 0.5 * (measured - this.rate);
+    this.rate = measured <= 0 ? 0 : this.rate + 0.5 * (measured - this.rate);
     this.seen.since = now;
     this.seen.newest = newest;
   }

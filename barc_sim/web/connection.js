@@ -35,7 +35,8 @@ export class Connection {
     }
     const { type, ...fields } = JSON.parse(data);
     if (type === 'hello') this.attempts = 0;
-    if (type === 'end') this.ended = true;
+    // A recorded run is all here, and a run that has ended answers no more.
+    if (type === 'end' || fields.replay) this.ended = true;
     this.on[type](fields);
   }
 

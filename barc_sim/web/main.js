@@ -3,6 +3,7 @@
 import { Chart } from './chart.js';
 import { Clock } from './clock.js';
 import { Connection } from './connection.js';
+import { drawDial } from './dial.js';
 import { Driving } from './drive.js';
 import { History } from './history.js';
 import { reading, Surface, watchColours } from './look.js';
@@ -28,7 +29,7 @@ let message_timer = null;
 
 const stale = () => { drawn = {}; };
 const surface = (id) => new Surface(element(id), stale);
-const [scene, course] = [surface('scene'), surface('course')];
+const [scene, course, dial] = ['scene', 'course', 'dial'].map(surface);
 const speedChart = new Chart(surface('speed-chart'), [
   { column: 'reference', colour: 'ink', width: 1.5, dash: [6, 4] },
   { column: 'speed', colour: 'blue', width: 2.5 },
@@ -54,7 +55,7 @@ function say(text, seconds = 0) {
   if (text && seconds) message_timer = setTimeout(() => say(''), 1000 * seconds);
 }
 
-const player = new Player(history, () => say(''));
+const player = new Player(history);
 const connection = new Connection({
   hello(fields) {
     history.name(fields.columns);
@@ -158,6 +159,7 @@ function draw(milliseconds) {
   }
   if (charts) {
     if (facts.mode === 'acc') drawCourse(course, road, state);
+    else drawDial(dial, state);
     speedChart.draw(history, state);
     commandChart.draw(history, state);
     if (state) showReadings(state);

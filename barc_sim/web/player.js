@@ -49,7 +49,6 @@ export class Player {
   #play(playing) {
     if (playing && this.time >= this.history.last('t')) this.time = 0;
     this.playing = playing;
-    this.button.textContent = playing ? '⏸' : '▶';
-    this.button.setAttribute('aria-label', playing ? 'Pause' : 'Play');
+    this.button.textContent = playing ? 'Pause' : 'Play';
   }
 }

@@ -5,7 +5,7 @@ import { colours, font, niceStep, reading } from './look.js';
 const LENGTH = 4.5; // [m]
 const WIDTH = 1.9;
 const TYRE = [0.7, 0.28]; // [m] length and width
-const TRACK = 0.84; // [m] from the middle to a wheel
+const TRACK = 0.9; // [m] from the middle to a wheel
 const BODY = '#0072B2';
 const INK = '#222222';
 
@@ -110,6 +110,9 @@ function drawCar(context, axles, servo, scale) {
       context.translate(axle, side);
       context.rotate(angle);
       box(0, 0, TYRE[0], TYRE[1], 0.07, INK);
+      context.strokeStyle = colours.muted;
+      context.lineWidth = 1 / scale;
+      context.stroke();
       context.restore();
     }
   }

@@ -1,0 +1,181 @@
+"""The live page beside the cruise-control run: timing of its steps, processor time, states shown.
+
+The lab's course is driven in real time, with the recorder on, in a process of its own: without the
+page's node, with it and nobody looking, with a page that only counts what arrives, and with a real
+one in headless Chromium, which draws without a graphics card and so takes a core for itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from argparse import Namespace
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import urlsplit
+
+_CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
+_FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--remote-debugging-port=0',
+)
+_CASES = ('no view', 'nobody looks', 'a page counts', 'Chromium draws')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('--repeat', type=int, default=3, metavar='N', help='repetitions (3)')
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    """Return the figures of each case, a list of one per repetition."""
+    cases = _CASES if _CHROMIUM else _CASES[:-1]
+    found: dict[str, Any] = {case: [] for case in cases}
+    for _ in range(options.repeat):
+        for case in cases:  # interleaved: the machine's moods meet all alike
+            found[case].append(json.loads(_run('drive', case)))
+    return found
+
+
+def _run(*arguments: str) -> str:
+    done = subprocess.run(  # noqa: S603 (this file)
+        [sys.executable, __file__, *arguments], capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+def report(found: dict[str, Any]) -> str:
+    """Return a table of medians, and ranges in brackets."""
+    keys = list(found['no view'][0])
+    lines = [''.join(f'{key:>24}' for key in ('', *keys))]
+    for case, runs in found.items():
+        cells = [_cell([run[key] for run in runs]) for key in keys]
+        lines.append(''.join(f'{cell:>24}' for cell in (case, *cells)))
+    return '\n'.join(lines)
+
+
+def _cell(values: list[float]) -> str:
+    return f'{median(values):.4g} [{min(values):.3g}, {max(values):.3g}]'
+
+
+def _drive(case: str) -> dict[str, float]:
+    """Drive once, in this process; return the figures."""
+    import numpy as np  # noqa: PLC0415 (the worker only)
+
+    from barc_sim.composition import CruiseControl  # noqa: PLC0415
+    from barc_sim.executor import QuickExecutor  # noqa: PLC0415
+    from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
+    from barc_sim.process import NUM_THREADS, ros  # noqa: PLC0415
+    from barc_sim.signals import StopSignals  # noqa: PLC0415
+
+    steps: list[float] = []
+    processor: list[float] = []
+
+    class Timed(CruiseControl):
+        def __init__(self, options: Namespace, argv: list[str]) -> None:
+            super().__init__(options, argv)
+            self.view = None if case == _CASES[0] else ViewNode()
+            if self.view:
+                self._nodes.append(self.view)
+
+        def on_step(self, t: float, seen: Any) -> None:  # noqa: ANN401 (Observation)
+            steps.append(time.perf_counter())
+            processor.append(time.process_time())
+            super().on_step(t, seen)
+
+    with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
+        options = Namespace(
+            **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed')),
+            distance=180.0,
+            realtime_factor=1.0,
+            no_bag=False,
+            bag_dir=Path(folder),
+            quiet=True,
+            view='none',
+        )
+        run = Timed(options, [])
+        page = _open(case, run.view.url, folder) if run.view else None
+        run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        missed, slipped = run.missed, run.slipped
+        run.close()
+        shown = _shown(page)
+    taken = steps[-1] - steps[0]
+    off = np.abs(np.diff(steps) - 0.02) * 1e3
+    return {
+        'jitter p99, ms': float(np.percentile(off, 99)),
+        'p50, ms': float(np.percentile(off, 50)),
+        'max, ms': float(off.max()),
+        'missed': missed,
+        'slipped': slipped,
+        'core, %': (processor[-1] - processor[0]) / taken * 100.0,
+        'states/s at the page': shown,
+    }
+
+
+def _open(case: str, url: str, folder: str) -> subprocess.Popen[str] | None:
+    if case == _CASES[1]:
+        return None
+    if case == _CASES[2]:
+        command = [sys.executable, __file__, 'count', url]
+    else:
+        command = [str(_CHROMIUM), *_FLAGS, f'--user-data-dir={folder}/chromium', url]
+    page = subprocess.Popen(  # noqa: S603 (this file, or Chromium)
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    time.sleep(3.0)  # its start is no part of the run
+    return page
+
+
+def _shown(page: subprocess.Popen[str] | None) -> float:
+    """End the page; return how many states a second it counted, NaN if it counts none."""
+    if page is None:
+        return float('nan')
+    if page.args[0] != sys.executable:  # type: ignore[index] (it is a list)
+        page.terminate()
+    said, _ = page.communicate()
+    return float(said or 'nan')
+
+
+def _count(url: str) -> float:
+    """Return how many states a second arrive at a page, until it is closed."""
+    from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 (the worker only)
+    from websockets.sync.client import connect  # noqa: PLC0415
+
+    from barc_sim.view_protocol import COLUMNS  # noqa: PLC0415
+
+    address = urlsplit(url)
+    first = last = 0.0
+    rows = 0
+    with connect(
+        f'ws://{address.netloc}{address.path}socket',
+        origin=f'http://{address.netloc}',  # type: ignore[arg-type] (a str of its own)
+        proxy=None,
+    ) as socket:
+        try:
+            while True:
+                data = socket.recv()
+                if isinstance(data, bytes) and data:
+                    last = time.perf_counter()
+                    if first:
+                        rows += len(data) // (8 * len(COLUMNS))
+                    first = first or last
+        except ConnectionClosed:
+            return rows / (last - first)
+
+
+if __name__ == '__main__':
+    work: Any = {'drive': _drive, 'count': _count}[sys.argv[1]]
+    print(json.dumps(work(sys.argv[2])))

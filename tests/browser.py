@@ -1,0 +1,249 @@
+"""A headless Chromium, spoken to in its own protocol."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from websockets.sync.client import connect
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from typing_extensions import Self
+
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
+_FLAGS = (
+    '--headless',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--disable-quic',
+    '--disable-dev-shm-usage',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--remote-debugging-port=0',
+)
+_DEADLINE = 30.0
+_PICTURE = """((c) => {
+  const copy = new OffscreenCanvas(c.width, c.height);
+  const context = copy.getContext('2d', { willReadFrequently: true });
+  context.drawImage(c, 0, 0);
+  return context.getImageData(0, 0, c.width, c.height).data;
+})(document.querySelector('%s'))"""
+_KEYS = {
+    'ArrowUp': ('ArrowUp', 38),
+    'ArrowDown': ('ArrowDown', 40),
+    'ArrowLeft': ('ArrowLeft', 37),
+    'ArrowRight': ('ArrowRight', 39),
+    'Space': (' ', 32),
+    'KeyR': ('r', 82),
+    'KeyP': ('p', 80),
+}
+
+
+class Browser:
+    """A browser with a fresh profile, until it is closed."""
+
+    def __enter__(self) -> Self:
+        """Start it."""
+        self._profile = Path(tempfile.mkdtemp(prefix='chromium-'))
+        # ROS's own libraries, where it comes as wheels, are not for Chromium.
+        environment = {k: v for k, v in os.environ.items() if k != 'LD_LIBRARY_PATH'}
+        self._process = subprocess.Popen(
+            [str(CHROMIUM), *_FLAGS, f'--user-data-dir={self._profile}', 'about:blank'],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
+        told = self._profile / 'DevToolsActivePort'
+        wait_until(lambda: told.exists() and told.read_text().count('\n') == 1)
+        self.port, self._path = told.read_text().split('\n')
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End it, and remove its profile."""
+        self._process.terminate()
+        self._process.wait(_DEADLINE)
+        shutil.rmtree(self._profile, ignore_errors=True)
+
+    def open(self, url: str, width: int = 1280, height: int = 800, *, touch: bool = False) -> Tab:
+        """Return a new tab that has loaded `url`."""
+        with connect(f'ws://127.0.0.1:{self.port}{self._path}', proxy=None) as socket:
+            # A window of its own: a tab behind another one is neither drawn nor has the focus.
+            params = {'url': 'about:blank', 'newWindow': True}
+            target = _ask(socket, 1, 'Target.createTarget', params, [])['targetId']
+        tab = Tab(f'ws://127.0.0.1:{self.port}/devtools/page/{target}')
+        tab.resize(width, height, touch=touch)
+        tab.go(url)
+        return tab
+
+
+class Tab:
+    """A page of a browser; `problems` is what its console complained of."""
+
+    def __init__(self, address: str) -> None:
+        """Attach to the page at `address`."""
+        self._open = ExitStack()
+        self._socket = self._open.enter_context(
+            connect(address, max_size=None, compression=None, proxy=None)
+        )
+        self._id = 0
+        self._events: list[dict[str, Any]] = []
+        for domain in ('Page', 'Runtime', 'Log'):
+            self.ask(f'{domain}.enable')
+        self.ask('Emulation.setFocusEmulationEnabled', enabled=True)
+
+    @property
+    def problems(self) -> list[str]:
+        """Errors and warnings on the console, and exceptions, so far."""
+        self.run('0')  # what was said before has arrived then
+        found = []
+        for event in self._events:
+            method, params = event['method'], event['params']
+            if method == 'Runtime.exceptionThrown':
+                found.append(str(params['exceptionDetails']))
+            elif method == 'Runtime.consoleAPICalled' and params['type'] in ('error', 'warning'):
+                found.append(str(params['args']))
+            elif method == 'Log.entryAdded' and params['entry']['level'] in ('error', 'warning'):
+                found.append(f'{params["entry"]["text"]} {params["entry"].get("url")}')
+        return found
+
+    def ask(self, method: str, **params: Any) -> dict[str, Any]:  # noqa: ANN401 (the protocol's)
+        """Return the browser's answer to a command."""
+        self._id += 1
+        return _ask(self._socket, self._id, method, params, self._events)
+
+    def go(self, url: str) -> None:
+        """Load `url`."""
+        self.ask('Page.navigate', url=url)
+        wait_until(lambda: self.run('document.readyState + location.href') == f'complete{url}')
+
+    def run(self, script: str) -> Any:  # noqa: ANN401 (any value of JavaScript's)
+        """Return the value of an expression, awaited."""
+        answer = self.ask(
+            'Runtime.evaluate', expression=script, returnByValue=True, awaitPromise=True
+        )
+        assert 'exceptionDetails' not in answer, answer['exceptionDetails']
+        return answer['result'].get('value')
+
+    def text(self, selector: str) -> str:
+        """Return the text that an element shows."""
+        return str(self.run(f'document.querySelector({selector!r}).innerText'))
+
+    def number(self, selector: str) -> float:
+        """Return the number that an element shows; NaN for a dash."""
+        text = self.text(selector).replace('\N{MINUS SIGN}', '-')
+        return float('nan') if text == '\N{EN DASH}' else float(text)
+
+    def until(self, condition: str) -> None:
+        """Wait until an expression is true."""
+        wait_until(lambda: self.run(condition), condition)
+
+    def click(self, selector: str) -> None:
+        """Click into the middle of an element."""
+        self._mouse('mousePressed', *self.middle(selector))
+        self._mouse('mouseReleased', *self.middle(selector))
+
+    def middle(self, selector: str) -> tuple[float, float]:
+        """Return where an element's middle is [px]."""
+        x, y = self.run(
+            f'(() => {{ const b = document.querySelector({selector!r}).getBoundingClientRect();'
+            'return [b.x + b.width / 2, b.y + b.height / 2]; })()'
+        )
+        return x, y
+
+    def _mouse(self, kind: str, x: float, y: float) -> None:
+        self.ask('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
+
+    def press(self, code: str) -> None:
+        """Press a key and hold it."""
+        self._key('rawKeyDown', code)
+
+    def release(self, code: str) -> None:
+        """Let a key go."""
+        self._key('keyUp', code)
+
+    def _key(self, kind: str, code: str) -> None:
+        key, number = _KEYS[code]
+        self.ask(
+            'Input.dispatchKeyEvent', type=kind, code=code, key=key, windowsVirtualKeyCode=number
+        )
+
+    def touch(self, kind: str, *points: tuple[float, float]) -> None:
+        """Put fingers on the screen ('touchStart'), move or lift them ('touchEnd')."""
+        self.ask(
+            'Input.dispatchTouchEvent', type=kind, touchPoints=[{'x': x, 'y': y} for x, y in points]
+        )
+
+    def remember(self, canvas: str) -> None:
+        """Remember a canvas's picture, for `changed`."""
+        self.run(f'(window.kept ??= {{}}, kept[{canvas!r}] = {_PICTURE % canvas}, 0)')
+
+    def changed(self, canvas: str) -> int:
+        """Return how many values of a canvas's pixels are not those remembered."""
+        return int(
+            self.run(f'{_PICTURE % canvas}.reduce((n, v, i) => n + (v !== kept[{canvas!r}][i]), 0)')
+        )
+
+    def resize(self, width: int, height: int, *, touch: bool = False) -> None:
+        """Give the page that size [px], and fingers in place of a mouse."""
+        self.ask(
+            'Emulation.setDeviceMetricsOverride',
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=touch,
+        )
+        self.ask('Emulation.setTouchEmulationEnabled', enabled=touch)
+
+    def dark(self, *, on: bool) -> None:
+        """Prefer dark colours, or light ones."""
+        value = 'dark' if on else 'light'
+        self.ask(
+            'Emulation.setEmulatedMedia',
+            features=[{'name': 'prefers-color-scheme', 'value': value}],
+        )
+
+    def screenshot(self, path: Path, *, whole: bool = False) -> None:
+        """Save what is seen, or the whole page, as a PNG."""
+        answer = self.ask('Page.captureScreenshot', format='png', captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(answer['data']))
+
+    def close(self) -> None:
+        """Close the page."""
+        self.ask('Page.close')
+        self._open.close()
+
+
+def _ask(
+    socket: Any,  # noqa: ANN401 (a websocket)
+    number: int,
+    method: str,
+    params: dict[str, Any],
+    events: list[dict[str, Any]],
+) -> dict[str, Any]:
+    socket.send(json.dumps({'id': number, 'method': method, 'params': params}))
+    while True:
+        message = json.loads(socket.recv(timeout=_DEADLINE))
+        if message.get('id') == number:
+            assert 'error' not in message, message['error']
+            return dict(message['result'])
+        events.append(message)
+
+
+def wait_until(condition: Callable[[], object], what: str = 'the condition') -> None:
+    """Wait until `condition` returns something true; fail after half a minute."""
+    end = time.monotonic() + _DEADLINE
+    while not condition():
+        assert time.monotonic() < end, f'{what} did not come true within {_DEADLINE} s'
+        time.sleep(0.02)
