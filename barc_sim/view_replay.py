@@ -62,9 +62,9 @@ def serve(log: Log, title: str, host: str, port: int) -> None:
     server = ViewServer(Replay(log, title), host, port)
     server.start()
     try:
-        print(server.url, flush=True)  # noqa: T201
-        open_page(server.url)
         with suppress(KeyboardInterrupt):
+            print(server.url, flush=True)  # noqa: T201
+            open_page(server.url)
             while True:
                 time.sleep(_LONG)
     finally:

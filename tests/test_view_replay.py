@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser, wait_until
 
+from barc_sim import bag, replay, view_replay
 from barc_sim.rollout import rollout
 from barc_sim.view_protocol import COLUMNS
 from barc_sim.view_replay import Replay
@@ -70,6 +71,16 @@ def test_serves_until_ctrl_c() -> None:
         assert process.stdout.readline().startswith('http://127.0.0.1:')
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 0
+
+
+def test_the_command_serves_the_bag(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served: list[object] = []
+    monkeypatch.setattr(bag, 'read', lambda *_: log)
+    monkeypatch.setattr(view_replay, 'serve', lambda *given: served.extend(given))
+    assert replay.main([str(tmp_path), '--web', '--view-port', '8080']) == 0
+    assert served == [log, tmp_path.name, '127.0.0.1', 8080]
 
 
 @pytest.mark.timeout(120)

@@ -20,7 +20,7 @@ export class TopView {
     context.fillStyle = colours.ground;
     context.fillRect(0, 0, width, height);
     if (!state) return;
-    const wanted = 20 + 1.1 * Math.min(Math.abs(state.speed), 60);
+    const wanted = 20 + 0.7 * Math.min(Math.abs(state.speed), 60);
     this.span = Number.isNaN(this.span) ? wanted : this.span + 0.04 * (wanted - this.span);
     const scale = Math.min(width, height) / this.span;
     const toScreen = (x, y) => [

@@ -156,7 +156,7 @@ def open_(browser: Browser) -> Iterator[Callable[..., Tab]]:
     def open_page(url: str, **options: Any) -> Tab:  # noqa: ANN401 (Browser.open's)
         tab = browser.open(url, **options)
         tabs.append(tab)
-        tab.until("document.querySelector('#time').textContent !== '–'")
+        tab.until("document.querySelector('#time').textContent !== '\\u2013'")
         return tab
 
     yield open_page
@@ -248,7 +248,7 @@ def test_a_page_that_is_closed_while_a_key_is_held_stops_driving(
 ) -> None:
     view, car = teleop
     tab = browser.open(view.url)
-    tab.until("document.querySelector('#time').textContent !== '–'")
+    tab.until("document.querySelector('#time').textContent !== '\\u2013'")
     tab.press('ArrowUp')
     wait_until(lambda: len(car.twists) > 3)
     tab.close()
@@ -411,7 +411,7 @@ def test_a_lost_connection_is_told_and_comes_back_by_itself(
     wire = Wire(address.port or 0)
     try:
         tab = browser.open(f'http://127.0.0.1:{wire.port}{address.path}')
-        tab.until("document.querySelector('#time').textContent !== '–'")
+        tab.until("document.querySelector('#time').textContent !== '\\u2013'")
         tab.run(
             'new MutationObserver(() => { window.told ||= '
             "document.querySelector('#message').textContent; })"
