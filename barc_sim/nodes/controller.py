@@ -9,7 +9,7 @@ from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from barc_sim import topics
+from barc_sim import services, topics
 from barc_sim.bike_model import Input
 from barc_sim.cli import call
 from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
@@ -64,7 +64,9 @@ class CruiseController(Node):
         group = QuickCallbackGroup()
         subscription(self, EZDynBkMdl, topics.STATE_ERROR, self._on_state_error, group)
         subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
-        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
+        self.create_service(
+            Trigger, services.RESET_CONTROLLER, self._on_reset, callback_group=group
+        )
 
     @property
     def speed_reference(self) -> float:

@@ -67,9 +67,9 @@ class VehicleSimulator(Node):
     sends it, holds until the next, and nothing is missed meanwhile. Where none has arrived for
     `command_timeout` by the wall clock, the car brakes to a standstill and stays there.
 
-    `~/reset` starts afresh, once the present state is answered: state, held command and noise are
-    as at first, the nodes that command are reset, too, and stamps go on. `~/pause` lets simulated
-    time stand still.
+    Its service `reset` starts afresh, once the present state is answered: state, held command and
+    noise are as at first, the nodes that command are reset, too, and stamps go on. Its service
+    `pause` lets simulated time stand still.
 
     Attributes
     ----------
@@ -123,11 +123,11 @@ class VehicleSimulator(Node):
         self._state_pub = publisher(self, ZDynBkMdl, topics.STATE)
         self._group = QuickCallbackGroup()
         subscription(self, ECU, topics.ECU, self._on_command, self._group)
-        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=self._group)
-        self.create_service(SetBool, '~/pause', self._on_pause, callback_group=self._group)
+        self.create_service(Trigger, services.RESET, self._on_reset, callback_group=self._group)
+        self.create_service(SetBool, services.PAUSE, self._on_pause, callback_group=self._group)
         self._resets = [
             self.create_client(Trigger, name, callback_group=self._group)
-            for name in services.COMMANDERS_RESET
+            for name in (services.RESET_CONTROLLER, services.RESET_RELAY)
         ]
         self._resetting: list[Future] = []
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
