@@ -60,7 +60,13 @@ def ros(args: list[str] | None) -> Iterator[None]:
 
 
 def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Spin the node that `create` returns until it has `finished` or a signal asks to stop."""
+    """Spin the node that `create` returns until it has `finished` or a signal asks to stop.
+
+    Returns
+    -------
+    int
+        The exit code: 1 where the node has a `failure`.
+    """
     with StopSignals() as stop, ros(args):
         node: Any = create()
         executor = QuickExecutor(num_threads=NUM_THREADS)
@@ -72,4 +78,4 @@ def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
         finally:
             executor.shutdown()
             node.destroy_node()
-    return 0
+    return 1 if getattr(node, 'failure', None) else 0

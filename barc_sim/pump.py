@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import errno
-import os
 import threading
 import time
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.errors import UserError
+from barc_sim import disk_space
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
-    from pathlib import Path
 
     from barc_sim.bag_metadata import Topic
     from barc_sim.bag_writer import BagWriter
@@ -121,9 +119,9 @@ class Pump:
         """
         if self._writer.restore():
             raise OSError(errno.ENOENT, 'it was removed under the recording, and is written anew')
-        free = free_space(self._writer.directory)
+        free = disk_space.free(self._writer.directory)
         if free < self._reserve:
-            raise OSError(errno.ENOSPC, short(free, self._reserve))
+            raise OSError(errno.ENOSPC, disk_space.short(free, self._reserve))
 
     def _fail(self, error: Exception) -> None:
         if not self._stuck:
@@ -175,33 +173,3 @@ class Pump:
 
 def _received(message: Message) -> int:
     return message.received
-
-
-def free_space(folder: Path) -> int:
-    """Return what a user may still write there [B]."""
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
-
-
-def short(free: int, reserve: int) -> str:
-    """Return what to say where free space is below the reserve, both [B]."""
-    return f'only {free / 2**20:.1f} MiB are free, and {reserve / 2**20:g} MiB are to stay free'
-
-
-def check_space(folder: Path, reserve: int) -> None:
-    """Raise UserError where less than `reserve` [B] is free for a folder that may be still to make.
-
-    Raises
-    ------
-    UserError
-        There is too little space.
-    """
-    existing = next(
-        path for path in (folder.absolute(), *folder.absolute().parents) if path.exists()
-    )
-    free = free_space(existing)
-    if free < reserve:
-        raise UserError(
-            f'no bag can be made in {str(folder)!r}, as {short(free, reserve)}: make space, name '
-            'another folder, or lower --min-free-space'
-        )

@@ -67,9 +67,9 @@ def record(options: Namespace, argv: Sequence[str], ros_args: list[str]) -> int:
         )
         return made[0]
 
-    spin(create, ros_args)
+    code = spin(create, ros_args)
     print(report(made[0]))  # noqa: T201
-    return 1 if made[0].failure else 0
+    return code
 
 
 def report(recorder: BagRecorder) -> str:

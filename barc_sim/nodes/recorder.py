@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
-from barc_sim import describing, losses
+from barc_sim import describing, disk_space, losses
 from barc_sim.bag_directory import make_directory, new_directory
 from barc_sim.bag_writer import BagWriter, FileLimits
 from barc_sim.cli import call
@@ -19,7 +19,7 @@ from barc_sim.executor import QuickCallbackGroup
 from barc_sim.listening import Listener
 from barc_sim.parameters import Parameter, declare
 from barc_sim.process import spin
-from barc_sim.pump import Pump, check_space
+from barc_sim.pump import Pump
 from barc_sim.recorder_services import serve
 from barc_sim.recording import Recording
 
@@ -106,7 +106,7 @@ class BagRecorder(Node):
             The bag cannot be made.
         """
         reserve = self._recording.reserve
-        check_space(path or self._root, reserve)
+        disk_space.check(path or self._root, reserve)
         self.path = make_directory(path) if path else new_directory(self._root)
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
         self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
