@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 PROG = 'barc_sim.record'
 _EPILOG = (
-    'Services of the node bag_recorder, all std_srvs/srv/Trigger: ~/pause, ~/resume, ~/is_paused, '
-    '~/split_bagfile, ~/stop, ~/record. What follows --ros-args goes to ROS.'
+    'Services bag_recorder/pause, resume, is_paused, split_bagfile, stop and record, all of '
+    'std_srvs/srv/Trigger. What follows --ros-args goes to ROS.'
 )
 
 

@@ -47,8 +47,9 @@ def serve(recorder: BagRecorder) -> None:
         recorder.restart()
         return str(recorder.path)
 
+    # Not `~/pause`: where one remapping renames all nodes, another node may have that.
     for action in (pause, resume, is_paused, split_bagfile, stop, record):
-        recorder.create_service(Trigger, f'~/{action.__name__}', _handler(action))
+        recorder.create_service(Trigger, f'bag_recorder/{action.__name__}', _handler(action))
 
 
 def _handler(action: Callable[[], str]) -> Callable[[Any, Any], Any]:

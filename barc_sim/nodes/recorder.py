@@ -43,8 +43,8 @@ class BagRecorder(Node):
     set up on `/rosout` and `/parameter_events` is recorded, too.
 
     Messages are written by a thread of its own; it is spun to find topics, and for its services:
-    `~/pause`, `~/resume`, `~/is_paused`, `~/split_bagfile`, `~/stop` and, for another bag in the
-    folder, `~/record`.
+    `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `stop` and, for another bag in the
+    folder, `record`.
 
     Parameters
     ----------

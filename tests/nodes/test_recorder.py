@@ -514,7 +514,7 @@ def request_service(
     executor.add_node(talker)
 
     def call(name: str) -> tuple[bool, str]:
-        client = talker.create_client(Trigger, f'{recorder.get_name()}/{name}')
+        client = talker.create_client(Trigger, f'bag_recorder/{name}')
         response = client.call_async(Trigger.Request())
         spin_until(executor, response.done)
         return response.result().success, response.result().message
