@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from barc_sim.view_protocol import Request
     from barc_sim.view_server import Page
 
-CMD_VEL = 'cmd_vel'
+
 MODES = ('acc', 'teleop')
 _TYPES = {
     topics.STATE_ERROR: EZDynBkMdl,
@@ -113,7 +113,7 @@ class ViewNode(Node):
         self._received: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
         self._newest: tuple[int, int] | None = None
 
-        self._cmd_vel_pub = publisher(self, Twist, CMD_VEL)
+        self._cmd_vel_pub = publisher(self, Twist, topics.CMD_VEL)
         self._peers = Peers(self, self._server.call)
         group = PolledCallbackGroup()
         self._states = polled(self, ZDynBkMdl, topics.STATE, _DEPTH, group)
