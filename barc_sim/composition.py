@@ -23,6 +23,7 @@ from barc_sim.process import NUM_THREADS, ros
 from barc_sim.recording import from_options
 from barc_sim.road import Road
 from barc_sim.ros_graph import observe
+from barc_sim.view_options import open_page, wanted
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from barc_sim.nodes.simulator import VehicleSimulator
+    from barc_sim.nodes.view import ViewNode
     from barc_sim.plant import Observation
     from barc_sim.signals import StopSignals
 
@@ -89,8 +91,11 @@ class Run(ABC):
             None if options.no_bag else BagRecorder(options.bag_dir, from_options(options))
         )
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
+        self._view: ViewNode | None = None
         try:
             self.simulator = self.compose(options)
+            if wanted(options):
+                self._view = self.add(self._serve(options))
         except BaseException:
             self.discard()
             raise
@@ -114,6 +119,22 @@ class Run(ABC):
     @abstractmethod
     def print_result(self) -> None:
         """Print how it went."""
+
+    def _serve(self, options: Namespace) -> ViewNode:
+        from barc_sim.nodes.view import ViewNode  # noqa: PLC0415 (a server, where it is wanted)
+        from barc_sim.view_protocol import Status  # noqa: PLC0415
+
+        simulator = self.simulator
+        view = ViewNode(
+            options.mode,
+            host=options.view_host,
+            port=options.view_port,
+            status=lambda: Status(simulator.missed, simulator.slipped, simulator.paused),
+        )
+        if not options.quiet:
+            print(f'live page  {view.url}', flush=True)  # noqa: T201
+        open_page(view.url)
+        return view
 
     def add(self, node: Any) -> Any:  # noqa: ANN401 (as it came)
         """Have `node` spun and, at the end, destroyed; return it."""
@@ -161,6 +182,8 @@ class Run(ABC):
             }
             self.recorder.add_metadata({name: str(value) for name, value in results.items()})
             self._keep_graph(self.recorder)
+        if self._view and self._nodes:
+            self._view.end('The run has ended.')
         self._destroy()
 
     def discard(self) -> None:

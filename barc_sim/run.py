@@ -12,6 +12,7 @@ from barc_sim.cli import Parser, call
 from barc_sim.errors import UserError
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.signals import StopSignals
+from barc_sim.view_options import add_view_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -116,6 +117,7 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='FACTOR',
         help="simulated seconds per second, or 'max' for as fast as it goes (1)",
     )
+    add_view_options(mode, on=False)
     _add_common(mode)
 
 
@@ -137,6 +139,7 @@ def _add_teleop(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='FACTOR',
         help='simulated seconds per second (1)',
     )
+    add_view_options(mode, on=True)
     _add_common(mode)
 
 

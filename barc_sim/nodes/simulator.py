@@ -142,6 +142,11 @@ class VehicleSimulator(Node):
         self._claim.close()
         super().destroy_node()
 
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still because somebody asked for it."""
+        return self._paused
+
     def finish(self) -> None:
         """End the run; may be called from any thread."""
         self.finished.set_result(None)

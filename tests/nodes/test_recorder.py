@@ -505,7 +505,6 @@ def test_a_latched_message_is_waited_for_at_the_end(ros: Context, tmp_path: Path
 
 @pytest.fixture
 def request_service(
-    recorder: BagRecorder,
     talker: Node,
     executor: QuickExecutor,
     spin_until: Callable[..., None],
