@@ -26,7 +26,7 @@ import sys
 from argparse import Namespace
 from pathlib import Path
 
-from barc_sim.composition import CruiseControl
+from barc_sim.cruise_control import CruiseControl
 from barc_sim.executor import QuickExecutor
 from barc_sim.process import ros
 from barc_sim.signals import StopSignals

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from barc_sim.composition import CruiseControl
+from barc_sim.cruise_control import CruiseControl
 from barc_sim.executor import QuickExecutor
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.signals import StopSignals
