@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 #: [s] between two turns, each of which takes what has come meanwhile.
 _PERIOD = 0.05
 #: [s] between the ends of two chunks: a kill loses what came since the last, and up to a turn.
-_CHUNK_PERIOD = 0.15
+_CHUNK_PERIOD = 0.1
 
 
 class Message(NamedTuple):
