@@ -5,10 +5,13 @@ from __future__ import annotations
 import os
 import pty
 import random
+import subprocess
+import sys
 import termios
 import time
 from functools import partial
 from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -20,6 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+import barc_sim
 from barc_sim import topics
 from barc_sim.convert import to_drive
 from barc_sim.driving import COAST, FULL_BRAKE, Drive
@@ -186,3 +190,39 @@ def test_random_bytes_pastes_and_cut_sequences_leave_it_running(bench: Bench) ->
     bench.until(lambda: UP in bench.heard)
     assert not bench.keyboard.finished.done()
     assert all(-1.0 <= share <= 1.0 for wish in bench.heard for share in wish)
+
+
+def test_closing_its_terminal_brakes_where_it_runs_alone(
+    ros: Context, spin_until: Callable[..., None]
+) -> None:
+    heard: list[Drive] = []
+    peer = Node('peer', context=ros)
+    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_drive(t)), topics.QOS)
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(peer)
+    user, fd = pty.openpty()
+    take = 'import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n'
+    process = subprocess.Popen(
+        [sys.executable, '-c', f'{take}from barc_sim.nodes.keyboard import main; sys.exit(main())'],
+        env=os.environ | {'PYTHONPATH': str(Path(barc_sim.__file__).parents[1])},
+        stdin=fd,
+        start_new_session=True,
+    )
+    os.close(fd)
+    try:
+        # It is known to this node by then, though this node may not be known to it yet.
+        spin_until(executor, lambda: peer.count_publishers('cmd_vel') == 1)
+
+        def drives() -> bool:
+            os.write(user, b'w')
+            return UP in heard
+
+        spin_until(executor, drives)
+        os.close(user)
+        spin_until(executor, lambda: heard[-1] == FULL_BRAKE)
+        assert process.wait(20.0) == 0
+    finally:
+        process.kill()
+        process.wait()
+        executor.shutdown()
+        peer.destroy_node()
