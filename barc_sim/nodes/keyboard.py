@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
@@ -44,6 +45,10 @@ _PARAMETERS = [
         read_only=True,
     ),
 ]
+
+
+#: For how long the last Twist may be on its way.
+_LAST_WORD = Duration(seconds=0.3)
 
 
 class Keyboard(Node):
@@ -87,6 +92,8 @@ class Keyboard(Node):
         self._terminal.close()
         if self.context.ok() and self._twist_pub in self.publishers:
             self._twist_pub.publish(to_twist(FULL_BRAKE))
+            # The process may end next, and what was not delivered with it.
+            self._twist_pub.wait_for_all_acked(_LAST_WORD)
         super().destroy_node()
 
     def _on_event(self, event: KeyEvent) -> None:
