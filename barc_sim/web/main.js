@@ -15,7 +15,7 @@ import { Tuning } from './tuning.js';
 
 const TITLES = { acc: 'cruise control', teleop: 'teleoperation' };
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
-const HINT = 'Arrows or WASD drive, R resets, P pauses.';
+const HINT = 'Arrows or WASD drive, R\u00a0resets, P\u00a0pauses.';
 
 const element = (id) => document.getElementById(id);
 const history = new History();

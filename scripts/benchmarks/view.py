@@ -75,7 +75,7 @@ def _drive(case: str) -> dict[str, float]:
     """Drive once, in this process; return the figures."""
     import numpy as np  # noqa: PLC0415 (the worker only)
 
-    from barc_sim.composition import CruiseControl  # noqa: PLC0415
+    from barc_sim.cruise_control import CruiseControl  # noqa: PLC0415
     from barc_sim.executor import QuickExecutor  # noqa: PLC0415
     from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
     from barc_sim.process import NUM_THREADS, ros  # noqa: PLC0415
@@ -85,11 +85,10 @@ def _drive(case: str) -> dict[str, float]:
     processor: list[float] = []
 
     class Timed(CruiseControl):
-        def __init__(self, options: Namespace, argv: list[str]) -> None:
-            super().__init__(options, argv)
-            self.view = None if case == _CASES[0] else ViewNode()
-            if self.view:
-                self._nodes.append(self.view)
+        def compose(self, options: Namespace) -> Any:  # noqa: ANN401 (VehicleSimulator)
+            simulator = super().compose(options)
+            self.view = None if case == _CASES[0] else self.add(ViewNode())
+            return simulator
 
         def on_step(self, t: float, seen: Any) -> None:  # noqa: ANN401 (Observation)
             steps.append(time.perf_counter())
@@ -104,7 +103,6 @@ def _drive(case: str) -> dict[str, float]:
             no_bag=False,
             bag_dir=Path(folder),
             quiet=True,
-            view='none',
         )
         run = Timed(options, [])
         page = _open(case, run.view.url, folder) if run.view else None
