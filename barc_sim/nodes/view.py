@@ -77,7 +77,9 @@ class ViewNode(Node):
         status: Callable[[], Status] = Status,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Serve the page; `status` is asked, from another thread, for what no topic tells.
+        """Serve the page.
+
+        `status` is asked, from another thread and from the first state on, for what no topic tells.
 
         Raises
         ------
@@ -204,7 +206,7 @@ class ViewNode(Node):
             self._cmd_vel_pub.publish(twist)
 
     def _send_status(self) -> None:
-        missed, slipped, paused = self._status()
+        missed, slipped, paused = self._status() if self._newest else Status()
         for page in self._server.pages:
             driver = self._wheel.driver
             page.send(

@@ -176,9 +176,14 @@ def test_a_page_that_opens_late_sees_what_was(view: ViewNode, peer: Peer) -> Non
     np.testing.assert_array_equal(client.column('x'), [1.0])
 
 
-def test_the_status_tells_what_the_composition_knows(view: ViewNode) -> None:
+def test_the_status_tells_what_the_composition_knows_from_the_first_state_on(
+    view: ViewNode, peer: Peer
+) -> None:
     with page(view) as client:
-        status = client.hear('status')
+        assert client.hear('status')['missed'] is None
+        peer.step(0.0)
+        while (status := client.hear('status'))['missed'] is None:
+            pass
     assert (status['missed'], status['paused'], status['driver']) == (3, False, None)
 
 
