@@ -46,8 +46,9 @@ def add_address_options(parser: argparse.ArgumentParser) -> None:
 
 
 def wanted(options: argparse.Namespace) -> bool:
-    """Return whether the live page is to be served."""
-    return bool((options.view_auto if options.view == 'auto' else options.view) == 'web')
+    """Return whether the live page is to be served; not by a program without these options."""
+    choice = getattr(options, 'view', 'none')
+    return bool((options.view_auto if choice == 'auto' else choice) == 'web')
 
 
 def has_desktop(environment: Mapping[str, str] = os.environ) -> bool:

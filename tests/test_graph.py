@@ -71,7 +71,7 @@ def test_links_are_seen_as_they_are(ros: Context) -> None:
 @pytest.mark.usefixtures('ros_domain')
 def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
     run = subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim.run', 'teleop'],
+        [sys.executable, '-m', 'barc_sim.run', 'teleop', '--view', 'none'],
         cwd=tmp_path,
         env=os.environ | ENVIRONMENT,
         stdin=subprocess.DEVNULL,

@@ -159,6 +159,8 @@ def test_every_wheel_of_ros_is_pinned_to_one_version() -> None:
 def test_a_sourced_ros_gets_no_wheel_of_ros() -> None:
     setup = configparser.ConfigParser(interpolation=None)
     setup.read(ROOT / 'setup.cfg')
-    listed = setup['options']['install_requires'] + str(dict(setup['options.extras_require']))
+    extras = dict(setup['options.extras_require'])
+    del extras['test_wheels']  # which the set-up asks for only without a sourced ROS
+    listed = setup['options']['install_requires'] + str(extras)
     assert 'ros-' not in listed
     assert 'barc' not in listed

@@ -162,6 +162,8 @@ def test_a_drive_whose_commands_are_unknown_is_shown(log: Log) -> None:
     assert '\N{EN DASH}' in texts(view)
 
 
+# imageio_ffmpeg leaves it to the garbage collector to close its pipes.
+@pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
 def test_the_video_of_a_drive_by_hand_shows_it_from_above_at_real_speed(tmp_path: Path) -> None:
     log = drive([(0.0, Drive(forward=1.0))], 0.6)
     assert isinstance(chosen_view(log, Figure(figsize=SIZE), ''), TopView)
