@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy
 
 from barc_sim import offers
 from barc_sim.losses import Losses
+from barc_sim.polled import PolledCallbackGroup
 from barc_sim.pump import Message
 from barc_sim.taking import Taker
 
@@ -31,26 +31,6 @@ if TYPE_CHECKING:
 _DEPTH = 10_000
 # [s] A latched message that has not come by then never will.
 _LATCHED_PATIENCE = 1.0
-
-
-class _Polled(CallbackGroup):
-    """Of subscriptions that no executor waits for: the recorder's thread takes from them.
-
-    To be woken for each message would cost 4 % of a core at 50 Hz with 7 topics, a look at all of
-    them every 50 ms costs about 1 %; and nothing comes between a state and the command that
-    answers it. Reception is stamped in DDS, so nothing is lost by looking later.
-    """
-
-    def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (CallbackGroup's)
-        """Keep the subscription out of the wait set."""
-        return False
-
-    def beginning_execution(self, entity: object) -> bool:  # noqa: ARG002 (CallbackGroup's)
-        """Refuse."""
-        return False
-
-    def ending_execution(self, entity: object) -> None:
-        """Do nothing, as nothing begins."""
 
 
 @dataclass
@@ -106,7 +86,7 @@ class Listener:
     def __init__(self, node: Node, wants: Callable[[str], bool]) -> None:
         self._node = node
         self._wants = wants
-        self._polled = _Polled()
+        self._polled = PolledCallbackGroup()
         self._taker = Taker()
         self._heard: dict[str, _Heard] = {}
         self._lock = threading.Lock()  # of `_heard`

@@ -39,6 +39,7 @@ class Drive(NamedTuple):
 
     linear: float = 0.0  #: share of the greatest acceleration, from -1 to 1
     angular: float = 0.0  #: share of the greatest steering rate, from -1 to 1, left is positive
+    brake: float = 0.0  #: share of the greatest deceleration, from 0 to 1, down to a standstill
 
 
 class Tune(NamedTuple):
@@ -91,8 +92,11 @@ def parse(message: str | bytes) -> Request:
     if not isinstance(fields, dict):
         raise Malformed('a JSON object is expected')
     kind = fields.pop('type', None)
-    if kind == 'drive' and set(fields) == {'linear', 'angular'}:
-        return Drive(**{name: _number(value, 1.0) for name, value in fields.items()})
+    if kind == 'drive' and {'linear', 'angular'} <= set(fields) <= set(Drive._fields):
+        drive = Drive(**{name: _number(value, 1.0) for name, value in fields.items()})
+        if drive.brake < 0.0:
+            raise Malformed('the brake is from 0 to 1')
+        return drive
     if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in TUNABLE:
         return Tune(fields['name'], _number(fields['value'], 1e9))
     if kind == 'reset' and not fields:

@@ -14,13 +14,16 @@ STALE = 0.5  #: [s] without a word of the page after which what it held is let g
 _PERIOD = 0.05  #: [s] between two commands while a key is held
 _LEAST_PERIOD = 0.01  #: [s] between two commands, however often they change
 _REST = Drive()
+_BRAKE = Drive(brake=1.0)
+_LASTING = (_REST, _BRAKE)  # whoever listens goes on with them: they are said once
 
 
 class Wheel:
     """Gives the wheel to the first page that presses, until it leaves or has been idle.
 
     While something is held, `due` returns a command every 50 ms; then zero once, then nothing, so
-    that others who publish `cmd_vel` are not drowned out. Times are of a clock that never steps.
+    that others who publish `cmd_vel` are not drowned out. Where the page goes or falls silent with
+    something held, the brake comes in place of zero. Times are of a clock that never steps.
 
     Attributes
     ----------
@@ -48,21 +51,21 @@ class Wheel:
         return True
 
     def leave(self, page: Hashable) -> None:
-        """Let go what `page` held: it has gone."""
+        """Brake where `page` held something: it has gone."""
         if self.driver == page:
             self.driver = None
-            self._command = _REST
+            self._let_go()
 
     def due(self, now: float) -> Drive | None:
         """Return the command to publish at `now` [s], or None."""
-        if self._command != _REST and now - self._heard > STALE:
-            self._command = _REST
+        if now - self._heard > STALE:
+            self._let_go()
         if self.driver is not None and self._idle(now):
             self.driver = None
         since = now - self._published
-        if self._command == self._sent == _REST:
+        if self._command == self._sent and self._command in _LASTING:
             return None
-        if self._command == _REST or since >= _PERIOD:
+        if self._command in _LASTING or since >= _PERIOD:
             pass
         elif self._command == self._sent or since < _LEAST_PERIOD:
             return None
@@ -70,5 +73,9 @@ class Wheel:
         self._published = now
         return self._command
 
+    def _let_go(self) -> None:
+        if self._command != _REST:
+            self._command = _BRAKE
+
     def _idle(self, now: float) -> bool:
-        return self._command == _REST and now - self._heard > IDLE
+        return self._command in _LASTING and now - self._heard > IDLE

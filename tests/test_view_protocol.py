@@ -43,6 +43,8 @@ MALFORMED = [
     '{"type":"reset","hard":true}',
     '[' * 100_000,
     b'{"type":"reset"}',
+    '{"type":"drive","linear":0,"angular":0,"brake":-1}',
+    '{"type":"drive","linear":0,"angular":0,"brake":2}',
     b'\xff',
 ]
 
@@ -51,6 +53,7 @@ MALFORMED = [
     ('message', 'request_'),
     [
         ('{"type":"drive","linear":1,"angular":-0.5}', Drive(1.0, -0.5)),
+        ('{"type":"drive","linear":0,"angular":0,"brake":1}', Drive(brake=1.0)),
         ('{"type":"tune","name":"kp","value":3}', Tune('kp', 3.0)),
         ('{"type":"tune","name":"speed_reference","value":-2.5}', Tune('speed_reference', -2.5)),
         ('{"type":"reset"}', Reset()),

@@ -12,6 +12,7 @@ from barc_sim.view_wheel import IDLE, STALE, Wheel
 AHEAD = Drive(1.0, 0.0)
 LEFT = Drive(0.0, 1.0)
 REST = Drive()
+BRAKE = Drive(brake=1.0)
 
 
 @pytest.fixture
@@ -55,11 +56,11 @@ def test_release_is_due_at_once_and_only_once(wheel: Wheel) -> None:
     assert wheel.due(1.0) is None
 
 
-def test_a_page_that_leaves_lets_go(wheel: Wheel) -> None:
+def test_a_page_that_leaves_with_a_key_held_brakes(wheel: Wheel) -> None:
     wheel.turn('a', AHEAD, 0.0)
     wheel.due(0.0)
     wheel.leave('a')
-    assert wheel.due(0.001) == REST
+    assert wheel.due(0.001) == BRAKE
     assert wheel.due(1.0) is None
     assert wheel.driver is None
 
@@ -71,11 +72,20 @@ def test_a_page_that_watches_may_leave(wheel: Wheel) -> None:
     assert wheel.due(0.0) == AHEAD
 
 
-def test_a_page_that_says_nothing_any_more_lets_go(wheel: Wheel) -> None:
+def test_a_page_that_leaves_with_nothing_held_changes_nothing(wheel: Wheel) -> None:
+    wheel.turn('a', AHEAD, 0.0)
+    wheel.turn('a', REST, 0.1)
+    assert wheel.due(0.1) is None
+    wheel.leave('a')
+    assert wheel.due(0.2) is None
+
+
+def test_a_page_that_says_nothing_any_more_brakes(wheel: Wheel) -> None:
     wheel.turn('a', AHEAD, 0.0)
     wheel.due(0.0)
     assert wheel.due(STALE) == AHEAD
-    assert wheel.due(STALE + 0.001) == REST
+    assert wheel.due(STALE + 0.001) == BRAKE
+    assert wheel.due(10.0) is None
 
 
 def test_the_first_that_presses_drives_and_others_are_refused(wheel: Wheel) -> None:
@@ -122,7 +132,7 @@ def test_a_driver_that_holds_nothing_does_not_keep_the_wheel_by_saying_so(wheel:
         )
     )
 )
-def test_whatever_pages_do_the_last_command_is_rest_once_they_are_silent(
+def test_whatever_pages_do_the_last_command_moves_nothing_once_they_are_silent(
     doings: list[tuple[str, Drive | None, float]],
 ) -> None:
     wheel = Wheel()
@@ -135,5 +145,5 @@ def test_whatever_pages_do_the_last_command_is_rest_once_they_are_silent(
             wheel.turn(page, command, now)
         last = wheel.due(now) or last
     last = wheel.due(now + STALE + 0.001) or last
-    assert last == REST
+    assert last in (REST, BRAKE)
     assert wheel.due(now + 10.0) is None

@@ -202,7 +202,8 @@ class ViewNode(Node):
     def _publish(self, now: float) -> None:
         if command := self._wheel.due(now):
             twist = Twist()
-            twist.linear.x, twist.angular.z = command
+            twist.linear.x, twist.angular.z, brake = command
+            twist.linear.z = -brake
             self._cmd_vel_pub.publish(twist)
 
     def _send_status(self) -> None:

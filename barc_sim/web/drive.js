@@ -7,15 +7,13 @@ const KEYS = {
 const LEAST = 20; // [ms] between two messages while a thumb moves
 const REPEAT = 50; // [ms] between two messages while something is held
 const DEAD = 0.12; // share of a pad's radius that counts as its middle
-const CREEP = 0.5; // [m/s] below which the stop brakes less and less, so as not to go backwards
 
 const clip = (value) => Math.min(Math.max(value, -1), 1);
 
 export class Driving {
-  /** `send` is given linear and angular, from -1 to 1; `speed` returns the car's [m/s]. */
-  constructor(send, speed, commands) {
+  /** `send` is given linear and angular, from -1 to 1, and the brake, from 0 to 1. */
+  constructor(send, commands) {
     this.send = send;
-    this.speed = speed;
     this.pressed = new Map(); // event code -> what it does
     this.pads = { steer: 0, throttle: 0 };
     this.moving = false;
@@ -25,11 +23,15 @@ export class Driving {
     setInterval(() => this.moving && this.#update(), REPEAT);
   }
 
-  /** Let go of everything. */
-  release() {
+  /** Let go of everything; where something was held, brake by a share from 0 to 1. */
+  release(brake = 0) {
     this.pressed.clear();
     this.pads = { steer: 0, throttle: 0 };
     for (const pad of document.querySelectorAll('.pad')) rest(pad);
+    if (this.moving && brake) {
+      this.send(0, 0, brake);
+      this.moving = false;
+    }
     this.#update();
   }
 
@@ -53,8 +55,8 @@ export class Driving {
       if (this.pressed.delete(event.code)) this.#update();
     });
     addEventListener('blur', () => this.release());
-    addEventListener('pagehide', () => this.release());
-    document.addEventListener('visibilitychange', () => document.hidden && this.release());
+    addEventListener('pagehide', () => this.release(1)); // nobody looks any more
+    document.addEventListener('visibilitychange', () => document.hidden && this.release(1));
   }
 
   #listenToPad(name) {
@@ -95,14 +97,11 @@ export class Driving {
     for (const cap of document.querySelectorAll('kbd')) {
       cap.classList.toggle('held', held.has(cap.dataset.held));
     }
-    let linear = clip(held.has('forward') - held.has('back') + this.pads.throttle);
-    let angular = clip(held.has('left') - held.has('right') + this.pads.steer);
-    if (held.has('stop')) {
-      linear = clip(-this.speed() / CREEP);
-      angular = 0;
-    }
+    const linear = clip(held.has('forward') - held.has('back') + this.pads.throttle);
+    const angular = clip(held.has('left') - held.has('right') + this.pads.steer);
     const moving = held.size > 0 || linear !== 0 || angular !== 0;
-    if (moving || this.moving) this.send(linear, angular);
+    if (held.has('stop')) this.send(0, 0, 1);
+    else if (moving || this.moving) this.send(linear, angular, 0);
     this.moving = moving;
   }
 }

@@ -118,8 +118,8 @@ const pause = () => connection.send('pause', { on: !paused });
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 new Driving(
-  (linear, angular) => facts.mode === 'teleop' && connection.send('drive', { linear, angular }),
-  () => history.last('speed') || 0,
+  (linear, angular, brake) =>
+    facts.mode === 'teleop' && connection.send('drive', { linear, angular, brake }),
   { KeyR: () => facts.mode === 'teleop' && reset(), KeyP: () => facts.mode === 'teleop' && pause() },
 );
 

@@ -70,6 +70,7 @@ class Peer(Node):
 
     def _on_twist(self, twist: Twist) -> None:
         self.twists.append((twist.linear.x, twist.angular.z))
+        self.braked = twist.linear.z == -1.0
 
     def _on_request(self, request: Any, response: Any) -> Any:  # noqa: ANN401 (two kinds)
         self.done.append(request.data if isinstance(request, SetBool.Request) else 'reset')
@@ -200,11 +201,12 @@ def test_what_a_page_holds_is_published_until_it_lets_go(view: ViewNode, peer: P
     assert len(peer.twists) == silent_since
 
 
-def test_a_page_that_goes_while_it_holds_a_key_lets_go(view: ViewNode, peer: Peer) -> None:
+def test_a_page_that_goes_while_it_holds_a_key_brakes(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
         client.ask('drive', linear=1.0, angular=0.0)
         until(lambda: (1.0, 0.0) in peer.twists)
     until(lambda: peer.twists[-1] == (0.0, 0.0))
+    assert peer.braked
 
 
 def test_one_page_drives_and_the_other_is_told(view: ViewNode, peer: Peer) -> None:

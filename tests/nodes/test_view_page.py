@@ -52,7 +52,7 @@ class Car(Node):
         self._road = Road.named(road)
         self.state = State()
         self.command = Input()
-        self.paused = False
+        self.paused = self.braking = False
         self.twists: list[tuple[float, float]] = []
         self._stamp = 1_700_000_000_000_000_000
         self._state_pub = self.create_publisher(ZDynBkMdl, topics.STATE, topics.QOS)
@@ -69,6 +69,9 @@ class Car(Node):
         if self.paused:
             return
         theta = self._road.grade_deg(self.state.x)
+        if self.braking:
+            slower = min(8.0, abs(self.state.v) / TS)
+            self.command = Input(-math.copysign(slower, self.state.v))
         self.state = step(self.state, self.command, math.radians(theta), Vehicle(), TS)
         self._stamp += int(1e9 * TS)
         header = to_header(self._stamp)
@@ -90,6 +93,7 @@ class Car(Node):
 
     def _on_twist(self, twist: Twist) -> None:
         self.twists.append((twist.linear.x, twist.angular.z))
+        self.braking = twist.linear.z < 0.0
         self.command = Input(4.0 * twist.linear.x, 0.3 * twist.angular.z)
         self._ecu_pub.publish(
             ECU(header=to_header(self._stamp), motor=self.command[0], servo=self.command[1])
@@ -252,7 +256,8 @@ def test_a_page_that_is_closed_while_a_key_is_held_stops_driving(
     tab.press('ArrowUp')
     wait_until(lambda: len(car.twists) > 3)
     tab.close()
-    wait_until(lambda: car.twists[-1] == (0.0, 0.0))
+    wait_until(lambda: car.braking)
+    wait_until(lambda: car.state.v == 0.0)
 
 
 def test_a_page_that_loses_the_focus_lets_go(
