@@ -51,6 +51,7 @@ _PERIOD, _SLOW_PERIOD = 0.02, 0.1
 #: [s] after a state at which to look: it has been answered by then, and the next step is far.
 _AFTER = 0.006
 _STATUS_PERIOD = 0.25  #: [s]
+_PATIENCE = 1.0  #: [s] after which what was not answered is asked again
 _WINDOW = 4  #: status periods over which the real-time factor is measured
 
 
@@ -108,7 +109,7 @@ class ViewNode(Node):
         self._wheel = Wheel()
         self._simulator: dict[str, Any] = {}
         self._controller: dict[str, Any] = {}
-        self._asked: set[str] = set()
+        self._ask_at: dict[str, float] = {}
         self._paused = False
         self._ended: str | None = None
         self._next_status = 0.0
@@ -239,10 +240,13 @@ class ViewNode(Node):
             ('vehicle_simulator', SIMULATOR, self._simulator),
             ('controller', TUNABLE, self._controller),
         ):
-            if name not in self._asked and self._peers.parameters(
-                name, names, partial(self._on_parameters, known)
+            now = time.monotonic()
+            if (
+                not known
+                and now >= self._ask_at.get(name, 0.0)
+                and self._peers.parameters(name, names, partial(self._on_parameters, known))
             ):
-                self._asked.add(name)
+                self._ask_at[name] = now + _PATIENCE
         controller = f'{self.get_namespace().rstrip("/")}/controller'
         for event, _ in take(self._events, _DEPTH):
             if event.node == controller:
