@@ -276,8 +276,9 @@ def test_a_slider_sets_the_controllers_parameter_and_all_pages_see_it(ros: Conte
     view = ViewNode(context=ros)
     controller = CruiseController(context=ros)
     with spinning(ros, view, controller), page(view) as client, page(view) as other:
-        while not client.hear('facts')['tuning']:
-            pass
+        known = client.hear('hello')['tuning']
+        while not known:
+            known = client.hear('facts')['tuning']
         client.ask('tune', name='speed_reference', value=5.5)
         until(lambda: controller.speed_reference == 5.5)
         while other.hear('facts')['tuning'].get('speed_reference') != 5.5:
