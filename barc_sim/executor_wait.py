@@ -31,6 +31,8 @@ Entity: TypeAlias = Any
 #: What to await when an entity was taken: its callback, with what was there for it.
 Execute: TypeAlias = 'Callable[[], Awaitable[None]]'
 
+#: Times that the nodes are looked at while others destroy what is in them.
+_ATTEMPTS = 100
 #: Kinds of entities with a handle, in the order in which rclpy executes what is ready.
 _KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
 
@@ -105,13 +107,7 @@ class WaitList:
         """
         with self._in_use:
             try:
-                if self._stale:
-                    self._refresh(executor)
-                try:
-                    self._fill(executor)
-                except (InvalidHandle, _rclpy.RCLError):  # one was destroyed, or has grown
-                    self._refresh(executor)
-                    self._fill(executor)
+                self._prepare(executor)
                 self._wait_set.wait(timeout_nsec)
                 if executor._is_shutdown:
                     raise ShutdownException
@@ -173,6 +169,18 @@ class WaitList:
         if kind == 'guard_condition':
             return Entry(entity, node, self._add_guard_condition, entity, take)
         return Entry(entity, node, getattr(self._wait_set, f'add_{kind}'), entity.handle, take)
+
+    def _prepare(self, executor: MultiThreadedExecutor) -> None:
+        for left in reversed(range(_ATTEMPTS)):
+            try:
+                if self._stale:
+                    self._refresh(executor)
+                self._fill(executor)
+                break
+            except (InvalidHandle, _rclpy.RCLError):  # one was destroyed just now, or has grown
+                self._stale = True
+                if not left:
+                    raise
 
     def _fill(self, executor: MultiThreadedExecutor) -> None:
         # Only these: to ask all whether they can be executed would take longer than the wait.

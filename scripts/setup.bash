@@ -185,7 +185,7 @@ install_package() {
   if ! is_current package || { [[ -n $extra ]] && ! is_current "$extra"; }; then
     say '  barc_sim and the Python packages that it needs'
     local extras=$extra
-    [[ $extra != test || -n $ros ]] || extras+=,test_wheels
+    [[ $extra != test || -n $ros ]] || extras+=,testwheels
     # compat: a path, and not an import hook that every start would have to load.
     pip_install "$@" --config-settings editable_mode=compat -e ".${extras:+[$extras]}"
   fi
