@@ -7,12 +7,16 @@ integrated with forward Euler. Positions run along the road's surface.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from math import atan, copysign, cos, sin, tan
 from typing import NamedTuple
 
 L_F = 1.5
 L_R = 1.5
 GRAVITY = 9.8
+
+#: What is called as `bikeFE` is, and returns x, y, psi and v of the next step.
+Model = Callable[..., Sequence[float]]
 
 
 class Vehicle(NamedTuple):
@@ -134,9 +138,16 @@ def bikeFE(  # noqa: N802 (the lab's name)
     ]
 
 
-def step(state: State, command: Input, theta: float, vehicle: Vehicle, ts: float) -> State:
-    """Return the state `ts` seconds later, on an incline of `theta` [rad], by `bikeFE`."""
-    x, y, psi, v = bikeFE(
+def step(
+    state: State,
+    command: Input,
+    theta: float,
+    vehicle: Vehicle,
+    ts: float,
+    model: Model = bikeFE,
+) -> State:
+    """Return the state `ts` seconds later, on an incline of `theta` [rad], by `model`."""
+    x, y, psi, v = model(
         *state,
         *command,
         vehicle.air_drag_coeff,

@@ -5,7 +5,18 @@ from __future__ import annotations
 from math import radians, sin
 from typing import NamedTuple
 
-from barc_sim.bike_model import Forces, Input, Motion, State, Vehicle, forces, motion, step
+from barc_sim.bike_model import (
+    Forces,
+    Input,
+    Model,
+    Motion,
+    State,
+    Vehicle,
+    bikeFE,
+    forces,
+    motion,
+    step,
+)
 from barc_sim.road import Road
 from barc_sim.sensor import Deviation, Sensor
 
@@ -32,6 +43,7 @@ class Plant:
         ts: float = 0.02,
         noise: Deviation | None = None,
         seed: int = 0,
+        model: Model = bikeFE,
     ) -> None:
         """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds."""
         self.road = road or Road.lab()
@@ -40,6 +52,7 @@ class Plant:
         self.state = State()
         self._held = Input()
         self._sensor = Sensor(noise, seed)
+        self._model = model
 
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
@@ -61,7 +74,7 @@ class Plant:
         if command is not None:
             self._held = command
         theta = radians(self.road.grade_deg(self.state.x))
-        self.state = step(self.state, self._held, theta, self.vehicle, self.ts)
+        self.state = step(self.state, self._held, theta, self.vehicle, self.ts, self._model)
 
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.

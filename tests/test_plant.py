@@ -131,3 +131,15 @@ def test_brake_decelerates_at_its_limit_and_keeps_the_wheel() -> None:
     plant.state = State(v=6.0)
     plant.brake(3.0)
     assert plant.state == step(State(v=6.0), Input(-3.0, 0.2), radians(5.0), VEHICLE, 0.05)
+
+
+def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
+    def backwards(x: float, *arguments: float, **_: float) -> list[float]:
+        return [x - 1.0, *arguments[:3]]
+
+    plant = Plant(model=backwards)
+
+    plant.advance()
+    plant.advance()
+
+    assert plant.state == State(-2.0, 0.0, 0.0, 0.0)
