@@ -11,10 +11,10 @@ import numpy as np
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bag_directory import METADATA_NAME
-from barc_sim.bag_records import files, records
+from barc_sim.bags.directory import METADATA_NAME
+from barc_sim.bags.records import files, records
+from barc_sim.bags.samples import STATE, TOPICS, Sample, join
 from barc_sim.errors import UserError
-from barc_sim.samples import STATE, TOPICS, Sample, join
 
 if TYPE_CHECKING:
     from barc_sim.log import Log

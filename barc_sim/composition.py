@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.parameter import Parameter
 
-from barc_sim.bag_directory import check_root
+from barc_sim.bags.directory import check_root
 from barc_sim.description import describe
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
-from barc_sim.losses import in_words
 from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.page.options import open_page, wanted
 from barc_sim.process import NUM_THREADS, ros
-from barc_sim.recording import from_options
+from barc_sim.recorder.losses import in_words
+from barc_sim.recorder.options import from_options
 from barc_sim.road import Road
 from barc_sim.ros_graph import observe
-from barc_sim.view_options import open_page, wanted
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -122,7 +122,7 @@ class Run(ABC):
 
     def _serve(self, options: Namespace) -> ViewNode:
         from barc_sim.nodes.view import ViewNode  # noqa: PLC0415 (a server, where it is wanted)
-        from barc_sim.view_protocol import Status  # noqa: PLC0415
+        from barc_sim.page.protocol import Status  # noqa: PLC0415
 
         simulator = self.simulator
         view = ViewNode(

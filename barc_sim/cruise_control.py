@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from barc_sim.composition import Run, conduct, overrides
-from barc_sim.display import display, print_summary
+from barc_sim.console.display import display, print_summary
 from barc_sim.metrics import SpeedErrors
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator

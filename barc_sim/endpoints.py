@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from barc_sim.topics import QOS
+from barc_sim.topic_names import QOS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -47,8 +47,8 @@ def draw(options: Namespace) -> None:
     UserError
         where there is no graph, or the figure can't be saved as asked.
     """
-    from barc_sim import output  # noqa: PLC0415 (--help need not wait for matplotlib)
-    from barc_sim.graph_figure import GraphDrawing, lines  # noqa: PLC0415
+    from barc_sim.drawing import output  # noqa: PLC0415 (--help need not wait for matplotlib)
+    from barc_sim.drawing.graph_figure import GraphDrawing, lines  # noqa: PLC0415
 
     path = output.target(options.save, FORMATS) if options.save is not None else None
     graph, title = _of_bag(options.bag) if options.bag else _of_system()

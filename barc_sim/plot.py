@@ -45,7 +45,8 @@ def draw(options: Namespace) -> None:
     UserError
         where the bag cannot be read, or the figure not be shown or saved as asked.
     """
-    from barc_sim import bag, output, plots  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim import bag, plots  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim.drawing import output  # noqa: PLC0415 (--help need not wait for NumPy)
 
     path = output.target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or bag.newest()

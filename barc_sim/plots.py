@@ -12,7 +12,7 @@ from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
 from barc_sim import metrics
-from barc_sim.look import (
+from barc_sim.drawing.look import (
     BLUE,
     DASHES,
     EARTH,

@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim import recording
 from barc_sim.cli import Parser, call
+from barc_sim.recorder import options as recorder_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -39,7 +39,7 @@ def parser() -> Parser:
         metavar='DIR',
         help='directory of the bag, to be made (bags/<date>_<time>)',
     )
-    recording.add_arguments(parser)
+    recorder_options.add_arguments(parser)
     return parser
 
 
@@ -60,7 +60,7 @@ def record(options: Namespace, argv: Sequence[str], ros_args: list[str]) -> int:
         made.append(
             BagRecorder(
                 None,
-                recording.from_options(options),
+                recorder_options.from_options(options),
                 path=options.output,
                 metadata={'command': shlex.join(['python', '-m', PROG, *argv])},
             )
@@ -74,7 +74,7 @@ def record(options: Namespace, argv: Sequence[str], ros_args: list[str]) -> int:
 
 def report(recorder: BagRecorder) -> str:
     """Return what was recorded, topic by topic, and lost; and where it is."""
-    from barc_sim.losses import in_words  # noqa: PLC0415
+    from barc_sim.recorder.losses import in_words  # noqa: PLC0415
 
     counts = recorder.counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]

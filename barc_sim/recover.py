@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator, Sequence
 
-    from barc_sim.recovery import Recovered
+    from barc_sim.bags.recovery import Recovered
 
 PROG = 'barc_sim.recover'
 
@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parse(argv)
 
     def run() -> None:
-        from barc_sim.recovery import recover  # noqa: PLC0415 (--help need not wait for it)
+        from barc_sim.bags.recovery import recover  # noqa: PLC0415 (--help need not wait for it)
 
         for line in report(recover(options.bag)):
             print(line)  # noqa: T201

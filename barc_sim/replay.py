@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
-from barc_sim.view_options import add_address_options
+from barc_sim.page.options import add_address_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from barc_sim.animation import View
+    from barc_sim.drawing.animation import View
     from barc_sim.log import Log
 
 PROG = 'barc_sim.replay'
@@ -55,7 +55,8 @@ def play(options: Namespace) -> None:
     UserError
         where the bag cannot be read, the video not be saved as asked, or the page not be served.
     """
-    from barc_sim import bag, output  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim import bag  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim.drawing import output  # noqa: PLC0415 (--help need not wait for NumPy)
 
     path = output.target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or bag.newest()
@@ -63,9 +64,9 @@ def play(options: Namespace) -> None:
     directory = source if source.is_dir() else source.parent
     title = directory.resolve().name
     if options.web:
-        from barc_sim import view_replay  # noqa: PLC0415
+        from barc_sim.page import replay as page_replay  # noqa: PLC0415
 
-        view_replay.serve(log, title, options.view_host, options.view_port)
+        page_replay.serve(log, title, options.view_host, options.view_port)
         return
     if not path and _play_in_window(log, title):
         return
@@ -77,7 +78,7 @@ def play(options: Namespace) -> None:
 
 def _play_in_window(log: Log, title: str) -> bool:
     """Play until the user closes the window; return whether there could be one."""
-    from barc_sim import animation, output, side_view  # noqa: PLC0415
+    from barc_sim.drawing import animation, output, side_view  # noqa: PLC0415
 
     figure = output.window(side_view.SIZE, title)
     if figure is None:
@@ -90,7 +91,7 @@ def _play_in_window(log: Log, title: str) -> bool:
 
 def view_of(log: Log, figure: Figure, title: str) -> View:
     """Return the view that suits the run: from above where it was driven by hand."""
-    from barc_sim import side_view, top_view  # noqa: PLC0415
+    from barc_sim.drawing import side_view, top_view  # noqa: PLC0415
 
     kind = top_view.TopView if top_view.suits(log) else side_view.SideView
     return kind(log, figure, title=title)
@@ -105,7 +106,7 @@ def save(log: Log, path: Path, *, title: str = '') -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
-    from barc_sim import animation, side_view, video  # noqa: PLC0415
+    from barc_sim.drawing import animation, side_view, video  # noqa: PLC0415
 
     gif = path.suffix.lower() == '.gif'
     dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)

@@ -7,12 +7,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim import recording
 from barc_sim.cli import Parser, call
 from barc_sim.errors import UserError
+from barc_sim.page.options import add_view_options
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
+from barc_sim.recorder import options as recorder_options
 from barc_sim.signals import StopSignals
-from barc_sim.view_options import add_view_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -157,7 +157,7 @@ def _add_common(mode: Parser) -> None:
     mode.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )
-    recording.add_arguments(mode)
+    recorder_options.add_arguments(mode)
 
 
 def _number(low: float, high: float) -> Callable[[str], float]:

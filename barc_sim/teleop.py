@@ -7,12 +7,12 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from barc_sim.composition import Run, conduct, overrides
+from barc_sim.console.status_line import Status, StatusLine
+from barc_sim.console.terminal import Terminal
 from barc_sim.errors import UserError
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.status_line import Status, StatusLine
-from barc_sim.terminal import Terminal
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -11,12 +11,12 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim import bag
-from barc_sim.bag_metadata import Topic
-from barc_sim.bag_writer import BagWriter
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.samples import TOPICS
+from barc_sim.bags.schemas import definition
+from barc_sim.bags.writer import BagWriter
 from barc_sim.errors import UserError
 from barc_sim.rollout import rollout
-from barc_sim.samples import TOPICS
-from barc_sim.schemas import definition
 
 if TYPE_CHECKING:
     from pathlib import Path

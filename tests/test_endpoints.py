@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from barc_sim.endpoints import incompatible_peers, publisher, subscription
-from barc_sim.topics import QOS
+from barc_sim.topic_names import QOS
 
 if TYPE_CHECKING:
     from rclpy.context import Context

@@ -14,14 +14,15 @@ import pytest
 from matplotlib.figure import Figure
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim import bag, plots, side_view
-from barc_sim.bag_metadata import Topic
-from barc_sim.bag_writer import BagWriter
+from barc_sim import bag, plots
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.recovery import recover
+from barc_sim.bags.samples import TOPICS
+from barc_sim.bags.schemas import definition
+from barc_sim.bags.writer import BagWriter
+from barc_sim.drawing import side_view
 from barc_sim.errors import UserError
-from barc_sim.recovery import recover
 from barc_sim.rollout import rollout
-from barc_sim.samples import TOPICS
-from barc_sim.schemas import definition
 
 if TYPE_CHECKING:
     from collections.abc import Callable

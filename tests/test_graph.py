@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 import barc_sim
 from barc_sim import bag
-from barc_sim.graph_figure import GraphDrawing, lines
+from barc_sim.drawing.graph_figure import GraphDrawing, lines
 from barc_sim.node_graph import NodeGraph
 from barc_sim.ros_graph import observe
 

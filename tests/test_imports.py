@@ -17,23 +17,23 @@ ROS_MODULES = {
     for name in (
         'composition',
         'convert',
-        'describing',
         'cruise_control',
         'endpoints',
         'executor',
         'executor_pool',
         'executor_wait',
-        'listening',
-        'offers',
+        'page.peers',
         'parameters',
-        'polled',
         'process',
-        'recorder_services',
+        'recorder.describing',
+        'recorder.listening',
+        'recorder.offers',
+        'recorder.polled',
+        'recorder.services',
         'ros_graph',
         'simulator_parameters',
         'teleop',
-        'topics',
-        'view_peers',
+        'topic_names',
     )
 }
 
@@ -43,8 +43,10 @@ def module_name(path: Path) -> str:
     return '.'.join(part for part in parts if part != '__init__')
 
 
-PURE_MODULES = sorted({module_name(path) for path in PACKAGE.glob('*.py')} - ROS_MODULES)
 NODES = sorted((PACKAGE / 'nodes').glob('*.py'))
+PURE_MODULES = sorted(
+    {module_name(path) for path in PACKAGE.rglob('*.py') if path not in NODES} - ROS_MODULES
+)
 
 
 def imported(source: str) -> set[str]:

@@ -19,8 +19,8 @@ import pytest
 from mcap.records import Channel, Message
 
 from barc_sim import bag
-from barc_sim.bag_records import records
-from barc_sim.recovery import recover
+from barc_sim.bags.records import records
+from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ import json, time
 import rclpy
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.node import Node
-from barc_sim.taking import Taker
+from barc_sim.recorder.taking import Taker
 
 rclpy.init()
 node = Node('witness')

@@ -11,7 +11,8 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from barc_sim import bag, output, plot
+from barc_sim import bag, plot
+from barc_sim.drawing import output
 from barc_sim.rollout import rollout
 
 if TYPE_CHECKING:

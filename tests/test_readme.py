@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 
@@ -52,7 +52,7 @@ def test_parameters_are_listed_with_their_defaults(
 
 def test_topics_are_listed() -> None:
     listed = re.findall(r'^\| `(\w+)` \|', table('## Topics'), re.MULTILINE)
-    names = {value for name, value in vars(topics).items() if name.isupper() and name != 'QOS'}
+    names = {value for name, value in vars(topic_names).items() if name.isupper() and name != 'QOS'}
     assert set(listed) == names
 
 

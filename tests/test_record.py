@@ -18,8 +18,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64, UInt8MultiArray
 
-from barc_sim import bag, bag_records
-from barc_sim.recovery import recover
+from barc_sim import bag
+from barc_sim.bags import records as bag_records
+from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

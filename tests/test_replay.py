@@ -10,7 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from barc_sim import bag, output, replay, video
+from barc_sim import bag, replay
+from barc_sim.drawing import output, video
 from barc_sim.rollout import rollout
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from barc_sim import services, topics
+from barc_sim import service_names, topic_names
 from barc_sim.bike_model import Input
 from barc_sim.cli import call
 from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
@@ -59,13 +59,13 @@ class CruiseController(Node):
         self._state: ZDynBkMdl | None = None
         self._error: EZDynBkMdl | None = None
 
-        self._ecu_pub = publisher(self, ECU, topics.ECU)
-        self._pid_state_pub = publisher(self, PidState, topics.PID_STATE)
+        self._ecu_pub = publisher(self, ECU, topic_names.ECU)
+        self._pid_state_pub = publisher(self, PidState, topic_names.PID_STATE)
         group = QuickCallbackGroup()
-        subscription(self, EZDynBkMdl, topics.STATE_ERROR, self._on_state_error, group)
-        subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
+        subscription(self, EZDynBkMdl, topic_names.STATE_ERROR, self._on_state_error, group)
+        subscription(self, ZDynBkMdl, topic_names.STATE, self._on_state, group)
         self.create_service(
-            Trigger, services.RESET_CONTROLLER, self._on_reset, callback_group=group
+            Trigger, service_names.RESET_CONTROLLER, self._on_reset, callback_group=group
         )
 
     @property

@@ -14,19 +14,19 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim import services, topics
+from barc_sim import service_names, topic_names
 from barc_sim.cli import call
+from barc_sim.console.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
+from barc_sim.console.terminal import Terminal
 from barc_sim.convert import to_twist
 from barc_sim.driving import FULL_BRAKE, RATE
 from barc_sim.endpoints import publisher
 from barc_sim.executor import QuickCallbackGroup
-from barc_sim.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
 from barc_sim.parameters import Parameter, declare
 from barc_sim.process import spin
-from barc_sim.terminal import Terminal
 
 if TYPE_CHECKING:
-    from barc_sim.keys import KeyEvent
+    from barc_sim.console.keys import KeyEvent
 
 _PARAMETERS = [
     Parameter(
@@ -79,9 +79,9 @@ class Keyboard(Node):
         # Whoever sets it, from whatever thread: the terminal is given back before all else ends.
         self.finished.add_done_callback(lambda _: terminal.close())
 
-        self._twist_pub = publisher(self, Twist, topics.CMD_VEL)
+        self._twist_pub = publisher(self, Twist, topic_names.CMD_VEL)
         group = QuickCallbackGroup()
-        self._reset = self.create_client(Trigger, services.RESET, callback_group=group)
+        self._reset = self.create_client(Trigger, service_names.RESET, callback_group=group)
         self._typed = self.create_guard_condition(self._on_typed, group)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(1.0 / RATE, self._publish, group, steady)

@@ -11,17 +11,17 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 
-from barc_sim import describing, disk_space, losses
-from barc_sim.bag_directory import make_directory, new_directory
-from barc_sim.bag_writer import BagWriter, FileLimits
+from barc_sim.bags.directory import make_directory, new_directory
+from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.cli import call
 from barc_sim.executor import QuickCallbackGroup
-from barc_sim.listening import Listener
 from barc_sim.parameters import Parameter, declare
 from barc_sim.process import spin
-from barc_sim.pump import Pump
-from barc_sim.recorder_services import serve
-from barc_sim.recording import Recording
+from barc_sim.recorder import describing, disk_space, losses
+from barc_sim.recorder.listening import Listener
+from barc_sim.recorder.options import Recording
+from barc_sim.recorder.pump import Pump
+from barc_sim.recorder.services import serve
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

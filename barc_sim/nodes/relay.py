@@ -13,7 +13,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from barc_sim import services, topics
+from barc_sim import service_names, topic_names
 from barc_sim.cli import call
 from barc_sim.convert import to_drive, to_ecu
 from barc_sim.driving import RATE, STALE_AFTER, Driver, Limits
@@ -74,11 +74,13 @@ class Relay(Node):
         self._speed = 0.0
         self.refused = 0
 
-        self._ecu_pub = publisher(self, ECU, topics.ECU)
+        self._ecu_pub = publisher(self, ECU, topic_names.ECU)
         group = QuickCallbackGroup()
-        subscription(self, ZDynBkMdl, topics.STATE, self._on_state, group)
-        subscription(self, Twist, topics.CMD_VEL, self._on_twist, group)
-        self.create_service(Trigger, services.RESET_RELAY, self._on_reset, callback_group=group)
+        subscription(self, ZDynBkMdl, topic_names.STATE, self._on_state, group)
+        subscription(self, Twist, topic_names.CMD_VEL, self._on_twist, group)
+        self.create_service(
+            Trigger, service_names.RESET_RELAY, self._on_reset, callback_group=group
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.driver.dt, self._on_timer, group, steady)
 

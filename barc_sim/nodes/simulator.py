@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim import services, topics
+from barc_sim import service_names, topic_names
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
@@ -111,23 +111,27 @@ class VehicleSimulator(Node):
         self._plant = plant(values)
         self._commands = Commands(values['command_timeout'])
         self._on_step = on_step
-        self._claim = claim(self, topics.STATE)
+        self._claim = claim(self, topic_names.STATE)
         self.finished: Future = Future()
         self.steps = self.missed = self.slipped = 0
         self._first_step = self._stamp = 0
         self._running = self._paused = self._reset_due = False
         self._pace: Timer | None = None
 
-        self._state_error_pub = publisher(self, EZDynBkMdl, topics.STATE_ERROR)
-        self._environment_pub = publisher(self, Environment, topics.ENVIRONMENT)
-        self._state_pub = publisher(self, ZDynBkMdl, topics.STATE)
+        self._state_error_pub = publisher(self, EZDynBkMdl, topic_names.STATE_ERROR)
+        self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
+        self._state_pub = publisher(self, ZDynBkMdl, topic_names.STATE)
         self._group = QuickCallbackGroup()
-        subscription(self, ECU, topics.ECU, self._on_command, self._group)
-        self.create_service(Trigger, services.RESET, self._on_reset, callback_group=self._group)
-        self.create_service(SetBool, services.PAUSE, self._on_pause, callback_group=self._group)
+        subscription(self, ECU, topic_names.ECU, self._on_command, self._group)
+        self.create_service(
+            Trigger, service_names.RESET, self._on_reset, callback_group=self._group
+        )
+        self.create_service(
+            SetBool, service_names.PAUSE, self._on_pause, callback_group=self._group
+        )
         self._resets = [
             self.create_client(Trigger, name, callback_group=self._group)
-            for name in (services.RESET_CONTROLLER, services.RESET_RELAY)
+            for name in (service_names.RESET_CONTROLLER, service_names.RESET_RELAY)
         ]
         self._resetting: list[Future] = []
         self._wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -160,14 +164,14 @@ class VehicleSimulator(Node):
             if time.monotonic() < self._reset_until:
                 return
             self.get_logger().warning('a node that commands has not answered its reset')
-        ready = self.count_publishers(topics.ECU) or not self._wait_for_controller
+        ready = self.count_publishers(topic_names.ECU) or not self._wait_for_controller
         self._ready_for = self._ready_for + 1 if ready else 0
         if self._ready_for >= _GATE_COUNT:
             self._gate.cancel()
             self._begin()
 
     def _begin(self) -> None:
-        if self.count_publishers(topics.STATE) > 1:
+        if self.count_publishers(topic_names.STATE) > 1:
             raise UserError(taken(self._state_pub.topic_name, self.context.get_domain_id()))
         self._running = True
         self._stamp = max(time.time_ns(), self._stamp + self._period_ns)

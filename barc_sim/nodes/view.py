@@ -15,34 +15,34 @@ from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.cli import call
 from barc_sim.convert import NANOSECONDS, to_nanoseconds
 from barc_sim.endpoints import publisher
 from barc_sim.errors import UserError
+from barc_sim.page.facts import SIMULATOR, facts
+from barc_sim.page.peers import Peers
+from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, say
+from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
+from barc_sim.page.server import ViewServer
+from barc_sim.page.wheel import Wheel
 from barc_sim.parameters import Parameter, declare
-from barc_sim.polled import PolledCallbackGroup, polled, take
 from barc_sim.process import spin
-from barc_sim.view_facts import SIMULATOR, facts
-from barc_sim.view_peers import Peers
-from barc_sim.view_protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, say
-from barc_sim.view_rows import FIELDS, STATE_FIELDS, Rows
-from barc_sim.view_server import ViewServer
-from barc_sim.view_wheel import Wheel
+from barc_sim.recorder.polled import PolledCallbackGroup, polled, take
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from barc_sim.view_protocol import Request
-    from barc_sim.view_server import Page
+    from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
 
 
 MODES = ('acc', 'teleop')
 _TYPES = {
-    topics.STATE_ERROR: EZDynBkMdl,
-    topics.ENVIRONMENT: Environment,
-    topics.ECU: ECU,
-    topics.PID_STATE: PidState,
+    topic_names.STATE_ERROR: EZDynBkMdl,
+    topic_names.ENVIRONMENT: Environment,
+    topic_names.ECU: ECU,
+    topic_names.PID_STATE: PidState,
 }
 #: Messages of a topic that wait for the next look: a page needs no more than the newest of them.
 _DEPTH = 16
@@ -116,10 +116,10 @@ class ViewNode(Node):
         self._received: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
         self._newest: tuple[int, int] | None = None
 
-        self._cmd_vel_pub = publisher(self, Twist, topics.CMD_VEL)
+        self._cmd_vel_pub = publisher(self, Twist, topic_names.CMD_VEL)
         self._peers = Peers(self, self._server.call)
         group = PolledCallbackGroup()
-        self._states = polled(self, ZDynBkMdl, topics.STATE, _DEPTH, group)
+        self._states = polled(self, ZDynBkMdl, topic_names.STATE, _DEPTH, group)
         self._others = {
             topic: polled(self, kind, topic, _DEPTH, group) for topic, kind in _TYPES.items()
         }

@@ -152,7 +152,7 @@ def _count(url: str) -> float:
     from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 (the worker only)
     from websockets.sync.client import connect  # noqa: PLC0415
 
-    from barc_sim.view_protocol import COLUMNS  # noqa: PLC0415
+    from barc_sim.page.protocol import COLUMNS  # noqa: PLC0415
 
     address = urlsplit(url)
     first = last = 0.0

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.convert import to_header, to_nanoseconds
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
@@ -45,10 +45,10 @@ class Bench:
         self.until = partial(spin_until, self.executor)
         self.commands: list[ECU] = []
         self.told: list[PidState] = []
-        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topics.QOS)
-        self.peer.create_subscription(PidState, 'pid_state', self.told.append, topics.QOS)
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topics.QOS)
-        self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', topics.QOS)
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topic_names.QOS)
+        self.peer.create_subscription(PidState, 'pid_state', self.told.append, topic_names.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
+        self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', topic_names.QOS)
 
     def send_state(self, stamp: int, v_x: float) -> None:
         """Send a state stamped `stamp` [ns]."""

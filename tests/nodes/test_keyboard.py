@@ -24,12 +24,12 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 import barc_sim
-from barc_sim import topics
+from barc_sim import topic_names
+from barc_sim.console.keys import HeldKeys, KeyDecoder
+from barc_sim.console.terminal import Terminal
 from barc_sim.convert import to_drive
 from barc_sim.driving import COAST, FULL_BRAKE, Drive
-from barc_sim.keys import HeldKeys, KeyDecoder
 from barc_sim.nodes.keyboard import Keyboard
-from barc_sim.terminal import Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -48,7 +48,7 @@ class Bench:
         self.heard: list[Drive] = []
         self.resets = 0
         self.peer = Node('vehicle_simulator', context=context)
-        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, topics.QOS)
+        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, topic_names.QOS)
         self.peer.create_service(Trigger, '~/reset', self._on_reset)
         self.keyboard = Keyboard(Terminal(self.fd), context=context)
         self.executor = SingleThreadedExecutor(context=context)
@@ -197,7 +197,7 @@ def test_closing_its_terminal_brakes_where_it_runs_alone(
 ) -> None:
     heard: list[Drive] = []
     peer = Node('peer', context=ros)
-    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_drive(t)), topics.QOS)
+    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_drive(t)), topic_names.QOS)
     executor = SingleThreadedExecutor(context=ros)
     executor.add_node(peer)
     user, fd = pty.openpty()

@@ -39,7 +39,7 @@ from barc_sim import bag
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
 from barc_sim.nodes.recorder import BagRecorder
-from barc_sim.recording import Recording
+from barc_sim.recorder.options import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -244,8 +244,8 @@ def test_names_a_topic_whose_type_has_no_definition(
     def definition(type_name: str) -> str:
         raise LookupError(f'no definition of {type_name}')
 
-    monkeypatch.setattr('barc_sim.offers.definition', definition)
-    monkeypatch.setattr('barc_sim.describing._definition', lambda *_: None)
+    monkeypatch.setattr('barc_sim.recorder.offers.definition', definition)
+    monkeypatch.setattr('barc_sim.recorder.describing._definition', lambda *_: None)
     talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
     executor.add_node(talker)
     talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
@@ -268,7 +268,7 @@ def test_asks_the_publisher_for_a_definition_that_is_not_installed(
     def definition(type_name: str) -> str:
         raise LookupError(f'no definition of {type_name}')
 
-    monkeypatch.setattr('barc_sim.offers.definition', definition)
+    monkeypatch.setattr('barc_sim.recorder.offers.definition', definition)
     executor.add_node(talker)
     talker.create_publisher(ColorRGBA, 'color', LATCHED).publish(ColorRGBA(r=1.0))
     spin_until(executor, lambda: recorder.counts.get('/color') == 1)
@@ -406,7 +406,7 @@ def test_killed_it_leaves_what_had_reached_the_file(
 def test_losses_are_counted_for_each_publisher_and_kept(
     ros: Context, recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('barc_sim.listening._DEPTH', 5)
+    monkeypatch.setattr('barc_sim.recorder.listening._DEPTH', 5)
     other = Node('other', context=ros)
     first = talker.create_publisher(Float64, 'value', 100)
     second = other.create_publisher(Float64, 'value', 100)

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.errors import UserError
 from barc_sim.nodes.relay import Relay
 
@@ -40,9 +40,9 @@ class Bench:
         self.executor.add_node(self.peer)
         self.until = partial(spin_until, self.executor)
         self.commands: list[ECU] = []
-        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topics.QOS)
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topic_names.QOS)
         self.twists = self.peer.create_publisher(Twist, 'cmd_vel', 10)  # as the stock ones do
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topics.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
 
     def send(self, forward: float = 0.0, turn: float = 0.0, brake: float = 0.0) -> None:
         """Publish a Twist of these shares."""

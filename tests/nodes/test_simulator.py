@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.convert import to_header, to_nanoseconds
 from barc_sim.errors import UserError
 from barc_sim.nodes import simulator as module
@@ -66,21 +66,21 @@ class World:
     def driver(self, answer: Callable[[ZDynBkMdl], ECU] | None = None) -> Publisher:
         """Return a publisher of commands; each state is kept, and answered by `answer`."""
         node = self.add(Node('driver', context=self.context))
-        commands = node.create_publisher(ECU, 'ecu', topics.QOS)
+        commands = node.create_publisher(ECU, 'ecu', topic_names.QOS)
 
         def on_state(state: ZDynBkMdl) -> None:
             self.states.append(state)
             if answer:
                 commands.publish(answer(state))
 
-        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, topics.QOS)
+        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, topic_names.QOS)
         return commands
 
     def heard(self, message_type: type[Any], topic: str) -> list[Any]:
         """Return a list that grows by each message."""
         messages: list[Any] = []
         node = self.add(Node('listener', context=self.context))
-        node.create_subscription(message_type, topic, messages.append, topics.QOS)
+        node.create_subscription(message_type, topic, messages.append, topic_names.QOS)
         return messages
 
 
@@ -339,7 +339,7 @@ def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: W
 
 def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: World) -> None:
     foreign = world.add(Node('other', context=world.context))
-    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', topics.QOS)
+    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
     simulator = world.simulator(wait_for_controller=False)
     with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
         world.until(simulator.finished.done)

@@ -18,14 +18,14 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from websockets.sync.client import connect
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.convert import to_header
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
-from barc_sim.view_protocol import COLUMNS, Status, say
+from barc_sim.page.protocol import COLUMNS, Status, say
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,12 +47,12 @@ class Peer(Node):
         self.refusal = ''
         self._steps = 0
         self._pubs = {
-            topic: self.create_publisher(kind, topic, topics.QOS)
+            topic: self.create_publisher(kind, topic, topic_names.QOS)
             for topic, kind in {
-                topics.STATE: ZDynBkMdl,
-                topics.ENVIRONMENT: Environment,
-                topics.ECU: ECU,
-                topics.PID_STATE: PidState,
+                topic_names.STATE: ZDynBkMdl,
+                topic_names.ENVIRONMENT: Environment,
+                topic_names.ECU: ECU,
+                topic_names.PID_STATE: PidState,
             }.items()
         }
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, 100)
@@ -63,10 +63,10 @@ class Peer(Node):
         """Publish a state at `x`, and all that belongs to it."""
         header = to_header(START + self._steps * STEP)
         self._steps += 1
-        self._pubs[topics.ENVIRONMENT].publish(Environment(header=header, theta=10.0))
-        self._pubs[topics.STATE].publish(ZDynBkMdl(header=header, x=x, v_x=7.0))
-        self._pubs[topics.ECU].publish(ECU(header=header, motor=1.5, servo=0.1))
-        self._pubs[topics.PID_STATE].publish(PidState(header=header, reference=8.0))
+        self._pubs[topic_names.ENVIRONMENT].publish(Environment(header=header, theta=10.0))
+        self._pubs[topic_names.STATE].publish(ZDynBkMdl(header=header, x=x, v_x=7.0))
+        self._pubs[topic_names.ECU].publish(ECU(header=header, motor=1.5, servo=0.1))
+        self._pubs[topic_names.PID_STATE].publish(PidState(header=header, reference=8.0))
 
     def _on_twist(self, twist: Twist) -> None:
         self.twists.append((twist.linear.x, twist.angular.z))

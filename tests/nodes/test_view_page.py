@@ -19,14 +19,14 @@ from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim import topics
+from barc_sim import topic_names
 from barc_sim.bike_model import Input, State, Vehicle, motion, step
 from barc_sim.convert import to_header
 from barc_sim.executor import QuickCallbackGroup, QuickExecutor
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.view import ViewNode
+from barc_sim.page.protocol import Status
 from barc_sim.road import Road
-from barc_sim.view_protocol import Status
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,12 +55,16 @@ class Car(Node):
         self.paused = self.braking = False
         self.twists: list[tuple[float, float]] = []
         self._stamp = 1_700_000_000_000_000_000
-        self._state_pub = self.create_publisher(ZDynBkMdl, topics.STATE, topics.QOS)
-        self._environment_pub = self.create_publisher(Environment, topics.ENVIRONMENT, topics.QOS)
-        self._ecu_pub = self.create_publisher(ECU, topics.ECU, topics.QOS)
+        self._state_pub = self.create_publisher(ZDynBkMdl, topic_names.STATE, topic_names.QOS)
+        self._environment_pub = self.create_publisher(
+            Environment, topic_names.ENVIRONMENT, topic_names.QOS
+        )
+        self._ecu_pub = self.create_publisher(ECU, topic_names.ECU, topic_names.QOS)
         group = QuickCallbackGroup()
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, 10, callback_group=group)
-        self.create_subscription(ECU, topics.ECU, self._on_ecu, topics.QOS, callback_group=group)
+        self.create_subscription(
+            ECU, topic_names.ECU, self._on_ecu, topic_names.QOS, callback_group=group
+        )
         self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
         self.create_service(SetBool, '~/pause', self._on_pause, callback_group=group)
         self.create_timer(TS, self._step, group)

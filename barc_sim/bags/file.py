@@ -1,0 +1,104 @@
+"""One MCAP file of a bag."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+from mcap.writer import CompressionType, Writer
+
+from barc_sim.bags.directory import METADATA_NAME
+from barc_sim.bags.metadata import Span, Topic, to_yaml
+from barc_sim.bags.pieces import Pieces
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+    from typing import IO
+
+# A chunk is what is lost if the process is killed. Compressing 64 KiB takes 0.2 ms; zstd costs
+# 0.6 us a message more than none and writes 40 % of the bytes.
+_CHUNK_SIZE = 64 * 1024
+
+
+class BagFile:
+    """An MCAP file that is being written, chunk by chunk, each with a checksum.
+
+    Nothing that `commit` could not write is gone: it waits for the next `commit`.
+
+    Raises
+    ------
+    OSError
+        The file exists or cannot be made.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.span = Span()
+        self.pieces = Pieces(path)
+        self.finished = False
+        self._writer = Writer(
+            cast('IO[Any]', self.pieces),
+            chunk_size=_CHUNK_SIZE,
+            compression=CompressionType.ZSTD,
+            enable_data_crcs=True,
+        )
+        self._writer.start(profile='ros2')
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[str, int] = {}
+
+    @property
+    def size(self) -> int:
+        """Length [B], without the chunk in progress."""
+        return self.pieces.tell()
+
+    def add_metadata(self, entries: Mapping[str, str]) -> None:
+        """Say something of the run."""
+        self._writer.add_metadata(METADATA_NAME, dict(entries))
+
+    def add(self, topic: Topic, data: bytes, received: int, published: int, sequence: int) -> bool:
+        """Append a message; return whether there is something to commit now."""
+        channel = self._channels.get(topic.name)
+        if channel is None:
+            channel = self._channels[topic.name] = self._register(topic)
+        self._writer.add_message(channel, received, data, published, sequence & 0xFFFF_FFFF)
+        self.span.add(received)
+        return self.pieces.waiting
+
+    def _register(self, topic: Topic) -> int:
+        schema = topic.type, topic.definition
+        if schema not in self._schemas:
+            self._schemas[schema] = self._writer.register_schema(
+                topic.type, 'ros2msg', topic.definition.encode()
+            )
+        qos = to_yaml([dict(qos) for qos in topic.offered_qos]).rstrip()
+        return self._writer.register_channel(
+            topic.name,
+            'cdr',
+            self._schemas[schema],
+            {'offered_qos_profiles': qos, 'topic_type_hash': topic.type_hash},
+        )
+
+    def end_chunk(self) -> None:
+        """End the chunk in progress, to be committed."""
+        if not self.finished:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+
+    def commit(self) -> None:
+        """Hand what waits to the operating system, and close a file that is finished.
+
+        Raises
+        ------
+        OSError
+            It was refused; the file is whole up to what was committed before.
+        """
+        if self.pieces.waiting:
+            self.pieces.commit()
+        if self.finished:
+            self.pieces.close()
+
+    def finish(self, information: Mapping[str, Any]) -> None:
+        """Add the bag's metadata, with which rosbag2 reads a file alone, and the summary."""
+        if not self.finished:
+            self._writer.add_metadata('rosbag2', {'serialized_metadata': to_yaml(information)})
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self.finished = True

@@ -1,0 +1,152 @@
+"""Makes a whole bag of one whose run was killed, or whose file was damaged."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+
+from barc_sim.bags import metadata
+from barc_sim.bags.directory import METADATA_NAME
+from barc_sim.bags.file import BagFile
+from barc_sim.bags.metadata import Span, Topic
+from barc_sim.bags.pieces import is_being_written
+from barc_sim.bags.records import Damage, files, records
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+#: [B] What a kill may leave of a chunk; a damaged file has more behind its last whole record.
+_CHUNK_AT_MOST = 128 * 1024
+
+
+@dataclass
+class Recovered:
+    """What there was in a bag."""
+
+    spans: dict[str, Span] = field(default_factory=dict)  #: by the files' names
+    topics: dict[str, Topic] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)  #: of messages, by topic
+    metadata: dict[str, str] = field(default_factory=dict)  #: what the run said of itself
+    damages: dict[str, Damage] = field(default_factory=dict)  #: by the damaged files' names
+    kept: list[Path] = field(default_factory=list)  #: damaged files as they were
+
+    @property
+    def span(self) -> Span:
+        """From the first to the last message."""
+        return sum(self.spans.values(), Span())
+
+
+def recover(path: Path) -> Recovered:
+    """Write what is damaged of a bag's files anew, with summary, and metadata.yaml beside them.
+
+    A damaged file is replaced when its successor is whole. Where only its last chunk was not,
+    nothing is left of the old one; where more of it was unreadable, it is kept as `<name>.damaged`.
+
+    Parameters
+    ----------
+    path
+        The bag's directory, or a file in it.
+
+    Raises
+    ------
+    UserError
+        There is no bag, it is still being recorded, nothing in it can be read, or the files cannot
+        be written; the bag is as it was then.
+    """
+    directory = path if path.is_dir() else path.parent
+    found = Recovered()
+    try:
+        for file in files(directory if path.exists() else path):
+            _recover_file(file, found)
+        metadata.write(directory, _information(found))
+    except OSError as error:
+        raise UserError(
+            f'{str(directory)!r} cannot be recovered ({error.strerror}): copy it to a folder with '
+            'space, and recover it there'
+        ) from error
+    return found
+
+
+def _recover_file(file: Path, found: Recovered) -> None:
+    if is_being_written(file):
+        raise UserError(f'{str(file)!r} is being recorded: end that first')
+    part = file.with_name(f'.{file.name}.part')
+    part.unlink(missing_ok=True)
+    damage = Damage()
+    copy = _Copy(BagFile(part), found)
+    try:
+        for record in records(file, damage=damage):
+            copy.add(record)
+        found.spans[file.name] = copy.file.span
+        if not damage:
+            return
+        found.damages[file.name] = damage
+        copy.file.finish(_information(found))
+        copy.file.commit()
+        if damage.unreadable_chunks or damage.unread > _CHUNK_AT_MOST:
+            found.kept.append(file.rename(_unused(file)))
+        part.replace(file)
+    finally:
+        copy.file.pieces.close()
+        part.unlink(missing_ok=True)
+
+
+def _unused(file: Path) -> Path:
+    path, number = file.with_name(f'{file.name}.damaged'), 2
+    while path.exists():
+        path, number = file.with_name(f'{file.name}.damaged{number}'), number + 1
+    return path
+
+
+class _Copy:
+    """Copies a file's records."""
+
+    def __init__(self, file: BagFile, found: Recovered) -> None:
+        self.file = file
+        self._found = found
+        self._schemas: dict[int, Schema] = {}
+        self._topics: dict[int, Topic] = {}
+
+    def add(self, record: McapRecord) -> None:
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel) and record.schema_id in self._schemas:
+            self._topics[record.id] = _topic(record, self._schemas[record.schema_id])
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self._found.metadata.update(record.metadata)
+            self.file.end_chunk()
+            self.file.add_metadata(record.metadata)
+        elif isinstance(record, Message) and record.channel_id in self._topics:
+            topic = self._topics[record.channel_id]
+            self._found.topics.setdefault(topic.name, topic)
+            self._found.counts[topic.name] = self._found.counts.get(topic.name, 0) + 1
+            if self.file.add(
+                topic, record.data, record.log_time, record.publish_time, record.sequence
+            ):
+                self.file.commit()
+
+
+def _topic(channel: Channel, schema: Schema) -> Topic:
+    qos: Any = None
+    with suppress(yaml.YAMLError):
+        qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', ''))
+    return Topic(
+        name=channel.topic,
+        type=schema.name,
+        definition=schema.data.decode(errors='replace'),
+        type_hash=channel.metadata.get('topic_type_hash', ''),
+        offered_qos=[profile for profile in qos if isinstance(profile, dict)]
+        if isinstance(qos, list)
+        else [],
+    )
+
+
+def _information(found: Recovered) -> Mapping[str, Any]:
+    topics = [(topic, found.counts[name]) for name, topic in found.topics.items()]
+    return metadata.information(found.spans, topics, found.metadata)

@@ -1,0 +1,192 @@
+"""Writes a rosbag2 bag: a directory with MCAP files and their metadata.yaml."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from barc_sim.bags import metadata
+from barc_sim.bags.file import BagFile
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from barc_sim.bags.metadata import Topic
+
+
+class FileLimits(NamedTuple):
+    """How much a file of a bag holds: the next begins after the message that reaches it."""
+
+    size: float = inf  #: [B]
+    duration: float = inf  #: [s]
+
+
+class BagWriter:
+    """A bag that is being written to an empty directory; not to be shared among threads.
+
+    Messages reach the file in chunks, when 64 KiB are together and at `flush`. `close` writes
+    metadata.yaml: a directory without it holds a bag whose run was killed, of which all but the
+    last chunk is there.
+
+    Whatever raises OSError has lost nothing: what was refused waits, and `flush` tries again.
+
+    Parameters
+    ----------
+    directory
+        Where to write; the files in it are named after it, as rosbag2 does.
+    metadata
+        What the run says of itself, kept in the files and in `custom_data` of metadata.yaml.
+    limits
+        Of each file.
+
+    Raises
+    ------
+    UserError
+        The file exists or cannot be made.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        *,
+        metadata: Mapping[str, str] | None = None,
+        limits: FileLimits | None = None,
+    ) -> None:
+        self.directory = directory
+        self._limits = limits or FileLimits()
+        self._files: list[BagFile] = []
+        self._topics: dict[str, Topic] = {}
+        self.counts: dict[str, int] = {}  #: of messages, by topic
+        self._metadata: dict[str, str] = {}
+        self.closed = False
+        try:
+            self._begin_file()
+            self.add_metadata(metadata or {})
+        except OSError as error:
+            path = directory / f'{directory.absolute().name}_0.mcap'
+            raise UserError(
+                f'the bag {str(path)!r} cannot be made ({error.strerror}): name another folder'
+            ) from error
+
+    @property
+    def file(self) -> Path:
+        """The file that is being written."""
+        return self._files[-1].path
+
+    def add_metadata(self, entries: Mapping[str, str]) -> None:
+        """Keep what the run says of itself; an entry of the same name replaces the earlier one."""
+        self._metadata.update(entries)
+        if entries:
+            self._files[-1].end_chunk()
+            self._files[-1].add_metadata(entries)
+        self.flush()
+
+    def write(
+        self, topic: Topic, data: bytes, *, received: int, published: int, sequence: int
+    ) -> None:
+        """Append a message.
+
+        Parameters
+        ----------
+        topic
+            The same each time for the same name.
+        data
+            The message in CDR, with its header.
+        received, published
+            [ns] since the epoch, by the subscriber's and the publisher's clock.
+        sequence
+            The publisher's count of its messages.
+
+        Raises
+        ------
+        OSError
+            The file takes no more; the message is kept for the next `flush`.
+        """
+        try:
+            if self._full:
+                self.split()
+        finally:
+            file = self._files[-1]
+            due = file.add(topic, data, received, published, sequence)
+            self._topics.setdefault(topic.name, topic)
+            self.counts[topic.name] = self.counts.get(topic.name, 0) + 1
+        if due:
+            file.commit()
+
+    @property
+    def _full(self) -> bool:
+        file = self._files[-1]
+        span = file.span.end - (file.span.start or 0)
+        return file.size >= self._limits.size or span >= self._limits.duration * 1e9
+
+    def split(self) -> None:
+        """Go on in the next file.
+
+        Raises
+        ------
+        OSError
+            It cannot be made, and the last one goes on; or this one could not be finished yet.
+        """
+        self._begin_file()
+        self._files[-2].finish(self._information())
+        self._files[-1].add_metadata(self._metadata)
+        self._commit()
+
+    def _begin_file(self) -> None:
+        name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
+        self._files.append(BagFile(self.directory / name))
+
+    def flush(self) -> None:
+        """Hand all that was written to the operating system: killing the process loses nothing.
+
+        Raises
+        ------
+        OSError
+            It was refused.
+        """
+        self._files[-1].end_chunk()
+        self._commit()
+
+    def _commit(self) -> None:
+        for file in self._files:
+            file.commit()
+
+    def restore(self) -> bool:
+        """Return whether the current file had been removed; it is there again now.
+
+        Raises
+        ------
+        OSError
+            It cannot be made anew.
+        """
+        pieces = self._files[-1].pieces
+        removed = not self.closed and not pieces.in_place
+        if removed:
+            pieces.restore()
+        return removed
+
+    def close(self) -> None:
+        """Finish the bag and write metadata.yaml; a second call does nothing.
+
+        Raises
+        ------
+        OSError
+            Something was refused; what had been written stays readable.
+        """
+        if self.closed:
+            return
+        try:
+            self._files[-1].finish(self._information())
+            self._commit()
+            metadata.write(self.directory, self._information())
+        finally:
+            self.closed = True
+            for file in self._files:
+                file.pieces.close()
+
+    def _information(self) -> dict[str, Any]:
+        files = {file.path.name: file.span for file in self._files}
+        topics = [(topic, self.counts[name]) for name, topic in self._topics.items()]
+        return metadata.information(files, topics, self._metadata)

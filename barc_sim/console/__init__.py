@@ -1,0 +1,1 @@
+"""The terminal: keys that are read, lines that are shown."""

@@ -1,0 +1,1 @@
+"""Figures, animations and what is drawn on them."""

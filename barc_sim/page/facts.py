@@ -1,0 +1,61 @@
+"""What the page is told of a run beside its states, out of the nodes' parameters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from barc_sim.errors import UserError
+from barc_sim.page.protocol import COLUMNS, TUNABLE
+from barc_sim.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from barc_sim.log import Log
+
+SIMULATOR = ('road', 'l_f', 'l_r')  #: parameters of `vehicle_simulator` that the page shows
+
+
+def facts(mode: str, simulator: Mapping[str, Any], controller: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of the greeting; parameters that are not known yet are left out."""
+    return {
+        'mode': mode,
+        'columns': COLUMNS,
+        'road': _road(simulator.get('road')),
+        'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
+        'tuning': {name: controller[name] for name in TUNABLE if name in controller},
+    }
+
+
+def road_facts(road: Road) -> dict[str, list[float]]:
+    """Return where stretches begin [m] and their grades [deg]."""
+    return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
+
+
+def driven_road(log: Log) -> Road | None:
+    """Return the road as far as a run has seen it; None where it recorded none.
+
+    A change of grade lies somewhere between two states: in the middle, then.
+    """
+    known = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(log.distance))
+    if not known.size:
+        return None
+    distance, first = np.unique(log.distance[known], return_index=True)
+    grade = log.theta_deg[known][first]
+    change = np.flatnonzero(np.diff(grade))
+    return Road(
+        starts=(float(distance[0]), *((distance[change] + distance[change + 1]) / 2.0).tolist()),
+        grades_deg=(float(grade[0]), *grade[change + 1].tolist()),
+    )
+
+
+def _road(name: str | None) -> dict[str, list[float]] | None:
+    """Return the road, or None where it isn't known: the page then shows what was driven."""
+    if name is None:
+        return None
+    try:
+        return road_facts(Road.named(name))
+    except UserError:  # a file that the simulator's process sees, and this one doesn't
+        return None

@@ -1,0 +1,71 @@
+"""Serves a recorded run in the live page, with a time slider."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from barc_sim.page.facts import driven_road, facts, road_facts
+from barc_sim.page.options import open_page
+from barc_sim.page.protocol import say
+from barc_sim.page.rows import rows_of
+from barc_sim.page.server import ViewServer
+
+if TYPE_CHECKING:
+    from barc_sim.log import Log
+    from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
+
+_LONG = 3600.0
+
+
+class Replay:
+    """A run, told to every page that opens; the pages play it by themselves."""
+
+    def __init__(self, log: Log, title: str) -> None:
+        """Of a run of at least one state."""
+        road = driven_road(log)
+        mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
+        self._hello = say(
+            'hello',
+            **{**facts(mode, {}, {}), 'road': road and road_facts(road)},
+            replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
+        )
+        self._rows = rows_of(log)
+
+    def greet(self) -> list[str | bytes]:
+        """Tell the whole run."""
+        return [self._hello, self._rows]
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Do nothing: what was driven was driven."""
+
+    def leave(self, page: Page) -> None:
+        """Do nothing."""
+
+    def pulse(self) -> float:
+        """Do nothing for long."""
+        return _LONG
+
+
+def serve(log: Log, title: str, host: str, port: int) -> None:
+    """Serve the page until Ctrl-C, its address printed, and opened where there is a desktop.
+
+    Raises
+    ------
+    UserError
+        where the port can't be had.
+    """
+    server = ViewServer(Replay(log, title), host, port)
+    server.start()
+    try:
+        with suppress(KeyboardInterrupt):
+            print(server.url, flush=True)  # noqa: T201
+            open_page(server.url)
+            while True:
+                time.sleep(_LONG)
+    finally:
+        server.close()

@@ -1,0 +1,98 @@
+"""Samples of a run's topics -> the rows that the page is sent."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from math import cos, nan, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from barc_sim.drawing.look import as_known
+from barc_sim.page.protocol import COLUMNS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from barc_sim.log import Log
+
+    #: [ns] stamp, and values in the order of `FIELDS`.
+    Sample = tuple[int, tuple[float, ...]]
+
+#: What is taken of each topic that goes with a state, and what holds until it is first heard.
+FIELDS: dict[str, dict[str, float]] = {
+    'ez_vhcl': dict.fromkeys(('s', 'ey', 'epsi', 'v_x'), 0.0),
+    'environment': dict.fromkeys(('theta', 'elevation'), nan),
+    'ecu': dict.fromkeys(('motor', 'servo'), nan),
+    'pid_state': dict.fromkeys(('reference', 'proportional', 'integral', 'derivative'), nan),
+}
+STATE_FIELDS = ('x', 'y', 'psi', 'v_x')
+_ROW = struct.Struct(f'<{len(COLUMNS)}d')
+_HISTORY = 3000  #: rows that a page is sent when it opens: a minute
+_WAITING = 100  #: samples per topic that wait for their state
+
+
+class Rows:
+    """Joins what belongs to each state, and remembers the last minute."""
+
+    def __init__(self) -> None:
+        """Nothing heard yet."""
+        self._first: int | None = None
+        self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
+        self._waiting: dict[str, deque[Sample]] = {
+            topic: deque(maxlen=_WAITING) for topic in FIELDS
+        }
+        self._history: deque[bytes] = deque(maxlen=_HISTORY)
+
+    def add(self, states: Iterable[Sample], others: Mapping[str, Iterable[Sample]]) -> bytes:
+        """Return the rows of `states`, each with the latest of the others that is not newer.
+
+        A command without a stamp counts from when it is heard.
+        """
+        for topic, samples in others.items():
+            self._waiting[topic].extend(samples)
+        rows = [self._row(stamp, values) for stamp, values in states]
+        self._history.extend(rows)
+        return b''.join(rows)
+
+    def history(self) -> bytes:
+        """Return the rows of the last minute."""
+        return b''.join(self._history)
+
+    def _row(self, stamp: int, values: tuple[float, ...]) -> bytes:
+        if self._first is None:
+            self._first = stamp
+        for topic, waiting in self._waiting.items():
+            while waiting and waiting[0][0] <= stamp:
+                self._latest[topic] = waiting.popleft()[1]
+        x, y, psi, v_x = values
+        s, ey, epsi, e_v_x = self._latest['ez_vhcl']
+        heading = psi - epsi
+        return _ROW.pack(
+            (stamp - self._first) / 1e9,
+            x - (s * cos(heading) - ey * sin(heading)),
+            y - (s * sin(heading) + ey * cos(heading)),
+            heading,
+            v_x - e_v_x,
+            v_x,
+            *self._latest['environment'],
+            *self._latest['ecu'],
+            *self._latest['pid_state'],
+        )
+
+
+def rows_of(log: Log) -> bytes:
+    """Return a whole run's rows."""
+    known = as_known(log)
+    heading = known.psi - known.e_epsi
+    columns = {
+        't': known.t,
+        'x': known.distance,
+        'y': known.y - (known.e_s * np.sin(heading) + known.e_ey * np.cos(heading)),
+        'psi': heading,
+        'speed': known.speed,
+        'measured_speed': known.v_x,
+        **{name: getattr(known, name) for name in COLUMNS[6:]},
+    }
+    return np.column_stack([columns[name] for name in COLUMNS]).astype('<f8').tobytes()

@@ -1,0 +1,262 @@
+"""The live page's server: a thread of its own that serves the files and the websocket."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from http import HTTPStatus
+from pathlib import Path
+from secrets import compare_digest, token_urlsafe
+from threading import Event, Thread
+from typing import TYPE_CHECKING, Protocol
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request as HttpRequest
+from websockets.http11 import Response
+
+from barc_sim.errors import UserError
+from barc_sim.page.protocol import Malformed, parse
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from barc_sim.page.protocol import Request
+
+_FILES = Path(__file__).with_name('web')
+_TYPES = {
+    '.css': 'text/css; charset=utf-8',
+    '.html': 'text/html; charset=utf-8',
+    '.js': 'text/javascript; charset=utf-8',
+    '.svg': 'image/svg+xml',
+}
+_HEADERS = {
+    'Cache-Control': 'no-store',
+    'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    'Referrer-Policy': 'no-referrer',
+    'X-Content-Type-Options': 'nosniff',
+}
+_MOST_PAGES = 16
+_LONGEST_MESSAGE = 256  #: [byte] from a page
+_MOST_WAITING = 1 << 20  #: [byte] to a page that doesn't keep up, before it misses states
+_MOST_PER_SECOND = 200  #: messages from a page: none can keep the process busy
+_PING = 5.0  #: [s]
+_POLICY_VIOLATION = 1008
+_TRY_AGAIN_LATER = 1013
+_QUIET = logging.getLogger('barc_sim.page.server')
+_QUIET.addHandler(logging.NullHandler())
+_QUIET.propagate = False
+
+
+class Host(Protocol):
+    """What is shown; all of it is called in the server's thread."""
+
+    def greet(self) -> Iterable[str | bytes]:
+        """Return the messages for a page that has just opened."""
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Do what a page asks for."""
+
+    def leave(self, page: Page) -> None:
+        """Take note that a page has gone."""
+
+    def pulse(self) -> float:
+        """Do what is to be done again and again; return after how many seconds."""
+
+
+class Page:
+    """An open page."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        """Of `connection`."""
+        self._connection = connection
+        self._second = self._messages = 0
+
+    def send(self, message: str) -> None:
+        """Send it without waiting."""
+        broadcast([self._connection], message)
+
+    def count(self, now: float) -> None:
+        """Take note of a message at `now` [s].
+
+        Raises
+        ------
+        Malformed
+            where there are more than a page of ours would send.
+        """
+        if int(now) != self._second:
+            self._second, self._messages = int(now), 0
+        self._messages += 1
+        if self._messages > _MOST_PER_SECOND:
+            raise Malformed(f'more than {_MOST_PER_SECOND} messages in a second')
+
+
+class ViewServer:
+    """Serves the page at `url` to those who know its token, until it is closed.
+
+    Attributes
+    ----------
+    url
+        The page's address. Its first part is the token.
+    """
+
+    def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
+        """Listen on `port` of `address`; 0 for any that is free.
+
+        Raises
+        ------
+        UserError
+            where that can't be.
+        """
+        self._host = host
+        self._socket = _listen(address, port)
+        self._token = token_urlsafe(16)
+        name = _reachable(address)
+        name = f'[{name}]' if ':' in name else name
+        self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
+        self._pages: dict[ServerConnection, Page] = {}
+        self._files = {
+            path.name: path.read_bytes() for path in _FILES.iterdir() if path.suffix in _TYPES
+        }
+        self._loop = asyncio.new_event_loop()
+        self._closing = asyncio.Event()
+        self._ready = Event()
+        self._thread = Thread(target=self._run, name='view server', daemon=True)
+
+    def start(self) -> None:
+        """Begin to serve."""
+        self._thread.start()
+        self._ready.wait()
+
+    @property
+    def pages(self) -> tuple[Page, ...]:
+        """Those that are open."""
+        return tuple(self._pages.values())
+
+    def send(self, message: str | bytes) -> None:
+        """Send it to all pages without waiting; only in the server's thread."""
+        broadcast(
+            [
+                connection
+                for connection in self._pages
+                if connection.transport.get_write_buffer_size() < _MOST_WAITING
+            ],
+            message,
+        )
+
+    def call(self, callback: Callable[[], object]) -> None:
+        """Call it in the server's thread, from any other; not at all once that has ended."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(callback)
+
+    def close(self) -> None:
+        """Send what was said, close all pages and the port, and end the thread."""
+        self.call(self._closing.set)
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._loop.run_until_complete(self._serve())
+        finally:
+            self._loop.close()
+
+    async def _serve(self) -> None:
+        async with serve(
+            self._on_page,
+            sock=self._socket,
+            process_request=self._answer,
+            compression=None,  # the states hardly shrink, and it costs time
+            max_size=_LONGEST_MESSAGE,
+            ping_interval=_PING,
+            ping_timeout=_PING,
+            close_timeout=1.0,
+            server_header=None,
+            logger=_QUIET,
+        ):
+            self._ready.set()
+            tasks = [asyncio.create_task(work) for work in (self._pulse(), self._closing.wait())]
+            done, going = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in going:
+                task.cancel()
+            for task in done:
+                task.result()
+
+    async def _pulse(self) -> None:
+        while True:  # noqa: ASYNC110 (what is waited for has no event)
+            await asyncio.sleep(self._host.pulse())
+
+    def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
+        """Return a file or a refusal, or None where the websocket may open."""
+        token, slash, name = request.path.partition('?')[0][1:].partition('/')
+        if not compare_digest(token.encode(), self._token.encode()):
+            return _refuse(
+                HTTPStatus.FORBIDDEN, 'Open the whole address that the run printed, token included.'
+            )
+        if name == 'socket':
+            origin = urlsplit(request.headers.get('Origin', '')).netloc
+            if origin and origin == request.headers.get('Host'):
+                return None
+            return _refuse(HTTPStatus.FORBIDDEN, 'A page of another origin cannot connect.')
+        name = name or 'index.html'
+        if name not in self._files or not slash:
+            return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
+        return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
+
+    async def _on_page(self, connection: ServerConnection) -> None:
+        if len(self._pages) >= _MOST_PAGES:
+            await connection.close(_TRY_AGAIN_LATER, 'too many pages are open')
+            return
+        page = Page(connection)
+        try:
+            for message in self._host.greet():
+                broadcast([connection], message)
+            self._pages[connection] = page
+            async for data in connection:
+                page.count(self._loop.time())
+                self._host.receive(page, parse(data))
+        except Malformed as error:
+            await connection.close(_POLICY_VIOLATION, f'malformed: {error}'[:100])
+        except ConnectionClosed:
+            pass
+        finally:
+            self._pages.pop(connection, None)
+            self._host.leave(page)
+
+
+def _listen(address: str, port: int) -> socket.socket:
+    try:
+        ((family, _, _, _, where), *_) = socket.getaddrinfo(
+            address, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )
+        return socket.create_server(where[:2], family=family)
+    except OSError as error:
+        raise UserError(
+            f'the live page cannot be served on port {port} of {address!r} ({error.strerror}): '
+            'choose another with --view-port and --view-host'
+        ) from None
+
+
+def _reachable(address: str) -> str:
+    """Return `address`, or, for one that stands for all, that of the outward interface."""
+    if address not in ('', '0.0.0.0', '::'):  # noqa: S104 (not bound, but told apart)
+        return address
+    with socket.socket(type=socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(('192.0.2.1', 9))  # an address of nobody's; a datagram socket sends none
+            return str(probe.getsockname()[0])
+        except OSError:
+            return '127.0.0.1'
+
+
+def _refuse(status: HTTPStatus, text: str) -> Response:
+    return _response(status, 'text/plain; charset=utf-8', f'{text}\n'.encode())
+
+
+def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
+    headers = {'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close'}
+    return Response(status.value, status.phrase, Headers({**_HEADERS, **headers}), body)

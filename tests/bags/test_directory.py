@@ -1,0 +1,67 @@
+"""Where bags are made."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from barc_sim.bags.directory import check_root, new_directory
+from barc_sim.errors import UserError
+
+
+def test_directory_is_named_after_date_and_time_in_a_folder_made_for_it(tmp_path: Path) -> None:
+    directory = new_directory(tmp_path / 'my' / 'bags')
+    assert directory.is_dir()
+    assert directory.parent == tmp_path / 'my' / 'bags'
+    assert re.fullmatch(r'\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d', directory.name)
+
+
+def test_runs_in_one_second_get_directories_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('time.strftime', lambda _: '2026-01-01_00-00-00')
+    names = [new_directory(tmp_path).name for _ in range(3)]
+    assert names == ['2026-01-01_00-00-00', '2026-01-01_00-00-00_2', '2026-01-01_00-00-00_3']
+
+
+def test_check_accepts_a_folder_that_is_still_to_be_made_and_does_not_make_it(
+    tmp_path: Path,
+) -> None:
+    check_root(tmp_path / 'new' / 'bags')
+    assert not (tmp_path / 'new').exists()
+
+
+def test_check_accepts_a_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    check_root(Path('bags'))
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(
+        UserError, match=r"/file/bags', as '\S+/file' is not a folder: name another"
+    ):
+        check_root(tmp_path / 'file' / 'bags')
+
+
+def test_a_folder_without_write_permission_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Root may write anywhere, so that a folder's mode alone would show nothing here.
+    monkeypatch.setattr(os, 'access', lambda path, mode: Path(path) != tmp_path or not mode)
+    with pytest.raises(UserError, match=f"as '{tmp_path}' is not writable"):
+        check_root(tmp_path / 'bags')
+
+
+def test_what_the_system_refuses_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'mkdir', refuse)
+    with pytest.raises(UserError, match=r'bags\' \(No space left on device\): name another folder'):
+        new_directory(tmp_path / 'bags')

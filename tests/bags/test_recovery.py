@@ -1,0 +1,180 @@
+"""Bags whose runs were killed, made whole."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import mcap_doctor
+import pytest
+import yaml
+from mcap.records import Message
+from rosbags.highlevel import AnyReader
+
+from barc_sim import bag, recover
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.records import files, records
+from barc_sim.bags.writer import BagWriter, FileLimits
+from barc_sim.errors import UserError
+from barc_sim.bags.recovery import recover as make_whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+QOS = {
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': FOREVER,
+    'lifespan': FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
+TOPIC = Topic(
+    name='/value',
+    type='std_msgs/msg/Float64',
+    definition='float64 data\n',
+    type_hash='RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
+    offered_qos=[QOS],
+)
+
+
+def write(directory: Path, *, limits: FileLimits | None = None) -> BagWriter:
+    directory.mkdir()
+    writer = BagWriter(directory, metadata={'command': 'acc'}, limits=limits)
+    for k in range(1000):
+        writer.write(
+            TOPIC, k.to_bytes(12, 'little'), received=1000 + k, published=900 + k, sequence=k
+        )
+        if k % 100 == 99:
+            writer.flush()
+    return writer
+
+
+@pytest.fixture
+def killed(tmp_path: Path) -> Path:
+    """Return the bag of a run that was killed."""
+    writer = write(tmp_path / 'run')
+    for file in writer._files:  # noqa: SLF001 (what a kill would do)
+        file.pieces.close()
+    return tmp_path / 'run'
+
+
+def messages(directory: Path) -> list[Message]:
+    return [
+        record
+        for file in files(directory)
+        for record in records(file)
+        if isinstance(record, Message)
+    ]
+
+
+def test_a_killed_runs_bag_becomes_whole(killed: Path) -> None:
+    before = messages(killed)
+    found = make_whole(killed)
+    assert (found.counts, found.span.count, found.metadata) == (
+        {'/value': 1000},
+        1000,
+        {'command': 'acc'},
+    )
+    assert messages(killed) == before
+    mcap_doctor.check(killed / 'run_0.mcap')
+    information = yaml.safe_load((killed / 'metadata.yaml').read_text())
+    (topic,) = information['rosbag2_bagfile_information']['topics_with_message_count']
+    assert topic['topic_metadata']['offered_qos_profiles'] == TOPIC.offered_qos
+    assert topic['topic_metadata']['type_description_hash'] == TOPIC.type_hash
+    assert bag.info(killed) == {'command': 'acc'}
+    assert {file.name for file in killed.iterdir()} == {'run_0.mcap', 'metadata.yaml'}
+
+
+@pytest.mark.parametrize('cut', [1, 100, 700])
+def test_a_cut_off_end_costs_the_chunks_that_it_hits(killed: Path, cut: int) -> None:
+    file = killed / 'run_0.mcap'
+    file.write_bytes(file.read_bytes()[:-cut])
+    before = messages(killed)
+    assert 0 < len(before) <= 1000
+    assert make_whole(killed).span.count == len(before)
+    assert messages(killed) == before
+    mcap_doctor.check(file)
+
+
+def test_a_damaged_chunk_is_left_out_and_the_file_is_kept(killed: Path) -> None:
+    file = killed / 'run_0.mcap'
+    content = bytearray(file.read_bytes())
+    content[content.index(b'zstd', len(content) // 2) + 30] ^= 1
+    file.write_bytes(content)
+    found = make_whole(killed)
+    assert found.span.count == 900
+    assert found.damages['run_0.mcap'].unreadable_chunks == 1
+    assert [path.read_bytes() for path in found.kept] == [bytes(content)]
+    mcap_doctor.check(file)
+    with AnyReader([killed]) as reader:
+        assert reader.message_count == 900
+
+
+def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
+    write(tmp_path / 'run').close()
+    before = {file.name: file.read_bytes() for file in (tmp_path / 'run').glob('*.mcap')}
+    assert make_whole(tmp_path / 'run').span.count == 1000
+    assert before == {file.name: file.read_bytes() for file in (tmp_path / 'run').glob('*.mcap')}
+
+
+def test_a_bag_of_several_files_becomes_whole(tmp_path: Path) -> None:
+    writer = write(tmp_path / 'run', limits=FileLimits(duration=99e-9))
+    for file in writer._files:  # noqa: SLF001 (what a kill would do)
+        file.pieces.close()
+    found = make_whole(tmp_path / 'run')
+    assert list(found.spans) == [f'run_{k}.mcap' for k in range(10)]
+    assert [message.sequence for message in messages(tmp_path / 'run')] == list(range(1000))
+    with AnyReader([tmp_path / 'run']) as reader:
+        assert reader.message_count == 1000
+
+
+def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
+    writer = write(tmp_path / 'run')
+    with pytest.raises(UserError, match=r"run_0.mcap' is being recorded: end that first"):
+        make_whole(tmp_path / 'run')
+    writer.close()
+    make_whole(tmp_path / 'run')
+
+
+def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match='there is no bag'):
+        make_whole(tmp_path / 'gone')
+    (tmp_path / 'text.mcap').write_text('not a bag')
+    with pytest.raises(UserError, match='is not an MCAP file'):
+        make_whole(tmp_path)
+    assert (tmp_path / 'text.mcap').read_text() == 'not a bag'
+
+
+def test_a_disk_that_is_full_leaves_the_bag_as_it_was(
+    killed: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> int:
+        raise OSError(28, 'No space left on device')
+
+    before = (killed / 'run_0.mcap').read_bytes()
+    monkeypatch.setattr('os.pwrite', refuse)
+    with pytest.raises(UserError, match=r'cannot be recovered \(No space left on device\)'):
+        make_whole(killed)
+    assert {file.name: file.read_bytes() for file in killed.iterdir()} == {'run_0.mcap': before}
+
+
+def test_the_command_says_how_much_there_was(
+    killed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert recover.main([str(killed)]) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        'run_0.mcap: was unfinished; 0 bytes at its end could not be read',
+        '     1000 /value',
+        '     1000 messages in 0.000 s',
+    ]
+
+
+def test_the_command_names_what_is_no_bag(capsys: pytest.CaptureFixture[str]) -> None:
+    assert recover.main(['/nowhere']) == 2
+    assert capsys.readouterr().err == (
+        "barc_sim.recover: error: there is no bag '/nowhere': name the directory of a bag\n"
+    )

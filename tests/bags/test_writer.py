@@ -1,0 +1,360 @@
+"""The bags that are written, read by readers that are not ours."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import mcap_doctor
+import pytest
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import SeekingReader
+from mcap.records import Chunk, ChunkIndex, McapRecord, Message
+from mcap.stream_reader import StreamReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from barc_sim.bags import records as bag_records
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.writer import BagWriter, FileLimits
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+QOS = {
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': FOREVER,
+    'lifespan': FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
+QOS_AS_ROSBAG2_WRITES_IT = """\
+- history: unknown
+  depth: 0
+  reliability: reliable
+  durability: volatile
+  deadline:
+    sec: 9223372036
+    nsec: 854775807
+  lifespan:
+    sec: 9223372036
+    nsec: 854775807
+  liveliness: automatic
+  liveliness_lease_duration:
+    sec: 9223372036
+    nsec: 854775807
+  avoid_ros_namespace_conventions: false"""
+NAME = 'std_msgs/msg/Float64'
+TYPES = get_typestore(Stores.EMPTY)
+TYPES.register(get_types_from_msg('float64 data', NAME))
+VALUE = Topic(
+    name='/value',
+    type=NAME,
+    definition='float64 data\n',
+    type_hash=TYPES.hash_rihs01(NAME),
+    offered_qos=[QOS],
+)
+OTHER = Topic(
+    name='/car/other',
+    type=NAME,
+    definition=VALUE.definition,
+    type_hash=VALUE.type_hash,
+    offered_qos=[QOS, {**QOS, 'durability': 'transient_local'}],
+)
+
+
+def encoded(value: float) -> bytes:
+    return bytes(TYPES.serialize_cdr(TYPES.types[NAME](data=value), NAME))
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Path:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    return directory
+
+
+@pytest.fixture
+def writer(directory: Path) -> Iterator[BagWriter]:
+    writer = BagWriter(directory, metadata={'command': 'a b'})
+    yield writer
+    writer.close()
+
+
+def write(writer: BagWriter, topic: Topic, k: int) -> None:
+    writer.write(topic, encoded(float(k)), received=1000 + k, published=900 + k, sequence=k)
+
+
+def metadata(writer: BagWriter) -> dict[str, Any]:
+    text = (writer.directory / 'metadata.yaml').read_text(encoding='utf-8')
+    information: dict[str, Any] = yaml.safe_load(text)['rosbag2_bagfile_information']
+    return information
+
+
+def test_seeking_reader_finds_every_message_with_its_times_and_sequence(writer: BagWriter) -> None:
+    for k in range(5):
+        write(writer, VALUE, k)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        reader = SeekingReader(stream, validate_crcs=True)
+        assert reader.get_header().profile == 'ros2'
+        read = list(reader.iter_messages())
+    assert [
+        (topic.topic, message.log_time, message.publish_time, message.sequence, message.data)
+        for _, topic, message in read
+    ] == [('/value', 1000 + k, 900 + k, k, encoded(float(k))) for k in range(5)]
+    schema, topic, _ = read[0]
+    assert schema is not None
+    assert (schema.name, schema.encoding, schema.data) == (NAME, 'ros2msg', b'float64 data\n')
+    assert topic.message_encoding == 'cdr'
+
+
+def test_channels_have_quality_of_service_and_hash_as_rosbag2_writes_them(
+    writer: BagWriter,
+) -> None:
+    write(writer, VALUE, 0)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        summary = SeekingReader(stream).get_summary()
+    assert summary is not None
+    assert [channel.metadata for channel in summary.channels.values()] == [
+        {
+            'offered_qos_profiles': QOS_AS_ROSBAG2_WRITES_IT,
+            'topic_type_hash': VALUE.type_hash,
+        }
+    ]
+
+
+def test_rosbags_reads_the_directory_and_agrees_with_the_hash(writer: BagWriter) -> None:
+    for k in range(10):
+        write(writer, (VALUE, OTHER)[k % 2], k)
+    writer.close()
+    read: list[tuple[str, int, Any]]
+    with AnyReader([writer.directory]) as reader:
+        read = [
+            (connection.topic, time, reader.deserialize(data, connection.msgtype))
+            for connection, time, data in reader.messages()
+        ]
+        assert reader.message_count == 10
+        assert {name: topic.msgcount for name, topic in reader.topics.items()} == writer.counts
+    assert [(topic, time, message.data) for topic, time, message in read] == [
+        (('/value', '/car/other')[k % 2], 1000 + k, float(k)) for k in range(10)
+    ]
+
+
+def test_metadata_is_version_9_and_covers_the_earliest_to_the_latest_message(
+    writer: BagWriter,
+) -> None:
+    for k in (3, 1, 7, 2):
+        write(writer, OTHER, k)
+    writer.add_metadata({'steps': '4'})
+    writer.close()
+    span = {
+        'duration': {'nanoseconds': 6},
+        'starting_time': {'nanoseconds_since_epoch': 1001},
+        'message_count': 4,
+    }
+    assert metadata(writer) == {
+        'version': 9,
+        'storage_identifier': 'mcap',
+        **span,
+        'topics_with_message_count': [
+            {
+                'topic_metadata': {
+                    'name': '/car/other',
+                    'type': NAME,
+                    'serialization_format': 'cdr',
+                    'offered_qos_profiles': list(OTHER.offered_qos),
+                    'type_description_hash': OTHER.type_hash,
+                },
+                'message_count': 4,
+            }
+        ],
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': ['run_0.mcap'],
+        'files': [{'path': 'run_0.mcap', **span}],
+        'custom_data': {'command': 'a b', 'steps': '4'},
+        'ros_distro': 'jazzy',
+    }
+
+
+def test_metadata_is_in_the_file_too(writer: BagWriter) -> None:
+    write(writer, VALUE, 0)
+    writer.add_metadata({'steps': '1'})
+    writer.close()
+    with writer.file.open('rb') as stream:
+        records = [
+            (record.name, record.metadata) for record in SeekingReader(stream).iter_metadata()
+        ]
+    assert records[:-1] == [('barc_sim', {'command': 'a b'}), ('barc_sim', {'steps': '1'})]
+    name, content = records[-1]
+    assert name == 'rosbag2'
+    assert yaml.safe_load(content['serialized_metadata']) == metadata(writer)
+
+
+@pytest.mark.parametrize(
+    'value', ['', 'null', '1.0', 'two\nlines\n', "it's: {odd} # §", 'word ' * 100]
+)
+def test_any_text_may_be_metadata(writer: BagWriter, value: str) -> None:
+    writer.add_metadata({'text': value})
+    writer.close()
+    assert metadata(writer)['custom_data']['text'] == value
+    with AnyReader([writer.directory]):
+        pass
+
+
+def test_a_bag_without_messages_is_whole(writer: BagWriter) -> None:
+    writer.close()
+    with AnyReader([writer.directory]) as reader:
+        assert reader.message_count == 0
+    with writer.file.open('rb') as stream:
+        summary = SeekingReader(stream, validate_crcs=True).get_summary()
+    assert summary is not None
+    assert not summary.chunk_indexes
+
+
+def test_what_was_flushed_is_in_the_file_before_it_is_closed(writer: BagWriter) -> None:
+    for k in range(3):
+        write(writer, VALUE, k)
+    writer.flush()
+    write(writer, VALUE, 3)
+    read: list[McapRecord] = []
+    with writer.file.open('rb') as stream, suppress(EndOfFile):
+        read.extend(StreamReader(stream, validate_crcs=True).records)
+    assert [record.sequence for record in read if isinstance(record, Message)] == [0, 1, 2]
+
+
+def test_chunks_are_64_kib_at_most_and_have_checksums_and_messages(writer: BagWriter) -> None:
+    for k in range(5000):
+        write(writer, VALUE, k)
+        if k % 1000 == 0:
+            writer.flush()
+            writer.flush()
+    writer.close()
+    with writer.file.open('rb') as stream:
+        records = list(StreamReader(stream, emit_chunks=True).records)
+    chunks = [record for record in records if isinstance(record, Chunk)]
+    indexes = [record for record in records if isinstance(record, ChunkIndex)]
+    assert len(chunks) > 5
+    assert all(chunk.uncompressed_crc for chunk in chunks)
+    assert all(chunk.uncompressed_size < 65 * 1024 for chunk in chunks)
+    assert all(index.message_index_offsets for index in indexes)
+    assert len(indexes) == len(chunks)
+
+
+def test_sequence_numbers_wrap_at_32_bits(writer: BagWriter) -> None:
+    writer.write(VALUE, encoded(0.0), received=1, published=1, sequence=2**32 + 5)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        (read,) = SeekingReader(stream).iter_messages()
+    assert read[2].sequence == 5
+
+
+def test_closing_again_changes_nothing(writer: BagWriter) -> None:
+    writer.close()
+    before = writer.file.read_bytes()
+    writer.close()
+    assert writer.file.read_bytes() == before
+
+
+def test_a_bag_is_never_overwritten(writer: BagWriter) -> None:
+    with pytest.raises(UserError, match=r"run_0.mcap' cannot be made \(File exists\)"):
+        BagWriter(writer.directory)
+
+
+def test_a_directory_that_is_gone_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"gone_0.mcap' cannot be made \(No such file"):
+        BagWriter(tmp_path / 'gone')
+
+
+@pytest.mark.parametrize('count', [0, 1, 5000])
+def test_files_are_as_the_mcap_specification_wants_them(
+    writer: BagWriter, directory: Path, count: int
+) -> None:
+    for k in range(count):
+        write(writer, (VALUE, OTHER)[k % 2], k)
+        if k % 700 == 0:
+            writer.flush()
+    writer.close()
+    mcap_doctor.check(directory / 'run_0.mcap')
+
+
+def is_healthy(file: Path) -> bool:
+    try:
+        mcap_doctor.check(file)
+    except Exception:  # noqa: BLE001 (damage may raise anything)
+        return False
+    return True
+
+
+def test_the_doctor_notices_a_changed_byte(writer: BagWriter, directory: Path) -> None:
+    for k in range(100):
+        write(writer, VALUE, k)
+    writer.close()
+    file = directory / 'run_0.mcap'
+    assert is_healthy(file)
+    content = file.read_bytes()
+    for position in range(8, len(content), 97):
+        changed = bytearray(content)
+        changed[position] ^= 0x55
+        file.write_bytes(changed)
+        assert not is_healthy(file), position
+
+
+@pytest.mark.parametrize(
+    'limits', [FileLimits(size=2000), FileLimits(duration=250e-9)], ids=['size', 'duration']
+)
+def test_files_are_split_without_losing_a_message(tmp_path: Path, limits: FileLimits) -> None:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    writer = BagWriter(directory, metadata={'command': 'a b'}, limits=limits)
+    for k in range(1000):
+        write(writer, (VALUE, OTHER)[k % 2], k)
+        if k % 50 == 0:
+            writer.flush()
+    writer.close()
+    files = bag_records.files(directory)
+    assert len(files) > 3
+    times = []
+    for file in files:
+        mcap_doctor.check(file)
+        with file.open('rb') as stream:
+            reader = SeekingReader(stream)
+            times += [message.log_time for _, _, message in reader.iter_messages()]
+            assert next(iter(reader.iter_metadata())).metadata == {'command': 'a b'}
+    assert times == list(range(1000, 2000))
+    assert [file.name for file in files] == metadata(writer)['relative_file_paths']
+    assert sum(file['message_count'] for file in metadata(writer)['files']) == 1000
+    with AnyReader([directory]) as reader:
+        assert reader.message_count == 1000
+
+
+def test_a_next_file_that_cannot_be_made_loses_nothing(tmp_path: Path) -> None:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    (directory / 'run_1.mcap').mkdir()
+    writer = BagWriter(directory, limits=FileLimits(size=1))
+    for k in range(10):
+        with suppress(FileExistsError):
+            write(writer, VALUE, k)
+    writer.close()
+    mcap_doctor.check(directory / 'run_0.mcap')
+    assert metadata(writer)['message_count'] == 10
+
+
+def test_a_clock_that_jumps_backwards_is_taken_as_it_is(writer: BagWriter, directory: Path) -> None:
+    for k in (5, 6, 1, 2):
+        write(writer, VALUE, k)
+    writer.close()
+    mcap_doctor.check(directory / 'run_0.mcap')
+    assert metadata(writer)['starting_time'] == {'nanoseconds_since_epoch': 1001}
+    assert metadata(writer)['duration'] == {'nanoseconds': 5}

@@ -1,0 +1,35 @@
+"""What a page is told of a run's road."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barc_sim.page.facts import driven_road, facts
+from barc_sim.rollout import rollout
+
+
+def test_a_road_that_the_simulator_names_is_told() -> None:
+    told = facts('acc', {'road': 'lab', 'l_f': 1.25, 'l_r': 1.75}, {'kp': 3.0, 'mass': 1.0})
+    assert told['road']['starts'][:3] == [0.0, 20.0, 40.0]
+    assert told['axles'] == [-1.75, 1.25]
+    assert told['tuning'] == {'kp': 3.0}
+
+
+@pytest.mark.parametrize('simulator', [{}, {'road': 'no/such/file.csv'}])
+def test_a_road_that_is_not_known_here_is_left_out(simulator: dict[str, str]) -> None:
+    assert facts('acc', simulator, {})['road'] is None
+
+
+def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:
+    road = driven_road(rollout())
+    assert road
+    assert road.grades_deg == (0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0)
+    np.testing.assert_allclose(road.starts, np.arange(0.0, 180.0, 20.0), atol=0.1)
+
+
+def test_a_run_that_recorded_no_road_has_none() -> None:
+    log = rollout(distance=3.0)
+    assert driven_road(replace(log, theta_deg=np.full(len(log), np.nan))) is None

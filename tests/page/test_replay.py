@@ -1,0 +1,108 @@
+"""A recorded run in the live page."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser, wait_until
+
+from barc_sim import bag, replay
+from barc_sim.page import replay as page_replay
+from barc_sim.page.protocol import COLUMNS
+from barc_sim.page.replay import Replay
+from barc_sim.page.server import ViewServer
+from barc_sim.rollout import rollout
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from barc_sim.log import Log
+
+_SERVE = (
+    'from barc_sim.page import replay; from barc_sim.rollout import rollout;'
+    "replay.serve(rollout(distance=3.0), 'run', '127.0.0.1', 0)"
+)
+
+
+@pytest.fixture
+def log() -> Log:
+    return rollout()
+
+
+@pytest.fixture
+def url(log: Log) -> Iterator[str]:
+    server = ViewServer(Replay(log, 'my run'))
+    server.start()
+    yield server.url
+    server.close()
+
+
+def test_a_page_is_told_the_whole_run(log: Log) -> None:
+    hello, rows = Replay(replace(log, missed=log.t > log.t[-4]), 'my run').greet()
+    told = json.loads(hello)
+    assert (told['mode'], told['replay']) == ('acc', {'title': 'my run', 'missed': 3})
+    assert told['road']['grades_deg'][:2] == [0.0, 10.0]
+    assert isinstance(rows, bytes)
+    assert len(rows) == 8 * len(COLUMNS) * len(log)
+
+
+def test_a_run_without_controller_is_seen_from_above(log: Log) -> None:
+    hello, _ = Replay(replace(log, reference=np.full(len(log), np.nan)), '').greet()
+    assert json.loads(hello)['mode'] == 'teleop'
+
+
+def test_serves_until_ctrl_c() -> None:
+    with subprocess.Popen(
+        [sys.executable, '-c', _SERVE],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        env={**os.environ, 'DISPLAY': '', 'WAYLAND_DISPLAY': ''},
+    ) as process:
+        assert process.stdout
+        assert process.stdout.readline().startswith('http://127.0.0.1:')
+        process.send_signal(signal.SIGINT)
+        assert process.wait(30) == 0
+
+
+def test_the_command_serves_the_bag(
+    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served: list[object] = []
+    monkeypatch.setattr(bag, 'read', lambda *_: log)
+    monkeypatch.setattr(page_replay, 'serve', lambda *given: served.extend(given))
+    assert replay.main([str(tmp_path), '--web', '--view-port', '8080']) == 0
+    assert served == [log, tmp_path.name, '127.0.0.1', 8080]
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+def test_the_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
+    with Browser() as browser:
+        tab = browser.open(url)
+        wait_until(lambda: tab.number('#time') > 0.5)
+        assert tab.text('#title') == 'my run'
+        tab.click('#play')
+        wait_until(lambda: tab.text('#play') == 'Play')
+        tab.run(
+            "(() => { const s = document.querySelector('#seek'); s.value = 13;"
+            "s.dispatchEvent(new Event('input')); })()"
+        )
+        wait_until(lambda: tab.number('#time') == 13.0)
+        assert tab.number('#position') == pytest.approx(
+            np.interp(13.0, log.t, log.distance), abs=0.1
+        )
+        assert tab.text('#seek-time') == f'13.0 / {log.t[-1]:.1f} s'
+        tab.click('#play')
+        wait_until(lambda: tab.number('#time') > 13.2)
+        assert tab.problems == []
+        tab.close()

@@ -1,0 +1,324 @@
+"""The live page's server: who gets in, what gets through, and how it ends."""
+
+from __future__ import annotations
+
+import http.client
+import random
+import socket
+import time
+from contextlib import ExitStack, suppress
+from threading import Event
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from barc_sim.errors import UserError
+from barc_sim.page.protocol import Drive, Reset, say
+from barc_sim.page.server import ViewServer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
+
+DEADLINE = 20.0
+
+
+class Host:
+    """Notes what happens."""
+
+    def __init__(self) -> None:
+        self.received: list[Request] = []
+        self.left = 0
+
+    def greet(self) -> list[str | bytes]:
+        """Say hello."""
+        return [say('hello'), b'history']
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Note it, and answer."""
+        self.received.append(request)
+        page.send(say('refused', what='drive', why='test'))
+
+    def leave(self, page: Page) -> None:  # noqa: ARG002 (the server's)
+        """Count it."""
+        self.left += 1
+
+    def pulse(self) -> float:
+        """Do nothing."""
+        return 0.01
+
+
+@pytest.fixture
+def host() -> Host:
+    return Host()
+
+
+@pytest.fixture
+def server(host: Host) -> Iterator[ViewServer]:
+    server = ViewServer(host)
+    server.start()
+    yield server
+    server.close()
+
+
+def until(condition: Any) -> None:  # noqa: ANN401 (a callable)
+    end = time.monotonic() + DEADLINE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def origin(server: ViewServer) -> str:
+    return f'http://{urlsplit(server.url).netloc}'
+
+
+def page(server: ViewServer, **options: Any) -> Any:  # noqa: ANN401 (websockets' own)
+    options = {'origin': origin(server), 'open_timeout': DEADLINE, 'proxy': None, **options}
+    return connect(server.url.replace('http', 'ws') + 'socket', **options)
+
+
+def end_of(client: Any) -> Any:  # noqa: ANN401 (websockets' own)
+    """Return how the server ends a connection, whatever it says before."""
+    with suppress(ConnectionClosed):
+        while True:
+            client.recv(DEADLINE)
+    return client.protocol.close_rcvd
+
+
+def get(server: ViewServer, path: str) -> tuple[int, dict[str, str], bytes]:
+    client = http.client.HTTPConnection(urlsplit(server.url).netloc, timeout=DEADLINE)
+    try:
+        client.request('GET', path)
+        response = client.getresponse()
+        return response.status, dict(response.getheaders()), response.read()
+    finally:
+        client.close()
+
+
+def token(server: ViewServer) -> str:
+    return urlsplit(server.url).path.strip('/')
+
+
+def test_serves_on_this_machine_only_unless_asked(server: ViewServer) -> None:
+    assert urlsplit(server.url).hostname == '127.0.0.1'
+
+
+def test_serves_the_page_and_forbids_it_everything_from_elsewhere(server: ViewServer) -> None:
+    status, headers, body = get(server, f'/{token(server)}/')
+    assert status == 200
+    assert headers['Content-Type'].startswith('text/html')
+    assert "default-src 'none'" in headers['Content-Security-Policy']
+    assert headers['X-Content-Type-Options'] == 'nosniff'
+    assert body.startswith(b'<!DOCTYPE html>')
+
+
+@pytest.mark.parametrize('name', ['main.js', 'view.css', 'icon.svg'])
+def test_serves_the_files_of_the_page(server: ViewServer, name: str) -> None:
+    status, headers, body = get(server, f'/{token(server)}/{name}')
+    assert (status, len(body)) == (200, int(headers['Content-Length']))
+
+
+@pytest.mark.parametrize(
+    ('path', 'status'),
+    [
+        ('/', 403),
+        ('/main.js', 403),
+        ('/wrong/', 403),
+        ('/{token}x/', 403),
+        ('/%ff/', 403),
+        ('/{token}', 404),
+        ('/{token}/nothing.js', 404),
+        ('/{token}/../view_server.py', 404),
+        ('/{token}/..%2fview_server.py', 404),
+    ],
+)
+def test_there_is_nothing_else_and_nothing_without_the_token(
+    server: ViewServer, path: str, status: int
+) -> None:
+    path = path.format(token=token(server))
+    with socket.create_connection(('127.0.0.1', urlsplit(server.url).port), DEADLINE) as client:
+        client.sendall(f'GET {path} HTTP/1.1\r\nHost: x\r\n\r\n'.encode())
+        answer = client.makefile('rb').read()
+    assert answer.startswith(b'HTTP/1.1 %d ' % status)
+
+
+@pytest.mark.parametrize(
+    'request_', [b'\xff\r\n\r\n', b'GET /\xff HTTP/1.1\r\n\r\n', b'POST / HTTP/1.1\r\n\r\n', b'']
+)
+def test_what_is_no_request_leaves_it_running(server: ViewServer, request_: bytes) -> None:
+    with socket.create_connection(('127.0.0.1', urlsplit(server.url).port), DEADLINE) as client:
+        client.sendall(request_)
+        client.shutdown(socket.SHUT_WR)
+        assert b'200 OK' not in client.makefile('rb').read()
+    assert get(server, f'/{token(server)}/')[0] == 200
+
+
+def test_every_server_has_a_token_of_its_own(host: Host) -> None:
+    servers = [ViewServer(host) for _ in range(2)]
+    for server in servers:
+        server.start()
+        server.close()
+    assert token(servers[0]) != token(servers[1])
+    assert len(token(servers[0])) >= 20
+
+
+@pytest.mark.parametrize('foreign', ['http://example.org', 'null', '', None])
+def test_a_page_of_another_origin_cannot_connect(server: ViewServer, foreign: str | None) -> None:
+    with pytest.raises(InvalidStatus) as refused:
+        page(server, origin=foreign)
+    assert refused.value.response.status_code == 403
+
+
+def test_the_same_host_with_another_port_is_another_origin(server: ViewServer) -> None:
+    with pytest.raises(InvalidStatus):
+        page(server, origin='http://127.0.0.1:1')
+
+
+def test_a_tunnel_with_another_port_is_no_other_origin(server: ViewServer) -> None:
+    address = f'ws://localhost:9999/{token(server)}/socket'
+    with socket.create_connection(('127.0.0.1', urlsplit(server.url).port)) as tunnel:
+        tunnel.settimeout(DEADLINE)
+        with connect(address, sock=tunnel, origin='http://localhost:9999') as client:
+            assert client.recv(DEADLINE) == say('hello')
+
+
+def test_a_page_is_greeted_before_all_else(server: ViewServer) -> None:
+    with page(server) as client:
+        assert client.recv(DEADLINE) == say('hello')
+        assert client.recv(DEADLINE) == b'history'
+
+
+def test_all_pages_hear_what_is_sent(server: ViewServer) -> None:
+    with page(server) as one, page(server) as two:
+        until(lambda: len(server.pages) == 2)
+        server.call(lambda: server.send(b'rows'))
+        for client in (one, two):
+            assert [client.recv(DEADLINE) for _ in range(3)][-1] == b'rows'
+
+
+def test_a_page_asks_and_is_answered(server: ViewServer, host: Host) -> None:
+    with page(server) as client:
+        client.send(say('drive', linear=0.5, angular=-1))
+        answers = [client.recv(DEADLINE) for _ in range(3)]
+    assert host.received == [Drive(0.5, -1.0)]
+    assert answers[-1] == say('refused', what='drive', why='test')
+
+
+def test_a_page_that_goes_is_missed_however_it_goes(server: ViewServer, host: Host) -> None:
+    with page(server):
+        pass
+    until(lambda: host.left == 1)
+    with page(server) as client:
+        client.socket.shutdown(socket.SHUT_RDWR)
+        until(lambda: host.left == 2)
+    assert server.pages == ()
+
+
+@pytest.mark.parametrize('message', ['{"type":"drive","linear":2,"angular":0}', b'\0', 'x' * 300])
+def test_a_page_that_sends_what_is_malformed_is_shut_out(
+    server: ViewServer, host: Host, message: str | bytes
+) -> None:
+    with page(server) as client:
+        client.send(message)
+        assert end_of(client).code in (1008, 1009)
+    assert host.received == []
+
+
+def test_ten_thousand_malformed_messages_leave_it_running(server: ViewServer, host: Host) -> None:
+    noise = random.Random(4)  # noqa: S311 (noise)
+    sent = 0
+    while sent < 10_000:
+        with page(server, compression=None) as client:
+            for _ in range(200):
+                data = noise.randbytes(noise.randrange(1, 200))
+                with suppress(ConnectionClosed):
+                    client.send(data if noise.random() < 0.5 else data.decode('latin-1'))
+                sent += 1
+    with page(server) as client:
+        client.send(say('reset'))
+        until(lambda: host.received == [Reset()])
+
+
+def test_a_page_that_floods_it_is_shut_out(server: ViewServer, host: Host) -> None:
+    with page(server, compression=None) as client:
+        for _ in range(500):
+            client.send(say('reset'))
+        closed = end_of(client)
+    assert closed.code == 1008
+    assert 'messages in a second' in closed.reason
+    assert len(host.received) <= 400  # the second may have changed meanwhile
+
+
+def test_more_than_sixteen_pages_are_refused(server: ViewServer) -> None:
+    with ExitStack() as pages:
+        for _ in range(16):
+            pages.enter_context(page(server))
+        until(lambda: len(server.pages) == 16)
+        with page(server) as one_more, pytest.raises(ConnectionClosed, match='too many pages'):
+            one_more.recv(DEADLINE)
+
+
+def test_a_page_that_does_not_keep_up_misses_states_but_not_words(server: ViewServer) -> None:
+    with page(server, max_queue=1) as client:
+        until(lambda: server.pages)
+        for _ in range(200):
+            server.call(lambda: server.send(bytes(100_000)))
+        done = Event()
+        server.call(lambda: server.pages[0].send(say('end', reason='test')))
+        server.call(done.set)
+        assert done.wait(DEADLINE)
+        states = 0
+        while (message := client.recv(DEADLINE)) != say('end', reason='test'):
+            states += isinstance(message, bytes)
+    assert states < 200
+
+
+def test_closing_tells_the_pages_and_frees_the_port(server: ViewServer) -> None:
+    with page(server) as client:
+        until(lambda: server.pages)
+        server.close()
+        assert end_of(client).code == 1001
+    port = urlsplit(server.url).port
+    with socket.create_server(('127.0.0.1', port or 0)):
+        pass
+
+
+def test_what_is_said_last_still_arrives(server: ViewServer) -> None:
+    with page(server) as client:
+        until(lambda: server.pages)
+        server.call(lambda: server.send(say('end', reason='done')))
+        server.close()
+        assert [client.recv(DEADLINE) for _ in range(3)][-1] == say('end', reason='done')
+
+
+def test_a_closed_server_may_be_called_and_closed_again(server: ViewServer) -> None:
+    server.close()
+    server.call(lambda: pytest.fail('called'))
+    server.close()
+
+
+def test_a_port_that_is_taken_is_named(host: Host) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(UserError, match=f'on port {port} of .127.0.0.1.*--view-port'):
+            ViewServer(host, port=port)
+
+
+def test_an_address_that_is_not_this_machines_is_named(host: Host) -> None:
+    with pytest.raises(UserError, match=r"of '192\.0\.2\.7'.*--view-host"):
+        ViewServer(host, '192.0.2.7')
+
+
+def test_an_address_for_all_is_told_as_one_that_can_be_opened(host: Host) -> None:
+    server = ViewServer(host, '0.0.0.0')  # noqa: S104 (as for a phone)
+    server.start()
+    try:
+        assert urlsplit(server.url).hostname != '0.0.0.0'  # noqa: S104 (told apart)
+        assert get(server, f'/{token(server)}/')[0] == 200
+    finally:
+        server.close()
