@@ -29,7 +29,8 @@ from rclpy.task import Future, Task
 from rclpy.utilities import timeout_sec_to_nsec
 
 from barc_sim.executor_pool import Callback, Pool
-from barc_sim.executor_wait import WaitList, missing
+from barc_sim.executor_private import differing
+from barc_sim.executor_wait import WaitList
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Generator, Iterator
@@ -42,10 +43,10 @@ if TYPE_CHECKING:
 #: In debug mode, a quick callback that takes longer is warned of [s].
 QUICK_LIMIT = 2e-3
 
-_MISSING = missing()
-if _MISSING:
+_DIFFERING = differing()
+if _DIFFERING:
     warnings.warn(
-        f'this rclpy has no {", ".join(_MISSING)}: QuickExecutor waits as slowly as '
+        f'this rclpy has no {", ".join(_DIFFERING)}: QuickExecutor waits as slowly as '
         'MultiThreadedExecutor; use rclpy 7.1 for a fast one',
         stacklevel=2,
     )
@@ -196,7 +197,7 @@ class QuickExecutor(MultiThreadedExecutor):
             self._pool.wake()
             return bool(self._pool.failures) or condition()
 
-        if nodes is not None or _MISSING:
+        if nodes is not None or _DIFFERING:
             yield from super()._wait_for_ready_callbacks(timeout_sec, nodes, ended)
             return
         seconds = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec

@@ -1,6 +1,6 @@
 """Callbacks on their way through an executor: each is called once, and none is lost."""
 
-# ruff: noqa: SLF001 - `executor_wait.missing` checks that rclpy's private names are there.
+# ruff: noqa: SLF001 - `executor_private` checks rclpy's private names.
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What an executor waits for, kept until the graph changes; and the rclpy names it takes."""
+"""What an executor waits for, kept until the graph changes."""
 
-# ruff: noqa: SLF001 - rclpy's private names are the point; `missing` checks that they are there.
+# ruff: noqa: SLF001 - rclpy's private names are the point; `executor_private` checks them.
 
 from __future__ import annotations
 
@@ -10,20 +10,17 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import (
-    Executor,
-    ExternalShutdownException,
-    MultiThreadedExecutor,
-    ShutdownException,
-)
-from rclpy.guard_condition import GuardCondition
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, ShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.waitable import NumberOfEntities, Waitable
+from rclpy.waitable import NumberOfEntities
+
+from barc_sim.executor_private import KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from rclpy.context import Context
+    from rclpy.guard_condition import GuardCondition
     from rclpy.node import Node
 
 #: A timer, subscription, …: rclpy's have no type in common.
@@ -33,30 +30,6 @@ Execute: TypeAlias = 'Callable[[], Awaitable[None]]'
 
 #: Times that the nodes are looked at while others destroy what is in them.
 _ATTEMPTS = 100
-#: Kinds of entities with a handle, in the order in which rclpy executes what is ready.
-_KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
-
-#: What is taken of rclpy beside its documented interface: methods, and attributes of instances.
-_PRIVATE: tuple[tuple[Any, tuple[str, ...]], ...] = (
-    (Executor, ('_guard', '_sigint_gc', '_is_shutdown', '_tasks', '_tasks_lock')),
-    (Executor, ('_wait_for_ready_callbacks', '_take_waitable', *(f'_take_{k}' for k in _KINDS))),
-    (MultiThreadedExecutor, ('_spin_once_impl', '_executor')),
-    (GuardCondition, ('_executor_event', '_executor_triggered')),
-    (Waitable, ('_executor_event',)),
-    (_rclpy.Timer, ('is_timer_ready', 'pointer')),
-    (_rclpy.WaitSet, ('clear_entities', 'wait', 'get_ready_entities')),
-    (_rclpy.WaitSet, tuple(f'add_{kind}' for kind in _KINDS)),
-)
-
-
-def missing() -> list[str]:
-    """Private names that this rclpy does not have."""
-    return [
-        f'{owner.__name__}.{name}'
-        for owner, names in _PRIVATE
-        for name in names
-        if not hasattr(owner, name) and name not in owner.__init__.__code__.co_names
-    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +126,7 @@ class WaitList:
             found = _found(executor, stack)
             self._wait_set = _wait_set(found, len(self._own), executor.context)
             self._held = stack.pop_all()
-        self._kinds = [kind for kind in _KINDS if kind in {each[0] for each in found}]
+        self._kinds = [kind for kind in KINDS if kind in {each[0] for each in found}]
         for kind, entity, node in found:
             entry = self._entry(kind, entity, node)
             self._entries.append(entry)
@@ -221,7 +194,7 @@ def _found(executor: MultiThreadedExecutor, stack: ExitStack) -> list[tuple[str,
     """Return the kind, entity and node of all that the stack now keeps from being destroyed."""
     found = []
     for node in executor.get_nodes():
-        for kind in ('waitable', *_KINDS):
+        for kind in ('waitable', *KINDS):
             for entity in getattr(node, 'guards' if kind == 'guard_condition' else f'{kind}s'):
                 with suppress(InvalidHandle):  # destroyed
                     stack.enter_context(entity if kind == 'waitable' else entity.handle)

@@ -21,6 +21,7 @@ ROS_MODULES = {
         'endpoints',
         'executor',
         'executor_pool',
+        'executor_private',
         'executor_wait',
         'page.peers',
         'parameters',

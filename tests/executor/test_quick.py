@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 
 from barc_sim.executor import QuickCallbackGroup, QuickExecutor
-from barc_sim.executor_wait import missing
+from barc_sim.executor_private import differing
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.context import Context
 
 pytestmark = pytest.mark.timeout(60)
@@ -64,8 +67,8 @@ def run(*names: str) -> list[str]:
     return process.stdout.splitlines()
 
 
-def test_this_rclpy_has_all_private_names() -> None:
-    assert missing() == []
+def test_this_rclpys_private_names_are_as_they_were() -> None:
+    assert differing() == []
 
 
 def test_nothing_is_warned_of_where_all_names_are_there(ros_domain: int) -> None:
@@ -80,6 +83,23 @@ def test_a_missing_private_name_is_warned_of_once_and_rclpys_own_way_is_gone(
     warning, works = run('_spin_once_impl')
     assert 'MultiThreadedExecutor._spin_once_impl' in warning
     assert works == 'works'
+
+
+@pytest.mark.parametrize(
+    ('name', 'other'),
+    [
+        ('_take_subscription', lambda self, subscription, message: (self, subscription, message)),
+        ('_take_guard_condition', lambda _, guard: guard.callback),
+        ('_take_guard_condition', lambda *_: None),
+        ('_wait_for_ready_callbacks', lambda self: iter([self])),
+    ],
+)
+def test_a_private_name_that_behaves_differently_is_found(
+    monkeypatch: pytest.MonkeyPatch, name: str, other: Callable[..., object]
+) -> None:
+    monkeypatch.setattr(MultiThreadedExecutor, name, other)
+
+    assert differing() == [f'MultiThreadedExecutor.{name} as in rclpy 7.1']
 
 
 @pytest.mark.parametrize('debug', [True, False])
