@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from math import atan2
 from typing import TYPE_CHECKING
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Twist, Vector3
+from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
-from barc_sim.bike_model import Input
+from barc_sim.bike_model import Input, State
 from barc_sim.driving import Drive
 
 if TYPE_CHECKING:
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
     from barc_sim.plant import Observation
 
 NANOSECONDS = 1_000_000_000
+#: [m] Farther away than any road leads.
+_FAR = 1e6
+#: By which the squared norm of a rotation's quaternion may differ from one.
+_NORM_TOLERANCE = 1e-3
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:
@@ -53,6 +58,15 @@ def to_environment(seen: Observation, header: Header) -> Environment:
         drag=drag,
         gravity=gravity,
     )
+
+
+def to_state_at_rest(pose: Pose) -> State | None:
+    """Return the state at `pose`, without speed; None where it is not finite, or no rotation."""
+    x, y, q = pose.position.x, pose.position.y, pose.orientation
+    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):
+        return None
+    return State(x, y, atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))
 
 
 def to_input(message: ECU) -> Input:

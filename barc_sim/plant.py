@@ -76,6 +76,11 @@ class Plant:
         theta = radians(self.road.grade_deg(self.state.x))
         self.state = step(self.state, self._held, theta, self.vehicle, self.ts, self._model)
 
+    def place(self, state: State) -> None:
+        """Put the car there, with no command held."""
+        self.state = state
+        self._held = Input()
+
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
 

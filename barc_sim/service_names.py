@@ -6,5 +6,6 @@ who calls them needs to find them.
 
 RESET = 'vehicle_simulator/reset'
 PAUSE = 'vehicle_simulator/pause'
+STEP = 'vehicle_simulator/step'
 RESET_CONTROLLER = 'controller/reset'
 RESET_RELAY = 'relay/reset'

@@ -39,6 +39,8 @@ PARAMETERS = [
         (0.0, 3600.0),
     ),
     Parameter('timeout_braking', 8.0, 'deceleration then [m/s²]', (0.0, 100.0)),
+    Parameter('motor_limit', 100.0, 'a command beyond is refused [m/s²]', (0.0, 1e6)),
+    Parameter('servo_limit', 1.5, 'a command beyond is refused [rad]', (0.0, 1.5)),
     Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
     Parameter('noise_s', 0.0, 'standard deviation of position along [m]', (0.0, 1e3)),
     Parameter('noise_ey', 0.0, 'standard deviation of position across [m]', (0.0, 1e3)),

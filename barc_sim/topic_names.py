@@ -8,6 +8,8 @@ STATE_ERROR = 'ez_vhcl'
 ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'
 CMD_VEL = 'cmd_vel'
+SPEED_REFERENCE = 'speed_reference'
+INITIAL_POSE = 'initialpose'
 
 #: Every topic of a run: reliable, with room for a second of 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)

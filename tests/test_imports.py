@@ -23,6 +23,7 @@ ROS_MODULES = {
         'executor_pool',
         'executor_private',
         'executor_wait',
+        'gate',
         'page.peers',
         'parameters',
         'process',

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
 from rclpy.node import Node
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim import service_names, topic_names
@@ -22,11 +23,12 @@ from barc_sim.process import spin
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
+_SPEEDS = (-100.0, 100.0)  #: [m/s]
 _PARAMETERS = [
     Parameter('kp', KP, 'proportional gain [1/s]', (0.0, 1e6)),
     Parameter('ki', KI, 'integral gain [1/s²]', (0.0, 1e6)),
     Parameter('kd', KD, 'derivative gain [-]', (0.0, 1e6)),
-    Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', (-100.0, 100.0)),
+    Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', _SPEEDS),
     Parameter('acceleration_limit', ACCELERATION_LIMIT, '[m/s²], either way', (0.01, 100.0)),
     Parameter(
         'subtract_error',
@@ -39,7 +41,8 @@ _PARAMETERS = [
 class CruiseController(Node):
     """Answers each `z_vhcl` with an `ecu` of the same stamp; its dt is the difference of stamps.
 
-    Gains, reference and limit may be changed while it runs.
+    Gains, reference and limit may be changed while it runs; the reference on the topic
+    `speed_reference`, too, by an outer loop: what came last, there or as parameter, holds.
     """
 
     def __init__(self, **options: Any) -> None:  # noqa: ANN401 (Node's own)
@@ -56,6 +59,7 @@ class CruiseController(Node):
         self._apply()
         self.add_post_set_parameters_callback(self._on_parameters)
         self._previous: int | None = None
+        self.refused = 0  #: references out of range
         self._state: ZDynBkMdl | None = None
         self._error: EZDynBkMdl | None = None
 
@@ -64,8 +68,21 @@ class CruiseController(Node):
         group = QuickCallbackGroup()
         subscription(self, EZDynBkMdl, topic_names.STATE_ERROR, self._on_state_error, group)
         subscription(self, ZDynBkMdl, topic_names.STATE, self._on_state, group)
+        subscription(self, Float64, topic_names.SPEED_REFERENCE, self._on_speed_reference, group)
         self.create_service(
             Trigger, service_names.RESET_CONTROLLER, self._on_reset, callback_group=group
+        )
+
+    def _on_speed_reference(self, message: Float64) -> None:
+        low, high = _SPEEDS
+        if low <= message.data <= high:
+            self._values['speed_reference'] = message.data
+            return
+        self.refused += 1
+        self.get_logger().warning(
+            f'refused a speed_reference of {message.data}: it must lie between {low:g} and '
+            f'{high:g} m/s ({self.refused} refused up to now)',
+            throttle_duration_sec=1.0,
         )
 
     @property

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from math import inf, isfinite
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import service_names, topic_names
+from barc_sim.bike_model import Input
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
@@ -23,11 +25,14 @@ from barc_sim.convert import (
     to_input,
     to_nanoseconds,
     to_state,
+    to_state_at_rest,
     to_state_error,
 )
 from barc_sim.endpoints import incompatible_peers, publisher, subscription
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickCallbackGroup
+from barc_sim.gate import Gate
+from barc_sim.pacing import Pace
 from barc_sim.parameters import Parameter, declare
 from barc_sim.process import spin
 from barc_sim.simulator_parameters import PARAMETERS, period_ns, plant
@@ -35,23 +40,14 @@ from barc_sim.simulator_parameters import PARAMETERS, period_ns, plant
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.timer import Timer
-
+    from barc_sim.bike_model import State
     from barc_sim.plant import Observation
 
 _DISTANCE = Parameter(
     'distance', 0.0, 'the run ends here [m]; 0: it goes on', (0.0, 1e6), read_only=True
 )
-#: [s]
-_GATE_PERIOD = 0.01
-#: Periods from seeing a controller to the first state. The controller sees this node a little
-#: sooner or later than it is seen; a message that it is sent or sends meanwhile would be lost.
-_GATE_COUNT = 10
+#: [s] between two looks at who is there.
 _CHECK_PERIOD = 1.0
-#: Share of a period by which a deadline that is judged may be late.
-_PUNCTUAL = 0.1
-#: So long a node that commands is waited for to reset itself.
-_RESET_TIMEOUT = 0.5
 
 
 class VehicleSimulator(Node):
@@ -69,7 +65,8 @@ class VehicleSimulator(Node):
 
     Its service `reset` starts afresh, once the present state is answered: state, held command and
     noise are as at first, the nodes that command are reset, too, and stamps go on. Its service
-    `pause` lets simulated time stand still.
+    `pause` lets simulated time stand still, and `step` lets it go on by one step meanwhile. An
+    `initialpose` puts the car there, at rest, in place of the next step.
 
     Attributes
     ----------
@@ -79,8 +76,8 @@ class VehicleSimulator(Node):
         States published.
     missed
         Commands that were not there when they were due.
-    slipped
-        Periods by which simulated time has fallen behind the wall clock.
+    refused
+        Messages that were not finite or out of range.
     """
 
     def __init__(
@@ -106,40 +103,41 @@ class VehicleSimulator(Node):
         self._values = values
         self._period_ns = period_ns(values)
         self._distance = values['distance'] or inf
-        self._realtime_factor = values['realtime_factor']
-        self._wait_for_controller = values['wait_for_controller']
         self._plant = plant(values)
         self._commands = Commands(values['command_timeout'])
+        self._greatest = Input(values['motor_limit'], values['servo_limit'])
+        factor = values['realtime_factor']
+        self._pace = Pace(self._plant.ts / factor) if factor else None
         self._on_step = on_step
         self._claim = claim(self, topic_names.STATE)
         self.finished: Future = Future()
-        self.steps = self.missed = self.slipped = 0
-        self._first_step = self._stamp = 0
-        self._running = self._paused = self._reset_due = False
-        self._pace: Timer | None = None
+        self.steps = self.missed = self.refused = 0
+        self._first_step = self._stamp = self._steps_checked = 0
+        self._running = self._paused = self._reset_due = self._step_due = False
+        self._place: State | None = None  # to be put there
+        self._warned: set[str] = set()
 
         self._state_error_pub = publisher(self, EZDynBkMdl, topic_names.STATE_ERROR)
         self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
         self._state_pub = publisher(self, ZDynBkMdl, topic_names.STATE)
-        self._group = QuickCallbackGroup()
-        subscription(self, ECU, topic_names.ECU, self._on_command, self._group)
-        self.create_service(
-            Trigger, service_names.RESET, self._on_reset, callback_group=self._group
+        group = QuickCallbackGroup()
+        subscription(self, ECU, topic_names.ECU, self._on_command, group)
+        subscription(
+            self, PoseWithCovarianceStamped, topic_names.INITIAL_POSE, self._on_initial_pose, group
         )
-        self.create_service(
-            SetBool, service_names.PAUSE, self._on_pause, callback_group=self._group
-        )
-        self._resets = [
-            self.create_client(Trigger, name, callback_group=self._group)
-            for name in (service_names.RESET_CONTROLLER, service_names.RESET_RELAY)
-        ]
-        self._resetting: list[Future] = []
-        self._wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self._warned: set[str] = set()
-        self._timer(_CHECK_PERIOD, self._check_peers)
-        self._gate = self._timer(_GATE_PERIOD, self._wait)
-        self._ready_for = 0
-        self._steps_checked = 0
+        for kind, name, callback in (
+            (Trigger, service_names.RESET, self._on_reset),
+            (SetBool, service_names.PAUSE, self._on_pause),
+            (Trigger, service_names.STEP, self._on_single_step),
+        ):
+            self.create_service(kind, name, callback, callback_group=group)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_CHECK_PERIOD, self._check_peers, group, wall)
+        self._deadline = None
+        if self._pace:
+            self._deadline = self.create_timer(self._pace.period, self._on_deadline, group, wall)
+            self._deadline.cancel()
+        self._gate = Gate(self, group, wall, self._begin, wait=values['wait_for_controller'])
 
     def destroy_node(self) -> None:
         """Give up the topic, and destroy the node."""
@@ -151,24 +149,14 @@ class VehicleSimulator(Node):
         """Whether time stands still because somebody asked for it."""
         return self._paused
 
+    @property
+    def slipped(self) -> int:
+        """Periods by which simulated time has fallen behind the wall clock."""
+        return self._pace.slipped if self._pace else 0
+
     def finish(self) -> None:
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
-
-    def _timer(self, period: float, callback: Callable[[], None]) -> Timer:
-        return self.create_timer(period, callback, self._group, self._wall)
-
-    def _wait(self) -> None:
-        """Begin once there is a controller, and reset where it was asked to be."""
-        if not all(future.done() for future in self._resetting):
-            if time.monotonic() < self._reset_until:
-                return
-            self.get_logger().warning('a node that commands has not answered its reset')
-        ready = self.count_publishers(topic_names.ECU) or not self._wait_for_controller
-        self._ready_for = self._ready_for + 1 if ready else 0
-        if self._ready_for >= _GATE_COUNT:
-            self._gate.cancel()
-            self._begin()
 
     def _begin(self) -> None:
         if self.count_publishers(topic_names.STATE) > 1:
@@ -181,19 +169,14 @@ class VehicleSimulator(Node):
 
     def _go_on(self) -> None:
         """Let time run from now on."""
-        if self._paused or not self._realtime_factor:
-            return
-        period = self._plant.ts / self._realtime_factor
-        self._due = time.monotonic() + period
-        if self._pace:
-            self._pace.reset()
-        else:
-            self._pace = self._timer(period, self._on_deadline)
+        if self._pace and self._deadline and not self._paused:
+            self._pace.begin(time.monotonic())
+            self._deadline.reset()
 
     def _hold(self) -> None:
         """Let time stand still."""
-        if self._pace:
-            self._pace.cancel()
+        if self._deadline:
+            self._deadline.cancel()
 
     def _publish_state(self) -> None:
         seen = self._plant.observe()
@@ -206,19 +189,37 @@ class VehicleSimulator(Node):
         self.steps += 1
 
     def _on_command(self, message: ECU) -> None:
-        if not (isfinite(message.motor) and isfinite(message.servo)):
-            self.get_logger().warning(
-                f'refused a command that is not finite: {message.motor}, {message.servo}',
-                throttle_duration_sec=1.0,
+        command, limits = to_input(message), self._greatest
+        # Written so that NaN is out of range, too.
+        if not (abs(command.motor) <= limits.motor and abs(command.servo) <= limits.servo):
+            self._refuse(
+                f'a command beyond ±{limits.motor:g} m/s² or ±{limits.servo:g} rad: '
+                f'{command.motor}, {command.servo}'
             )
             return
         stamp = to_nanoseconds(message.header.stamp)
-        self._commands.hear(to_input(message), stamp, self._stamp, time.monotonic())
+        self._commands.hear(command, stamp, self._stamp, time.monotonic())
         if self._running and self._commands.answered:
             if self._reset_due:
                 self._reset()
-            elif not (self._realtime_factor or self._paused):
+            elif self._step_due or not (self._pace or self._paused):
                 self._advance()
+
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        place = to_state_at_rest(message.pose.pose)
+        if place is None:
+            self._refuse(f'an initial pose that is not finite, or not one: {message.pose.pose}')
+            return
+        self._place = place
+        if self._paused and self._running:
+            self._step_due = True
+            self._advance_if_answered()
+
+    def _refuse(self, what: str) -> None:
+        self.refused += 1
+        self.get_logger().warning(
+            f'refused {what} ({self.refused} refused up to now)', throttle_duration_sec=1.0
+        )
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._reset_due = True
@@ -228,16 +229,13 @@ class VehicleSimulator(Node):
         return response
 
     def _reset(self) -> None:
-        self._reset_due = self._running = False
+        self._reset_due = self._step_due = self._running = False
+        self._place = None
         self._hold()
         self._plant = plant(self._values)
         self._commands = Commands(self._values['command_timeout'])
         self._first_step = self.steps
-        ready = [reset for reset in self._resets if reset.service_is_ready()]
-        self._resetting = [reset.call_async(Trigger.Request()) for reset in ready]
-        self._reset_until = time.monotonic() + _RESET_TIMEOUT
-        self._ready_for = min(self._ready_for, _GATE_COUNT - 1)  # they know one another
-        self._gate.reset()
+        self._gate.close()
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         was, self._paused = self._paused, bool(request.data)
@@ -245,21 +243,37 @@ class VehicleSimulator(Node):
         if self._paused:
             self._hold()
         elif was and self._running:
-            if self._commands.answered and not self._realtime_factor:
-                self._advance()
+            self._step_due = False
+            if not self._pace:
+                self._advance_if_answered()
             self._go_on()
         return response
 
+    def _on_single_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._paused and self._running
+        if response.success:
+            self._step_due = True
+            self._advance_if_answered()
+            response.message = (
+                f'state {self.steps - 1} is not answered yet: the step follows'
+                if self._step_due
+                else f'state {self.steps - 1}'
+            )
+        else:
+            response.message = 'time runs: pause it first' if self._running else 'not begun yet'
+        return response
+
+    def _advance_if_answered(self) -> None:
+        if self._commands.answered:
+            self._advance()
+
     def _on_deadline(self) -> None:
-        period = self._plant.ts / self._realtime_factor
-        late = max(time.monotonic() - self._due, 0.0)
-        behind = int(late / period)
-        self._due += (behind + 1) * period
-        self.slipped += behind
-        if not self._commands.answered and late > _PUNCTUAL * period:
+        assert self._pace  # noqa: S101 (its timer runs)
+        punctual = self._pace.pass_deadline(time.monotonic())
+        if not (self._commands.answered or punctual):
             # The machine held up the whole process, maybe the controller in it, too: the state
             # gets another period to be answered in.
-            self.slipped += 1
+            self._pace.slipped += 1
             return
         if not self._commands.answered:
             self.missed += 1
@@ -272,14 +286,18 @@ class VehicleSimulator(Node):
 
     def _advance(self) -> None:
         """Take the step to the next state, or finish where the present one is the last."""
+        self._step_due = False
         if self._reset_due:
             self._reset()
             return
-        if self._plant.state.x >= self._distance:
+        if self._plant.state.x >= self._distance and not self._place:
             self._hold()
             self.finish()
             return
-        if self._commands.lost(time.monotonic()):
+        if self._place:
+            self._plant.place(self._place)
+            self._place = None
+        elif self._commands.lost(time.monotonic()):
             self.get_logger().warning(
                 f'no command for {self._commands.timeout:g} s: the car brakes to a standstill',
                 throttle_duration_sec=10.0,
@@ -297,7 +315,7 @@ class VehicleSimulator(Node):
             self._reset()
         if not self.steps:
             self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
-        elif not (self._realtime_factor or self._paused) and self.steps == self._steps_checked:
+        elif not (self._pace or self._paused) and self.steps == self._steps_checked:
             self._warn(f'waiting for the command that answers state {self.steps - 1}')
         self._steps_checked = self.steps
         for sentence in incompatible_peers(self):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim import topic_names
@@ -186,6 +188,27 @@ def test_gains_and_reference_take_effect_while_it_runs(bench: Callable[..., Benc
     assert one.controller.speed_reference == 8.5
     assert all(result.successful for result in one.set(acceleration_limit=0.5))
     assert one.answers([(40 * MS, 7.0), (60 * MS, 10.0)]) == [0.5, -0.5]
+
+
+def test_reference_may_come_from_an_outer_loop(bench: Callable[..., Bench]) -> None:
+    one = bench(kp=1.0, ki=0.0, kd=0.0)
+    outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
+    one.until(lambda: outer.get_subscription_count() == 1)
+    outer.publish(Float64(data=5.0))
+    one.until(lambda: one.controller.speed_reference == 5.0)
+    assert one.answers([(0, 4.0)]) == [1.0]
+    assert all(result.successful for result in one.set(speed_reference=6.0))
+    assert one.answers([(20 * MS, 4.0)]) == [2.0]
+
+
+@pytest.mark.parametrize('reference', [math.nan, math.inf, -100.1, 1e300])
+def test_reference_out_of_range_is_refused(bench: Callable[..., Bench], reference: float) -> None:
+    one = bench()
+    outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
+    one.until(lambda: outer.get_subscription_count() == 1)
+    outer.publish(Float64(data=reference))
+    one.until(lambda: one.controller.refused == 1)
+    assert one.controller.speed_reference == 8.0
 
 
 def test_reset_is_a_fresh_start(bench: Callable[..., Bench]) -> None:

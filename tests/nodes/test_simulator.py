@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from functools import partial
 from itertools import pairwise
@@ -12,6 +13,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -19,7 +21,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim import topic_names
+from barc_sim import gate, topic_names
 from barc_sim.convert import to_header, to_nanoseconds
 from barc_sim.errors import UserError
 from barc_sim.nodes import simulator as module
@@ -255,8 +257,11 @@ def test_late_commands_are_missed_and_the_last_one_holds(world: World) -> None:
     assert world.states[9].v_x > world.states[5].v_x > 0.0
 
 
-@pytest.mark.parametrize(('motor', 'servo'), [('nan', '0'), ('inf', '0'), ('0', 'nan')])
-def test_command_that_is_not_finite_is_refused(
+@pytest.mark.parametrize(
+    ('motor', 'servo'),
+    [('nan', '0'), ('-inf', '0'), ('0', 'nan'), ('101', '0'), ('1', '-1.6'), ('1e300', '0')],
+)
+def test_command_that_is_not_finite_or_out_of_range_is_refused(
     world: World, motor: str, servo: str, capfd: pytest.CaptureFixture[str]
 ) -> None:
     commands = world.driver()
@@ -268,7 +273,8 @@ def test_command_that_is_not_finite_is_refused(
     world.until(lambda: len(world.states) == 2)
     assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
     assert simulator.steps == 2
-    assert f'not finite: {float(motor)}, {float(servo)}' in capfd.readouterr().err
+    assert simulator.refused == 1
+    assert f'beyond ±100 m/s² or ±1.5 rad: {float(motor)}, {float(servo)}' in capfd.readouterr().err
 
 
 @pytest.mark.usefixtures('looks_often')
@@ -390,13 +396,19 @@ def test_without_a_timeout_the_last_command_holds(world: World) -> None:
 
 
 def call(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
+    """Return the response of the simulator's service, which is to succeed."""
+    response = ask(world, service_type, name, **request)
+    assert response.success
+    return response
+
+
+def ask(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
     """Return the response of the simulator's service."""
     node = world.add(Node('caller', context=world.context))
     client = node.create_client(service_type, f'vehicle_simulator/{name}')
     world.until(client.service_is_ready)
     future = client.call_async(service_type.Request(**request))
     world.until(future.done)
-    assert future.result().success
     return future.result()
 
 
@@ -456,7 +468,7 @@ def test_reset_waits_for_whoever_commands_and_resets_it_once(world: World) -> No
 def test_reset_goes_on_though_whoever_commands_does_not_answer(
     world: World, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(module, '_RESET_TIMEOUT', 0.05)
+    monkeypatch.setattr(gate, '_RESET_TIMEOUT', 0.05)
     world.driver(partial(command, 1.0))
     deaf = Node('controller', context=world.context)  # not spun
     deaf.create_service(Trigger, '~/reset', lambda _, response: response)
@@ -509,3 +521,80 @@ def test_reset_while_paused_shows_the_start_and_stays_paused(world: World) -> No
     assert simulator.steps == steps + 1
     call(world, SetBool, 'pause', data=False)
     world.until(lambda: len(world.states) >= steps + 5)
+
+
+@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
+def test_paused_time_goes_on_step_by_step(world: World, factor: float) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=factor)
+    world.until(lambda: len(world.states) >= 5)
+    call(world, SetBool, 'pause', data=True)
+    steps, missed = simulator.steps, simulator.missed
+    for k in range(1, 4):
+        call(world, Trigger, 'step')
+        world.until(lambda k=k: len(world.states) == steps + k)
+    call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == steps + 3
+    assert simulator.missed == missed
+    times = stamps(world.states)
+    assert times == [times[0] + k * 20_000_000 for k in range(len(times))]
+
+
+def test_step_asked_for_before_the_answer_follows_it(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    call(world, SetBool, 'pause', data=True)
+    assert 'not answered yet' in call(world, Trigger, 'step').message
+    assert simulator.steps == 1
+    commands.publish(command(1.0, world.states[0]))
+    world.until(lambda: len(world.states) == 2)
+    commands.publish(command(1.0, world.states[1]))
+    call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == 2
+
+
+def test_step_is_refused_while_time_runs(world: World) -> None:
+    world.driver(partial(command, 1.0))
+    world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 2)
+    response = ask(world, Trigger, 'step')
+    assert (response.success, response.message) == (False, 'time runs: pause it first')
+
+
+def pose(x: float, y: float, z: float, w: float) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped()
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = z, w
+    return message
+
+
+def test_initial_pose_puts_the_car_there_at_rest(world: World) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, road='flat')
+    chooser = world.add(Node('chooser', context=world.context))
+    places = chooser.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+    world.until(lambda: len(world.states) >= 5 and places.get_subscription_count() == 1)
+    places.publish(pose(-30.0, 5.0, 0.6, 0.8))
+    world.until(lambda: any(state.x < -29.0 for state in world.states))
+    placed = next(state for state in world.states if state.x < -29.0)
+    assert (placed.x, placed.y, placed.v_x) == (-30.0, 5.0, 0.0)
+    assert placed.psi == pytest.approx(2.0 * math.atan2(0.6, 0.8))
+    world.until(lambda: world.states[-1].v_x > 0.1)
+    assert simulator.refused == 0
+
+
+@pytest.mark.parametrize(
+    'place', [(math.nan, 0.0, 0.0, 1.0), (0.0, 1e300, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0)]
+)
+def test_initial_pose_that_is_none_is_refused(
+    world: World, place: tuple[float, float, float, float]
+) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    chooser = world.add(Node('chooser', context=world.context))
+    places = chooser.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+    world.until(lambda: len(world.states) >= 5 and places.get_subscription_count() == 1)
+    places.publish(pose(*place))
+    world.until(lambda: simulator.refused == 1)
+    assert math.isfinite(world.states[-1].x)

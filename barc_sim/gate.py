@@ -1,0 +1,84 @@
+"""When a simulator's time may begin: once somebody commands, and is as at the start."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from std_srvs.srv import Trigger
+
+from barc_sim import service_names, topic_names
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.clock import Clock
+    from rclpy.node import Node
+    from rclpy.task import Future
+
+#: [s]
+_PERIOD = 0.01
+#: Periods from seeing a controller to the first state. The controller sees this node a little
+#: sooner or later than it is seen; a message that it is sent or sends meanwhile would be lost.
+_COUNT = 10
+#: [s] So long a node that commands is waited for to reset itself.
+_RESET_TIMEOUT = 0.5
+
+
+class Gate:
+    """Looks for a publisher of `ecu`, and calls `begin` once there has been one for a while.
+
+    Parameters
+    ----------
+    node
+        The simulator's.
+    group
+        Of its callbacks.
+    clock
+        The wall's.
+    begin
+        Lets time run.
+    wait
+        Whether for a publisher; if not, time may begin at once.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        group: CallbackGroup,
+        clock: Clock,
+        begin: Callable[[], None],
+        *,
+        wait: bool,
+    ) -> None:
+        self._node = node
+        self._begin = begin
+        self._wait = wait
+        self._resets = [
+            node.create_client(Trigger, name, callback_group=group)
+            for name in (service_names.RESET_CONTROLLER, service_names.RESET_RELAY)
+        ]
+        self._resetting: list[Future] = []
+        self._patient_until = 0.0
+        self._ready_for = 0
+        self._timer = node.create_timer(_PERIOD, self._look, group, clock)
+
+    def close(self) -> None:
+        """Have the nodes that command reset themselves, and begin again after that."""
+        ready = [reset for reset in self._resets if reset.service_is_ready()]
+        self._resetting = [reset.call_async(Trigger.Request()) for reset in ready]
+        self._patient_until = time.monotonic() + _RESET_TIMEOUT
+        self._ready_for = min(self._ready_for, _COUNT - 1)  # they know one another
+        self._timer.reset()
+
+    def _look(self) -> None:
+        if not all(future.done() for future in self._resetting):
+            if time.monotonic() < self._patient_until:
+                return
+            self._node.get_logger().warning('a node that commands has not answered its reset')
+        ready = self._node.count_publishers(topic_names.ECU) or not self._wait
+        self._ready_for = self._ready_for + 1 if ready else 0
+        if self._ready_for >= _COUNT:
+            self._timer.cancel()
+            self._begin()
