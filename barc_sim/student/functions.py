@@ -95,10 +95,9 @@ class Controllers:
         """
         student = self._calls(kp, ki, kd, **self._options(options))
         method = student.acc_calculate
-        takes_dt = _check_takes(self._folder, method, _SPEEDS, 'dt')
-        return Controller(
-            student, Calls(self._folder, method, self._budget, self._expected), takes_dt=takes_dt
-        )
+        dt_name = _dt_name(self._folder, method, _SPEEDS)
+        calls = Calls(self._folder, method, self._budget, self._expected)
+        return Controller(student, calls, dt_name)
 
 
 class Controller:
@@ -110,11 +109,11 @@ class Controller:
         The object itself.
     """
 
-    def __init__(self, student: Any, calls: Calls, *, takes_dt: bool) -> None:  # noqa: ANN401
-        """Call `calls`, with dt where it takes it."""
+    def __init__(self, student: Any, calls: Calls, dt_name: str) -> None:  # noqa: ANN401
+        """Call `calls`, with dt by the name `dt_name` unless that is empty."""
         self.student = student
         self._calls = calls
-        self._takes_dt = takes_dt
+        self._dt_name = dt_name
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call.
@@ -125,11 +124,11 @@ class Controller:
             where the student's method fails, or returns anything but a finite number.
         """
         speeds = (speed_reference, speed_current)
-        args = (*speeds, dt) if self._takes_dt else speeds
-        result = self._calls(*args)
+        options = {self._dt_name: dt} if self._dt_name else {}
+        result = self._calls(*speeds, **options)
         value = result if type(result) is float else number(result)
         if value is None or not isfinite(value):
-            raise self._calls.wrong(result, args, {})
+            raise self._calls.wrong(result, speeds, options)
         return value
 
     def tell(self, name: str) -> float:
@@ -169,7 +168,7 @@ class Relays:
         self._new = Calls(folder, relay, budget, 'an object') if isinstance(relay, type) else None
         self._function = relay
         if self._new is None:
-            _check_takes(folder, relay, _TWIST, 'dt')
+            _dt_name(folder, relay, _TWIST)
 
     def __call__(self) -> Relay:
         """Return a fresh relay.
@@ -180,18 +179,18 @@ class Relays:
             where the student's constructor fails.
         """
         function = self._new().relay if self._new else self._function
-        takes_dt = _check_takes(self._folder, function, _TWIST, 'dt')
+        dt_name = _dt_name(self._folder, function, _TWIST)
         expected = f'two finite numbers, [{", ".join(_COMMAND)}]'
-        return Relay(Calls(self._folder, function, self._budget, expected), takes_dt=takes_dt)
+        return Relay(Calls(self._folder, function, self._budget, expected), dt_name)
 
 
 class Relay:
     """A student's relay at work."""
 
-    def __init__(self, calls: Calls, *, takes_dt: bool) -> None:
-        """Call `calls`, with dt where it takes it."""
+    def __init__(self, calls: Calls, dt_name: str) -> None:
+        """Call `calls`, with dt by the name `dt_name` unless that is empty."""
         self._calls = calls
-        self._takes_dt = takes_dt
+        self._dt_name = dt_name
 
     def relay(self, linear_x: float, angular_z: float, dt: float) -> tuple[float, float]:
         """Return motor [m/s²] and servo [rad] for a Twist, `dt` seconds after the last call.
@@ -201,11 +200,12 @@ class Relay:
         StudentError
             where the student's code fails, or returns anything but two finite numbers.
         """
-        args = (linear_x, angular_z, dt) if self._takes_dt else (linear_x, angular_z)
-        result = self._calls(*args)
+        twist = (linear_x, angular_z)
+        options = {self._dt_name: dt} if self._dt_name else {}
+        result = self._calls(*twist, **options)
         numbers = _numbers(result, len(_COMMAND))
         if numbers is None:
-            raise self._calls.wrong(result, args, {})
+            raise self._calls.wrong(result, twist, options)
         return numbers[0], numbers[1]
 
 
@@ -222,32 +222,55 @@ def _numbers(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a 
     return values  # type: ignore[return-value]  # no None is left
 
 
-def _check_takes(
-    folder: Folder, function: Callable[..., Any], names: Sequence[str], option: str = ''
-) -> bool:
-    """Refuse a function that does not take `names`; return whether it takes `option`, too."""
-    name = getattr(function, '__name__', shown(function))
+def _check_takes(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> None:
+    """Refuse a function that does not take as many arguments as there are `names`."""
+    signature = _signature(folder, function)
+    if not _binds(signature, len(names)):
+        raise _takes(folder, function, signature, names)
+
+
+def _dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> str:
+    """Return what `function`, which takes `names`, calls dt; empty where it does not take it.
+
+    That is `dt`, or any name of an argument that it can't be called without.
+    """
+    signature = _signature(folder, function)
+    count = len(names)
+    if 'dt' in signature.parameters and _binds(signature, count, dt=0.0):
+        return 'dt'
+    if _binds(signature, count):
+        return ''
+    for name in list(signature.parameters)[count:]:
+        if _binds(signature, count, **{name: 0.0}):
+            return name
+    raise _takes(folder, function, signature, names)
+
+
+def _signature(folder: Folder, function: Callable[..., Any]) -> inspect.Signature:
     try:
-        signature = inspect.signature(function)
+        return inspect.signature(function)
     except (TypeError, ValueError) as error:
         raise StudentError(
-            f'{where(folder, function)}: {name} is {shown(function)}; expected a function'
+            f'{where(folder, function)}: expected a function of Python, not {shown(function)}'
         ) from error
-    if option and (option in signature.parameters or not _binds(signature, len(names))):
-        names, with_option = (*names, option), True
-    else:
-        with_option = False
-    if not _binds(signature, len(names)):
-        takes = ', '.join(signature.parameters) or 'nothing'
-        raise StudentError(
-            f'{where(folder, function)}: {name} takes ({takes}); expected ({", ".join(names)})'
-        )
-    return with_option
 
 
-def _binds(signature: inspect.Signature, count: int) -> bool:
+def _takes(
+    folder: Folder,
+    function: Callable[..., Any],
+    signature: inspect.Signature,
+    names: Sequence[str],
+) -> StudentError:
+    name = getattr(function, '__name__', shown(function))
+    return StudentError(
+        f'{where(folder, function)}: {name} takes ({", ".join(signature.parameters)}); expected '
+        f'({", ".join(names)})'
+    )
+
+
+def _binds(signature: inspect.Signature, count: int, **options: float) -> bool:
     try:
-        signature.bind(*range(count))
+        signature.bind(*range(count), **options)
     except TypeError:
         return False
     return True
