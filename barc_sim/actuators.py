@@ -83,45 +83,46 @@ class Channel:
         self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
         return early * mean + (1.0 - early) * late
 
-    def force(self, value: float) -> None:
-        """Be at `value` at once, and forget the commands that wait."""
-        self.value = value
-        self._queue.extend([value] * len(self._queue))
+    def stop(self) -> None:
+        """Be at zero, and forget the commands that wait."""
+        self.value = 0.0
+        self._queue.extend([0.0] * len(self._queue))
 
     def _cut(self, command: float) -> float:
         return max(-self._actuator.limit, min(command, self._actuator.limit))
 
 
 class Actuators:
-    """Motor and servo: from what is commanded to what the car does."""
+    """Motor and servo: from what is commanded to what the car does.
+
+    Attributes
+    ----------
+    now
+        Acceleration and steering in force at this instant.
+    """
 
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
         self._motor, self._servo = Channel(motor, ts), Channel(servo, ts)
         self._obey = motor == servo == Actuator()
-        self._now = Input()
-
-    @property
-    def now(self) -> Input:
-        """Acceleration and steering in force at this instant."""
-        return self._now
+        self.now = Input()
 
     def advance(self, command: Input) -> Input:
         """Go one step after `command`; return the mean acceleration and steering over it."""
         if self._obey:
-            self._now = command
+            self.now = command
             return command
         mean = Input(self._motor.advance(command.motor), self._servo.advance(command.servo))
-        self._now = Input(self._motor.value, self._servo.value)
+        self.now = Input(self._motor.value, self._servo.value)
         return mean
 
     def brake(self, command: Input) -> Input:
-        """Go one step as `advance` does, with the acceleration of `command` in force at once.
+        """Go one step with the acceleration of `command` in force at once.
 
-        The brakes are no actuator of these: neither delay nor lag nor limit of the motor holds
-        them up, and the motor goes on from there.
+        It is the brakes': no delay, lag or limit of the motor holds it up. The motor is cut off
+        meanwhile, and begins anew from zero.
         """
-        self._motor.force(command.motor)
+        self._motor.stop()
         servo = self._servo.advance(command.servo)
-        self._now = Input(command.motor, self._servo.value)
+        self.now = Input(command.motor, self._servo.value)
         return Input(command.motor, servo)

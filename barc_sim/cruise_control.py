@@ -55,6 +55,8 @@ class CruiseControl(Run):
                     road=options.road,
                     realtime_factor=options.realtime_factor,
                     seed=options.seed,
+                    integrator=options.integrator,
+                    dynamics=options.dynamics,
                 ),
             )
         )

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from barc_sim.bike_model import (
     Input,
     Model,
-    Motion,
     State,
     Vehicle,
     bikeFE,
@@ -88,9 +87,8 @@ class KinematicBicycle:
         found = after(direction_of(state.v))
         return found._replace(v=resisted(state.v, found.v, lambda: after(0.0).v))
 
-    def motion(self, state: State, servo: float, vehicle: Vehicle) -> Motion:
-        """Return the velocities in the vehicle's frame while it is steered by `servo` [rad]."""
-        return motion(state, servo, vehicle)
+    #: `bike_model.motion`: the velocities follow from state and steering alone.
+    motion = staticmethod(motion)
 
 
 def _rates(

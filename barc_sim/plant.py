@@ -108,7 +108,7 @@ class Plant:
         """Go one step with `command`; without one, the last holds."""
         if command is not None:
             self._held = command
-        self._go(self._actuators.advance(self._held))
+        self._step(self._actuators.advance(self._held))
 
     def place(self, state: State) -> None:
         """Put the car there, with no command held."""
@@ -119,16 +119,16 @@ class Plant:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
 
         On a hill it takes part of that to keep the car from rolling. The brakes act at once,
-        whatever the motor's actuator, which goes on from there.
+        whatever the motor's actuator, which begins anew from zero.
         """
         pull = self.vehicle.gravity * sin(self._grade(self.state.x))
         motor = max(-deceleration, min(pull - self.state.v / self.ts, deceleration))
         self._held = self._held._replace(motor=motor)
-        self._go(self._actuators.brake(self._held))
+        self._step(self._actuators.brake(self._held))
 
     def _grade(self, x: float) -> float:
         """Return the incline [rad] at `x`."""
         return radians(self.road.grade_deg(x))
 
-    def _go(self, held: Input) -> None:
+    def _step(self, held: Input) -> None:
         self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)

@@ -154,6 +154,8 @@ def _add_common(mode: Parser) -> None:
     )
     bag.add_argument('--no-bag', action='store_true', help='record nothing')
     mode.add_argument('--seed', type=_seed, metavar='N', help='seed of the measurement noise (0)')
+    mode.add_argument('--integrator', choices=('euler', 'rk4'), help='how steps are made (euler)')
+    mode.add_argument('--dynamics', choices=('kinematic', 'dynamic'), help='bicycle (kinematic)')
     mode.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.actuators import Actuator
 from barc_sim.bike_model import Vehicle
 from barc_sim.convert import NANOSECONDS
+from barc_sim.handling import Handling
 from barc_sim.parameters import Parameter
 from barc_sim.plant import Plant
 from barc_sim.road import Road
@@ -15,6 +18,17 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _VEHICLE = Vehicle()
+_HANDLING = Handling()
+_ACTUATORS = [
+    Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, greatest))
+    for name, unit, limit in (('motor', 'm/s²', 'acceleration'), ('servo', 'rad', 'steering'))
+    for part, what, greatest in (
+        ('delay', f'time from a command to its effect on the {name} [s]', 10.0),
+        ('lag', f'time constant of the {name} [s]', 100.0),
+        ('rate_limit', f'greatest change of {limit} [{unit}/s]', 1e6),
+        ('limit', f'greatest {limit} either way [{unit}]', 1e6),
+    )
+]
 PARAMETERS = [
     Parameter('mass', _VEHICLE.mass, 'm, the mass [kg]', (1.0, 1e6)),
     Parameter('air_drag_coeff', _VEHICLE.air_drag_coeff, 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
@@ -48,6 +62,22 @@ PARAMETERS = [
     Parameter('noise_v_x', 0.0, 'standard deviation of v_x [m/s]', (0.0, 1e3)),
     Parameter('noise_v_y', 0.0, 'standard deviation of v_y [m/s]', (0.0, 1e3)),
     Parameter('noise_psi_dot', 0.0, 'standard deviation of yaw rate [rad/s]', (0.0, 1e3)),
+    *_ACTUATORS,
+    Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
+    Parameter('dynamics', 'kinematic', "'kinematic' or 'dynamic': the bicycle with linear tyres"),
+    Parameter('yaw_inertia', _HANDLING.yaw_inertia, 'I_z of the dynamic one [kg m²]', (1.0, 1e7)),
+    Parameter(
+        'front_stiffness', _HANDLING.front_stiffness, "C_f, front axle's tyres [N/rad]", (1.0, 1e8)
+    ),
+    Parameter(
+        'rear_stiffness', _HANDLING.rear_stiffness, "C_r, rear axle's tyres [N/rad]", (1.0, 1e8)
+    ),
+    Parameter(
+        'dynamic_above',
+        _HANDLING.dynamic_above,
+        'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
+        (0.1, 100.0),
+    ),
 ]
 
 
@@ -62,7 +92,7 @@ def plant(values: Mapping[str, Any]) -> Plant:
     Raises
     ------
     UserError
-        where the road can't be had.
+        where the road can't be had, or what is asked for does not go together.
     """
     return Plant(
         road=Road.named(values['road']),
@@ -70,4 +100,18 @@ def plant(values: Mapping[str, Any]) -> Plant:
         ts=period_ns(values) / NANOSECONDS,
         noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
         seed=values['seed'],
+        motor=_actuator(values, 'motor'),
+        servo=_actuator(values, 'servo'),
+        integrator=values['integrator'],
+        dynamics=values['dynamics'],
+        handling=Handling(*(values[name] for name in Handling._fields)),
+    )
+
+
+def _actuator(values: Mapping[str, Any], name: str) -> Actuator:
+    return Actuator(
+        delay=values[f'{name}_delay'],
+        lag=values[f'{name}_lag'],
+        rate=values[f'{name}_rate_limit'] or inf,
+        limit=values[f'{name}_limit'] or inf,
     )

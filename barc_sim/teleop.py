@@ -68,6 +68,8 @@ class Teleop(Run):
                     road=options.road or 'flat',
                     realtime_factor=options.realtime_factor,
                     seed=options.seed,
+                    integrator=options.integrator,
+                    dynamics=options.dynamics,
                     command_timeout=_COMMAND_TIMEOUT,
                 ),
             )
