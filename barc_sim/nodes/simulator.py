@@ -105,7 +105,7 @@ class VehicleSimulator(Node):
         self._distance = values['distance'] or inf
         self._plant = plant(values)
         self._commands = Commands(values['command_timeout'])
-        self._greatest = Input(values['motor_limit'], values['servo_limit'])
+        self._greatest = Input(values['refuse_motor_above'], values['refuse_servo_above'])
         factor = values['realtime_factor']
         self._pace = Pace(self._plant.ts / factor) if factor else None
         self._on_step = on_step
