@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.bike_model import L_F, L_R
+from barc_sim.pid import ACCELERATION_LIMIT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -69,8 +70,8 @@ class Parts(Protocol):
         """`bikeFE`, checked."""
 
     @property
-    def controller(self) -> Callable[[float, float, float], Any] | None:
-        """Gains -> a fresh `PID`, checked."""
+    def controller(self) -> Callable[..., Any] | None:
+        """Gains, and limits by name which reach it where it takes them -> a fresh `PID`."""
 
 
 class LocalCode:
@@ -106,12 +107,15 @@ class LocalCode:
         controller = self._lab.controller
         if controller is None:
             raise LookupError('there is no PID')
-        return _LocalController(controller(kp, ki, kd))
+        limits = {'output_min': -ACCELERATION_LIMIT, 'output_max': ACCELERATION_LIMIT}
+        return _LocalController(controller(kp, ki, kd, **limits))
 
 
 class _LocalController:
     def __init__(self, pid: Any) -> None:  # noqa: ANN401 (a student's class)
         self._pid = pid
+        # `barc_sim.student` wraps the student's object, and keeps it as `student`.
+        self._reset = getattr(getattr(pid, 'student', pid), 'reset', None)
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
         return float(self._pid.acc_calculate(reference, current, dt))
@@ -120,8 +124,7 @@ class _LocalController:
         return [self.acc_calculate(*row) for row in rows]
 
     def reset(self) -> bool:
-        reset = getattr(self._pid, 'reset', None)
-        if reset is None:
+        if self._reset is None:
             return False
-        reset()
+        self._reset()
         return True

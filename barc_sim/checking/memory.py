@@ -42,6 +42,7 @@ def _judge_reset(code: Code, sequence: Sequence) -> Finding:
             0.0,
             'the same speeds give different outputs, with kp alone: is there anything random in '
             'PID, or does it keep its output in a global variable?',
+            {'leaks': True},
         )
     first = code.new_pid(*_GAINS).acc_sequence(sequence.rows)
     if not any(first):
@@ -61,7 +62,8 @@ def _judge_reset(code: Code, sequence: Sequence) -> Finding:
         if not says and _differ(first, pid.acc_sequence(sequence.rows)):
             says.append(f'reset() does not forget {_kept(code, sequence, reset=True)}')
     score = 1.0 - len(says) / checks
-    return Finding('pid.reset', score, '; '.join(says) or 'each run starts anew')
+    details = {'leaks': _differ(first, code.new_pid(*_GAINS).acc_sequence(sequence.rows))}
+    return Finding('pid.reset', score, '; '.join(says) or 'each run starts anew', details)
 
 
 def _beside_another(code: Code, sequence: Sequence) -> list[float]:
@@ -104,7 +106,7 @@ def judge_windup(code: Code) -> Finding:
         return Finding('pid.windup', 0.0, str(error))
     known = [count for count in calls if count is not None]
     if len(known) < len(calls):
-        return Finding('pid.windup', 0.0, 'the integral does not grow: nothing can wind up')
+        return Finding('pid.windup', 0.0, 'the output does not grow under a lasting error: is there an integral that could wind up?')
     scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in known]
     score = float(np.mean(scores))
     if min(scores) == 1.0:

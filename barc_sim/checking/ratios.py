@@ -73,15 +73,23 @@ def integral_says(trials: list[Trial]) -> str:
     if said := _of_gain('ki', 'I', ratios, trials):
         return said
     factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
-    if all(_is(factor, -1.0) for factor in factors):
-        return 'I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt'
-    if all(_is(factor, 1.0 / TS) for factor in factors):
-        return 'I is an integrator without dt: each error counts for dt = 0.02 s, ki * e * dt'
-    if all(_is(factor, factors[0]) for factor in factors) and (factors[0] or 0.0) > 0.0:
-        return (
-            f'I takes dt as {(factors[0] or 0.0) * TS:g} s: a call comes every {TS:g} s, '
-            'ki * (sum of e * dt)'
+    factor = _common(factors)
+    if factor:
+        sign = (
+            'I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt'
+            if factor < 0.0
+            else ''
         )
+        if _is(abs(factor), 1.0 / TS):
+            step = 'I is an integrator without dt: each error counts for dt = 0.02 s, ki * e * dt'
+        elif _is(abs(factor), 1.0):
+            step = ''
+        else:
+            step = (
+                f'I takes dt as {abs(factor) * TS:g} s: a call comes every {TS:g} s, '
+                'ki * (sum of e * dt)'
+            )
+        return '; and '.join(filter(None, [sign, step]))
     if all(t.ratio([t.sequence.error]) for t in trials):
         return 'I forgets: the errors are not added up, or the sum is lost from call to call'
     if all(t.ratio([np.abs(shape) for shape in t.variants]) for t in trials):
@@ -99,20 +107,26 @@ def derivative_says(trials: list[Trial]) -> str:
     if said := _of_gain('kd', 'D', ratios, trials):
         return said
     factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
-    if all(_is(factor, -1.0) for factor in factors):
-        return (
+    factor = _common(factors)
+    if factor:
+        sign = (
             'D has the wrong sign: it is kd * (e - e_before) / dt, or with the measured speed '
             '-kd * (v - v_before) / dt'
+            if factor < 0.0
+            else ''
         )
-    if all(_is(factor, TS) for factor in factors):
-        return 'D is a derivative without dt: the change of e is divided by dt = 0.02 s'
-    if all(_is(factor, TS * TS) for factor in factors):
-        return 'D is multiplied by dt: the change of e is divided by dt = 0.02 s'
-    if all(_is(factor, factors[0]) for factor in factors) and (factors[0] or 0.0) > 0.0:
-        return (
-            f'D takes dt as {TS / (factors[0] or 1.0):g} s: a call comes every {TS:g} s, '
-            'kd * (e - e_before) / dt'
-        )
+        if _is(abs(factor), TS):
+            step = f'D is a derivative without dt: the change of e is divided by dt = {TS:g} s'
+        elif _is(abs(factor), TS * TS):
+            step = f'D is multiplied by dt: the change of e is divided by dt = {TS:g} s'
+        elif _is(abs(factor), 1.0):
+            step = ''
+        else:
+            step = (
+                f'D takes dt as {TS / abs(factor):g} s: a call comes every {TS:g} s, '
+                'kd * (e - e_before) / dt'
+            )
+        return '; and '.join(filter(None, [sign, step]))
     forgets = all(
         t.ratio([t.sequence.error, t.sequence.error - t.sequence.error[0], t.sequence.measured])
         for t in trials
@@ -136,6 +150,12 @@ def _of_gain(name: str, term: str, ratios: list[float | None], trials: list[Tria
     if all(_is(ratio, gain * gain) for ratio, gain in zip(ratios, gains, strict=True)):
         return f'{name} is in {term} twice'
     return ''
+
+
+def _common(factors: list[float | None]) -> float | None:
+    """Return the factor that all gains share, None where there is none."""
+    first = factors[0]
+    return first if all(_is(factor, first) for factor in factors) else None
 
 
 def _is(value: float | None, expected: float | None) -> bool:

@@ -105,7 +105,13 @@ def _share(trial: Trial) -> float:
     wanted += [
         filtered for variant in wanted if (filtered := _low_passed(outputs, variant)) is not None
     ] if trial.first else []
-    return max(float(np.mean(np.abs(outputs - values) <= TOLERANCE)) for values in wanted)
+    return max(_agreement(outputs, values) for values in wanted)
+
+
+def _agreement(outputs: Floats, wanted: Floats) -> float:
+    """Return the share of right answers where there is one to give, times that of right zeros."""
+    right, asked = np.abs(outputs - wanted) <= TOLERANCE, np.abs(wanted) > TOLERANCE
+    return float(np.mean(right[asked]) * (np.mean(right[~asked]) if not asked.all() else 1.0))
 
 
 def _low_passed(outputs: Floats, raw: Floats) -> Floats | None:

@@ -1,0 +1,88 @@
+"""Judges the model as a whole: along the lab's road, beside the reference, by the same commands."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import degrees, hypot, isfinite, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from barc_sim.bike_model import L_F, L_R, Input, State
+from barc_sim.checking.code import Row
+from barc_sim.checking.evidence import Trajectory
+from barc_sim.checking.finding import Finding
+from barc_sim.errors import UserError
+from barc_sim.plant import Plant
+from barc_sim.rollout import rollout
+
+if TYPE_CHECKING:
+    from barc_sim.checking.code import Code
+    from barc_sim.checking.equations import Floats
+
+#: [m, m, rad, m/s] more than the sign of friction at standstill makes, less than any mistake does
+TOLERANCE = 1e-4
+_FAR = 1e9
+_STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
+
+
+def judge_trajectory(code: Code) -> Finding:
+    """Return how far the model follows the reference's: the share of steps in which it does."""
+    commands = _commands()
+    failure = ''
+
+    def model(*args: float, l_f: float = L_F, l_r: float = L_R, g: float = 0.0) -> list[float]:
+        del l_f, l_r, g  # the lab's: what the function has without being told
+        return list(code.bike_fe([Row(*args)])[0])
+
+    reference = _states(Plant(), commands)
+    own = np.full_like(reference, np.nan)
+    try:
+        _fill(own, Plant(model=model), commands)
+    except UserError as error:
+        failure = str(error)
+    t = np.arange(len(reference)) * Plant().ts
+    error = np.abs(own - reference)
+    within = np.all(error <= TOLERANCE, axis=1)
+    # The first state is given, not computed.
+    score = float(np.mean(within[1:]))
+    if failure:
+        message = failure
+    elif score == 1.0:
+        message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
+    else:
+        message = _away(t, error, int(np.flatnonzero(~within)[0]))
+    return Finding('model.trajectory', score, message, evidence=Trajectory(t, own, reference))
+
+
+@cache
+def _commands() -> tuple[Input, ...]:
+    """Return the commands of the reference's run over the lab's road, and a slalom."""
+    log = rollout()
+    steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
+    return tuple(Input(*command) for command in zip(log.motor.tolist(), steering, strict=True))
+
+
+def _states(plant: Plant, commands: tuple[Input, ...]) -> Floats:
+    states = np.full((len(commands), len(State._fields)), np.nan)
+    _fill(states, plant, commands)
+    return states
+
+
+def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:
+    """Write the state that each command answers, up to where one is out of this world."""
+    for k, command in enumerate(commands):
+        states[k] = plant.state
+        if not np.all(np.abs(states[k]) < _FAR):
+            return
+        plant.advance(command)
+
+
+def _away(t: Floats, error: Floats, first: int) -> str:
+    x, y, psi, v = np.nan_to_num(error[-1], nan=np.inf)
+    if not isfinite(x):
+        return f'leaves the reference after {t[first]:.2f} s, and then this world'
+    return (
+        f'leaves the reference after {t[first]:.2f} s; at the end of the road it is '
+        f'{hypot(x, y):.3g} m, {degrees(psi):.3g}° and {v:.3g} m/s away'
+    )
