@@ -84,9 +84,7 @@ def judge_lab_road(code: Code, gains: Gains) -> Finding:
 def judge_random_roads(code: Code, gains: Gains, seed: int) -> Finding:
     """Return what is found of runs over random roads: the mean of their scores."""
     try:
-        drives = [
-            _drive(code, gains, *random_road(seed, number)) for number in range(RANDOM_ROADS)
-        ]
+        drives = [_drive(code, gains, *random_road(seed, number)) for number in range(RANDOM_ROADS)]
     except UserError as error:
         return Finding('loop.random_roads', 0.0, str(error))
     scores = [_score(drive) for drive in drives]

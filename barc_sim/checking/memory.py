@@ -78,7 +78,10 @@ def _beside_another(code: Code, sequence: Sequence) -> list[float]:
 def _kept(code: Code, sequence: Sequence, *, reset: bool = False) -> str:
     """Return what of a run is still there in the next one."""
     kept = []
-    for name, gains in {'the integral': (0.0, 2.0, 0.0), 'the last error': (0.0, 0.0, 0.01)}.items():
+    for name, gains in {
+        'the integral': (0.0, 2.0, 0.0),
+        'the last error': (0.0, 0.0, 0.01),
+    }.items():
         pid = code.new_pid(*gains)
         first = pid.acc_sequence(sequence.rows)
         if reset:
@@ -106,7 +109,11 @@ def judge_windup(code: Code) -> Finding:
         return Finding('pid.windup', 0.0, str(error))
     known = [count for count in calls if count is not None]
     if len(known) < len(calls):
-        return Finding('pid.windup', 0.0, 'the output does not grow under a lasting error: is there an integral that could wind up?')
+        return Finding(
+            'pid.windup',
+            0.0,
+            'the output does not grow under a lasting error: is there an integral that could wind up?',
+        )
     scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in known]
     score = float(np.mean(scores))
     if min(scores) == 1.0:

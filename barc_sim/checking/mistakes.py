@@ -71,9 +71,7 @@ BETA = (
     ),
     _beta(f'atan is missing in {_BETA}', lambda q: q.l_r / (q.l_f + q.l_r) * np.tan(q.d_f)),
     _beta(f'tan is missing in {_BETA}', lambda q: np.arctan(q.l_r / (q.l_f + q.l_r) * q.d_f)),
-    _beta(
-        f'atan and tan are missing in {_BETA}: small angles only', lambda q: 0.5 * q.d_f
-    ),
+    _beta(f'atan and tan are missing in {_BETA}: small angles only', lambda q: 0.5 * q.d_f),
     _beta(
         f'tan stands where atan belongs in {_BETA}',
         lambda q: np.tan(q.l_r / (q.l_f + q.l_r) * np.tan(q.d_f)),
@@ -130,9 +128,7 @@ COURSE = (
         'the new psi is used for x or y: forward Euler makes all of them from the old psi',
         {'course': lambda q: q.psi_next + q.beta},
     ),
-    Mistake(
-        'd_f stands where beta belongs in psi + beta', {'course': lambda q: q.psi + q.d_f}
-    ),
+    Mistake('d_f stands where beta belongs in psi + beta', {'course': lambda q: q.psi + q.d_f}),
     *_in_degrees('psi'),
 )
 
@@ -197,8 +193,7 @@ SPEED = (
         {'drag': lambda q: -q.a0 * q.v**2, 'friction': lambda q: -q.Ff},
     ),
     Mistake(
-        'drag pushes the car on when it reverses: it acts against the motion, '
-        '-a0 * v**2 * sign(v)',
+        'drag pushes the car on when it reverses: it acts against the motion, -a0 * v**2 * sign(v)',
         {'drag': lambda q: -q.a0 * q.v**2},
     ),
     Mistake(
@@ -272,7 +267,9 @@ SPEED = (
         {'v_next': lambda q: np.maximum(q.v + q.ts * q.v_rate, 0.0)},
     ),
     *(
-        Mistake(f'{name} is {value:g} whatever bikeFE is given: use the argument', _own(name, value))
+        Mistake(
+            f'{name} is {value:g} whatever bikeFE is given: use the argument', _own(name, value)
+        )
         for name, value in {
             'm': _LAB.mass,
             'a0': _LAB.air_drag_coeff,

@@ -22,9 +22,10 @@ Gains = tuple[float, float, float]  #: kp, ki, kd
 _HELD = 0.05  #: [m/s] An error that is no more is none to speak of.
 _LONG_CUT = 0.1  #: [s] An output that is cut for no longer does no harm.
 _NEAR = 0.02  #: share of the reference within which it counts as reached
-_CARRIED = 0.8  #: share of the greatest error that is there from the beginning
+_CARRIED = 0.6  #: share of the greatest error that is there from the beginning
 _SWINGS = 4
 _SWING = 0.3  #: share of the greatest error that a swing reaches
+_ASTRAY = 0.2  #: share of the cut outputs that push the wrong way
 _STEADY = 0.5  #: share of the greatest error that is still there at the end: it does not go away
 
 
@@ -96,31 +97,43 @@ class _Part:
     def __init__(self, log: Log, part: slice, theta_before: float, gains: Gains) -> None:
         self.error = log.speed_error[part]
         self.peak = float(np.max(np.abs(self.error)))
-        self.cut = log.motor[part][log.saturated[part]]  # [m/s²] the outputs that were cut
+        cut = log.saturated[part]
+        self.cut = log.motor[part][cut]  # [m/s²] the outputs that were cut
+        self.astray = int(np.count_nonzero(self.cut * self.error[cut] < 0.0))
         needed = GRAVITY * sin(radians(float(log.theta_deg[part.start])))
         self.change = needed - GRAVITY * sin(radians(theta_before))
         self.kp, self.ki, self.kd = gains
 
     def why(self) -> str:
-        carried = abs(float(self.error[0]))
+        needs = (
+            f'needs {abs(self.change):.1f} m/s² {"more" if self.change > 0.0 else "less"} at once'
+        )
         if self.peak <= _HELD:
-            return f'{self.change:+.1f} m/s² from one step to the next, held within {_HELD:g} m/s'
-        if carried >= _CARRIED * self.peak:
+            return f'{needs}: held within {_HELD:g} m/s'
+        if np.count_nonzero(np.diff(np.sign(self.cut))) >= _SWINGS:
             return (
-                f'begins {carried:.2f} m/s off, from the stretch before: gone after '
-                f'{self._settled():.1f} s'
+                f'the output jumps between its limits of {ACCELERATION_LIMIT:g} m/s²: ki or kd is '
+                'large for this kp'
             )
-        return f'{self.change:+.1f} m/s² from one step to the next: {self._cause()}'
+        carried = abs(float(self.error[0]))
+        if carried >= _CARRIED * self.peak:
+            time, end = self._settled(), len(self.error) * TS
+            gone = f'gone after {time:.1f} s' if time < end else 'not gone by the end of this one'
+            return f'begins {carried:.2f} m/s off, from the stretch before: {gone}'
+        return f'{needs}: {self._cause()}'
 
     def _cause(self) -> str:
-        cut = len(self.cut) * TS
-        if cut > _LONG_CUT:
-            return self._limited(f'the output was cut at {ACCELERATION_LIMIT:g} m/s² for {cut:.1f} s')
+        if (cut := len(self.cut) * TS) > _LONG_CUT:
+            return (
+                f'the output was cut at {ACCELERATION_LIMIT:g} m/s² for {cut:.1f} s, {self._cut()}'
+            )
         if (swings := self._swings()) >= _SWINGS:
             return f'the speed swings {swings} times: ki or kd is large for this kp'
         if self.kp <= 0.0:
             return 'with kp = 0 the integral alone is slow, and swings: use kp'
-        alone = f'kp = {self.kp:g} alone makes that of an error of {abs(self.change) / self.kp:.2f} m/s'
+        alone = (
+            f'kp = {self.kp:g} alone gives that at an error of {abs(self.change) / self.kp:.2f} m/s'
+        )
         rest = float(np.mean(self.error[-max(len(self.error) // 5, 1) :]))
         if abs(rest) > _STEADY * self.peak:
             return f'{alone}, {self._left(rest)}'
@@ -132,12 +145,12 @@ class _Part:
             'the error smaller, more ki shorter'
         )
 
-    def _limited(self, cut: str) -> str:
-        if np.count_nonzero(np.diff(np.sign(self.cut))) >= _SWINGS:
-            return f'{cut}, to and fro: ki or kd is large for this kp'
+    def _cut(self) -> str:
+        if self.astray > _ASTRAY * len(self.cut):
+            return f'{self.astray * TS:.1f} s of it against the error: the integral has wound up'
         if self.kp <= 0.0:
-            return f'{cut}: with kp = 0 the integral swings, use kp'
-        return f'{cut}: there the motor can do no more'
+            return 'with kp = 0 the integral alone swings: use kp'
+        return 'more than that the motor can not do'
 
     def _left(self, rest: float) -> str:
         if self.ki <= 0.0:

@@ -57,8 +57,15 @@ def _integral(sequence: Sequence) -> list[Floats]:
     e, area = sequence.error, np.cumsum(sequence.error) * TS
     before = np.concatenate([[0.0], area[:-1]])
     mean = 0.5 * (before + area)
-    return [area, before, area - area[0], before - np.minimum(np.arange(e.size), 1) * area[0],
-            mean, mean - 0.5 * area[0], mean + 0.5 * area[0]]
+    return [
+        area,
+        before,
+        area - area[0],
+        before - np.minimum(np.arange(e.size), 1) * area[0],
+        mean,
+        mean - 0.5 * area[0],
+        mean + 0.5 * area[0],
+    ]
 
 
 def _derivative(sequence: Sequence) -> list[Floats]:
@@ -95,16 +102,20 @@ def judge_term(code: Code, term: Term, seed: int) -> Finding:
 
 def _right(term: Term, trials: list[Trial]) -> str:
     count = sum(trial.outputs.size for trial in trials)
-    return f'right in all {count} answers, for gains of {" and ".join(f"{g:g}" for g in term.gains)}'
+    return (
+        f'right in all {count} answers, for gains of {" and ".join(f"{g:g}" for g in term.gains)}'
+    )
 
 
 def _share(trial: Trial) -> float:
     """Return the share of right answers, by the variant that fits best."""
     outputs = trial.outputs[trial.first :]
     wanted = [trial.gain * variant[trial.first :] for variant in trial.variants]
-    wanted += [
-        filtered for variant in wanted if (filtered := _low_passed(outputs, variant)) is not None
-    ] if trial.first else []
+    wanted += (
+        [filtered for variant in wanted if (filtered := _low_passed(outputs, variant)) is not None]
+        if trial.first
+        else []
+    )
     return max(_agreement(outputs, values) for values in wanted)
 
 
