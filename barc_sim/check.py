@@ -61,16 +61,18 @@ def check(options: Namespace) -> int:
     if options.save is not None and options.no_plot:
         raise UserError('--save and --no-plot contradict each other: give one of them')
     given = (options.kp, options.ki, options.kd)
-    gains = tuple(
+    kp, ki, kd = (
         default if gain is None else gain for gain, default in zip(given, GAINS, strict=True)
     )
+    gains = (kp, ki, kd)
     if not all(map(isfinite, gains)):
         raise UserError(f'the gains kp, ki, kd are {gains}: expected finite numbers')
     path = None if options.no_plot else _path(options)
     report = judge_folder(options.folder, options.seed, gains)
     tell(report)
     if path:
-        _draw(report, path, options.folder.resolve().name)
+        settings = f'kp {kp:g} · ki {ki:g} · kd {kd:g} · seed {options.seed}'
+        _draw(report, path, f'{options.folder.resolve().name}, beside the reference', settings)
     judged = [finding for finding in report.findings if not finding.skipped]
     return 0 if all(finding.passed for finding in judged) else NOT_PASSED
 
@@ -81,7 +83,7 @@ def _path(options: Namespace) -> Path:
     return output.target(options.save or str(options.folder / 'check.png'), FORMATS)
 
 
-def _draw(report: Report, path: Path, name: str) -> None:
+def _draw(report: Report, path: Path, title: str, settings: str) -> None:
     """Save the figure, where there is anything to draw."""
     from barc_sim.checking.evidence import Comparison, Trajectory  # noqa: PLC0415
     from barc_sim.drawing import check_figure, output  # noqa: PLC0415
@@ -91,7 +93,7 @@ def _draw(report: Report, path: Path, name: str) -> None:
     trajectory = next((item for item in evidence if isinstance(item, Trajectory)), None)
     if comparison is None and trajectory is None:
         return
-    figure = check_figure.check_figure(comparison, trajectory, title=name)
+    figure = check_figure.check_figure(comparison, trajectory, title=title, settings=settings)
     with output.replacing(path) as part:
         figure.savefig(part, dpi=DPI)
     print(path)  # noqa: T201

@@ -1,4 +1,4 @@
-"""The model's equations in pieces, over many states at once, each piece exchangeable for a wrong one.
+"""The model's equations in pieces, over many states at once, each exchangeable for a wrong one.
 
 The scores come from `bike_model.bikeFE`; this is for naming causes. A test holds both together.
 """

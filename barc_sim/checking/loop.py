@@ -10,10 +10,10 @@ import numpy as np
 from barc_sim.checking.evidence import Comparison
 from barc_sim.checking.finding import Finding
 from barc_sim.checking.roads import random_road
-from barc_sim.checking.stretches import Gains, worst, why
+from barc_sim.checking.stretches import Gains, why, worst
 from barc_sim.errors import UserError
 from barc_sim.metrics import summary
-from barc_sim.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE, speed_controller
+from barc_sim.pid import ACCELERATION_LIMIT, PID, speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
 from barc_sim.rollout import rollout
@@ -134,6 +134,3 @@ def _said(drive: Drive) -> str:
         f'RMS error {result.rms_error_after_run_up:.3f} m/s after the first 10 m, at most '
         f'{result.max_error_after_run_up:.3f} m/s ({GOOD:g} m/s RMS is full marks)'
     )
-
-
-__all__ = ['BAD', 'GOOD', 'SPEED_REFERENCE', 'judge_lab_road', 'judge_random_roads']

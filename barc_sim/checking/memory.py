@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from barc_sim.checking.code import Code
 
 _GAINS = (1.0, 2.0, 0.01)
+_ALONE = {'the integral': (0.0, 2.0, 0.0), 'the last error': (0.0, 0.0, 0.01)}
 _WINDUP_GAINS = (1.0, 2.0, 0.0)
 _PUSHED, _PULLED = 5.0, -0.5  #: [m/s] errors, into the limit and out of it
 _PUSHES, _PULLS = 300, 600  #: calls
@@ -112,7 +113,7 @@ def judge_windup(code: Code) -> Finding:
         return Finding(
             'pid.windup',
             0.0,
-            'the output does not grow under a lasting error: is there an integral that could wind up?',
+            'the output does not grow under a lasting error: is there an integral to wind up?',
         )
     scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in known]
     score = float(np.mean(scores))

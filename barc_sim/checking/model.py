@@ -143,7 +143,8 @@ def _changing(code: Code, answered: Sequence[_Answered]) -> str:
 
 def _score(answered: Sequence[_Answered], name: str) -> float:
     column = NAMES.index(name)
-    concerned, other = [], []
+    concerned: list[float] = []
+    other: list[float] = []
     for part in answered:
         share = float(np.mean(part.right(column)))
         (concerned if name in part.situation.concerns.split() else other).append(share)

@@ -9,7 +9,7 @@ import numpy as np
 from barc_sim.checking.situations import TS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from barc_sim.checking.equations import Floats
     from barc_sim.checking.sequences import Sequence
@@ -46,7 +46,7 @@ def proportional_says(trials: list[Trial]) -> str:
         return said
     if all(_is(r, t.gain * TS) for r, t in zip(ratios, trials, strict=True)):
         return 'P is multiplied by dt: it is kp * e'
-    others = {
+    others: dict[str, Callable[[Trial], Floats]] = {
         'the outputs are added up from call to call: the output is P + I + D of this call alone': (
             lambda t: np.cumsum(t.sequence.error)
         ),
@@ -62,7 +62,7 @@ def proportional_says(trials: list[Trial]) -> str:
         ),
     }
     for says, shape in others.items():
-        if all(t.ratio([shape(t)]) for t in trials):
+        if all(trial.ratio([shape(trial)]) for trial in trials):
             return says
     return _example('P', 'kp * e', trials[0])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 from rich.console import Console
@@ -37,8 +38,6 @@ def tell(report: Report, console: Console | None = None) -> None:
 
 def _once(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings with a cause named where it is found first."""
-    from dataclasses import replace  # noqa: PLC0415
-
     first: dict[str, str] = {}
     told = []
     for finding in findings:
@@ -96,13 +95,13 @@ def _cells(stretch: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _tell_prints(prints: Prints, console: Console) -> None:
-    if not prints.lines:
+    if not prints.text:
         return
     _plain(console, 'your code printed:')
-    for line in prints.lines:
+    for line in prints.text.splitlines():
         _plain(console, f'  {line}')
     if prints.dropped:
-        _plain(console, f'  … and {prints.dropped:,} prints more')
+        _plain(console, f'  … (about {prints.dropped:,} lines more)')
 
 
 def _plain(console: Console, text: str) -> None:

@@ -41,9 +41,9 @@ def judge_trajectory(code: Code) -> Finding:
         _fill(own, Plant(model=model), commands)
     except UserError as error:
         failure = str(error)
-    t = np.arange(len(reference)) * Plant().ts
-    error = np.abs(own - reference)
-    within = np.all(error <= TOLERANCE, axis=1)
+    t: Floats = np.arange(len(reference), dtype=np.float64) * Plant().ts
+    off: Floats = np.abs(own - reference)
+    within = np.all(off <= TOLERANCE, axis=1)
     # The first state is given, not computed.
     score = float(np.mean(within[1:]))
     if failure:
@@ -51,7 +51,7 @@ def judge_trajectory(code: Code) -> Finding:
     elif score == 1.0:
         message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
     else:
-        message = _away(t, error, int(np.flatnonzero(~within)[0]))
+        message = _away(t, off, int(np.flatnonzero(~within)[0]))
     return Finding('model.trajectory', score, message, evidence=Trajectory(t, own, reference))
 
 
@@ -78,8 +78,8 @@ def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:
         plant.advance(command)
 
 
-def _away(t: Floats, error: Floats, first: int) -> str:
-    x, y, psi, v = np.nan_to_num(error[-1], nan=np.inf)
+def _away(t: Floats, off: Floats, first: int) -> str:
+    x, y, psi, v = np.nan_to_num(off[-1], nan=np.inf)
     if not isfinite(x):
         return f'leaves the reference after {t[first]:.2f} s, and then this world'
     return (

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import multiprocessing
 import time
-from dataclasses import dataclass, field
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -24,23 +26,33 @@ if TYPE_CHECKING:
 CALL_BUDGET = 0.5
 #: [s] Where that does not end it (a sleep, a loop in C), the process is.
 DEADLINE = 45.0
-_LINES, _CHARACTERS = 5, 1000  #: of what is printed, kept
+_CHARACTERS = 400  #: of what is printed, kept
 
 
-@dataclass
+@dataclass(frozen=True)
 class Prints:
     """The beginning of what the student's code prints."""
 
-    lines: list[str] = field(default_factory=list)
-    dropped: int = 0  #: prints beyond those
+    text: str = ''
+    dropped: int = 0  #: lines beyond that
 
-    def add(self, text: str) -> None:
-        """Take one print."""
-        room = _CHARACTERS - sum(map(len, self.lines))
-        if len(self.lines) < _LINES and room > 0:
-            self.lines.append(text.rstrip('\n')[:room])
-        elif text.strip():
-            self.dropped += 1
+
+class _Printer(io.TextIOBase):
+    """Takes what is printed, however much it is."""
+
+    def __init__(self) -> None:
+        self._text = ''
+        self._dropped = 0
+
+    def write(self, text: str, /) -> int:
+        """Keep what there is room for, and count the lines that are not."""
+        room = max(_CHARACTERS - len(self._text), 0)
+        self._text += text[:room]
+        self._dropped += text[room:].count('\n')
+        return len(text)
+
+    def prints(self) -> Prints:
+        return Prints(self._text, self._dropped)
 
 
 @dataclass(frozen=True)
@@ -75,21 +87,11 @@ def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEA
     end = time.monotonic() + deadline
     found: list[Finding] = []
     prints = Prints()
-    lost = 'the code has not come back'
+    lost = f'no answer within {deadline:g} s: is there a loop that does not end, or a sleep?'
     try:
-        while True:
-            if not ours.poll(max(end - time.monotonic(), 0.0)):
-                lost = (
-                    f'no answer within {deadline:g} s: is there a loop that does not end, or a '
-                    'sleep?'
-                )
-                break
-            message = ours.recv()
-            if isinstance(message, Finding):
-                found.append(message)
-            else:
-                prints = message
-                break
+        while len(found) < len(CRITERIA) and ours.poll(max(end - time.monotonic(), 0.0)):
+            finding, prints = ours.recv()
+            found.append(finding)
     except EOFError:
         process.join()
         lost = f'the code ended the whole process, with exit code {process.exitcode}'
@@ -115,26 +117,23 @@ def _check_there(folder: Path) -> None:
 
 
 def _work(connection: Connection, folder: Path, seed: int, gains: Gains) -> None:
-    prints = Prints()
-    code = LocalCode(
-        _Parts(
-            model=_load(folder, 'model', prints.add),
-            controller=_load(folder, 'controller', prints.add),
+    printer = _Printer()
+    with redirect_stdout(printer), redirect_stderr(printer):
+        code = LocalCode(
+            _Parts(model=_load(folder, 'model'), controller=_load(folder, 'controller'))
         )
-    )
-    for finding in findings(code, seed, gains):
-        connection.send(finding)
-    connection.send(prints)
+        for finding in findings(code, seed, gains):
+            connection.send((finding, printer.prints()))
 
 
-def _load(folder: Path, part: str, output: Callable[[str], None]) -> Callable[..., Any] | None:
+def _load(folder: Path, part: str) -> Callable[..., Any] | None:
     """Return a part of the folder; one that can't be loaded says so at each call."""
     from barc_sim.student.code import FILES, load_lab  # noqa: PLC0415 (as above)
 
     if not (folder / FILES[part]).exists():
         return None
     try:
-        lab = load_lab(folder, [part], budget=CALL_BUDGET, output=output)
+        lab = load_lab(folder, [part], budget=CALL_BUDGET)
     except UserError as error:
         return partial(_raise, error)
     loaded: Callable[..., Any] | None = getattr(lab, part)

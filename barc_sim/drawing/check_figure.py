@@ -12,25 +12,40 @@ from matplotlib.ticker import MaxNLocator
 from barc_sim.drawing.look import BLUE, DASHES, EARTH, GREEN, INK, LOOK, MUTED, VERMILLION, limits
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
     from barc_sim.checking.evidence import Comparison, Trajectory
 
 WIDTH = 9.6  #: [inch]
 _RUN, _MODEL = 5.2, 2.6  #: [inch] heights of the two parts
+_THRESHOLD = 1e-4  #: Below, the errors' axis is linear.
 _MOST_SPEED = 40.0  #: [m/s] either way: what is beyond says no more
 
 
 @style.context(LOOK)
 def check_figure(
-    comparison: Comparison | None, trajectory: Trajectory | None, *, title: str = ''
+    comparison: Comparison | None,
+    trajectory: Trajectory | None,
+    *,
+    title: str = '',
+    settings: str = '',
 ) -> Figure:
     """Draw what there is: the closed loop over the road, and the model's error over time.
+
+    Parameters
+    ----------
+    comparison, trajectory
+        What there is of them.
+    title, settings
+        The heading's two lines.
 
     Raises
     ------
     ValueError
-        where there is neither.
+        where there is nothing to draw.
     """
     heights = [4.0, 1.2, 2.0] if comparison else []
     heights += [2.2] if trajectory else []
@@ -45,6 +60,9 @@ def check_figure(
     if trajectory:
         _draw_model(axes[-1], trajectory)
     axes[0].set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
+    axes[0].annotate(
+        settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED
+    )
     figure.align_ylabels()
     return figure
 
@@ -85,21 +103,21 @@ def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -
 def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
     error = trajectory.own - trajectory.reference
     for values, color, line, label in (
-        (np.hypot(error[:, 0], error[:, 1]), BLUE, '-', 'your model: position [m]'),
+        (np.hypot(error[:, 0], error[:, 1]), BLUE, '-', 'position [m]'),
         (np.abs(np.degrees(error[:, 2])), VERMILLION, (0, (1.5, 1.5)), 'heading [°]'),
         (np.abs(error[:, 3]), GREEN, DASHES, 'speed [m/s]'),
     ):
         axes.plot(trajectory.t, values, color=color, ls=line, lw=1.6, label=label)
-    axes.set_yscale('symlog', linthresh=1e-4, linscale=0.5)
+    axes.set_yscale('symlog', linthresh=_THRESHOLD, linscale=1.0)
     top = float(np.nanmax(np.abs(error), initial=1e-2))
-    axes.set_ylim(0.0, max(2.0 * top, 0.1))
+    axes.set_ylim(-_THRESHOLD / 5.0, max(2.0 * top, 0.1))
     axes.set_xlim(0.0, float(trajectory.t[-1]))
-    axes.set_ylabel('Off by')
+    axes.set_ylabel('Your model off by')
     axes.set_xlabel('Time [s], under the same commands')
     _legend(axes, *axes.get_legend_handles_labels())
 
 
-def _legend(axes: Axes, handles: list[object], labels: list[str]) -> None:
+def _legend(axes: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
     """Put a legend above the axes, on the right."""
     axes.legend(
         handles, labels, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
