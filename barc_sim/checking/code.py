@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.bike_model import L_F, L_R
+from barc_sim.errors import UserError
 from barc_sim.pid import ACCELERATION_LIMIT
 
 if TYPE_CHECKING:
@@ -126,5 +127,10 @@ class _LocalController:
     def reset(self) -> bool:
         if self._reset is None:
             return False
-        self._reset()
+        try:
+            self._reset()
+        except Exception as error:
+            raise UserError(
+                f'reset() raised {type(error).__name__}: {error}; expected PID to forget its past'
+            ) from error
         return True

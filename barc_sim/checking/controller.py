@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from barc_sim.checking.memory import judge_reset, judge_windup
+from barc_sim.checking.memory import judge_reset
 from barc_sim.checking.terms import TERMS, judge_term
+from barc_sim.checking.windup import judge_windup
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

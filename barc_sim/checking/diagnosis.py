@@ -53,13 +53,13 @@ class _Search:
     def causes(self, wrong: Sequence[str]) -> dict[str, str]:
         found = {name: text for name in wrong if (text := self._order(name))}
         left = [name for name in wrong if name not in found]
-        explained = [
-            (mistake.says, {name for name in left if self._explains(mistake, name)})
-            for mistake in MISTAKES
-        ]
-        # What explains the most equations is what happened.
-        for says, names in sorted(explained, key=lambda item: -len(item[1])):
-            for name in names:
+        # What accounts for the most equations, the right ones too, is what happened.
+        accounts = sorted(
+            ((mistake.says, self._accounts_for(mistake)) for mistake in MISTAKES),
+            key=lambda account: -len(account[1]),
+        )
+        for says, names in accounts:
+            for name in names.intersection(left):
                 found.setdefault(name, says)
         for name in left:
             if name not in found and (pair := self._pair(name)):
@@ -79,8 +79,10 @@ class _Search:
     def _is(self, name: str, values: Floats) -> bool:
         return bool(close(self._answers[name], values).all())
 
-    def _explains(self, mistake: Mistake, name: str) -> bool:
-        return self._is(name, Quantities(self._given, mistake.changes)[f'{name}_next'])
+    def _accounts_for(self, mistake: Mistake) -> set[str]:
+        """Return the equations whose answers are what they would be with this mistake."""
+        made = Quantities(self._given, mistake.changes)
+        return {name for name in NAMES if self._is(name, made[f'{name}_next'])}
 
     def _pair(self, name: str) -> tuple[Mistake, Mistake] | None:
         right = self._right[f'{name}_next']
@@ -91,7 +93,7 @@ class _Search:
         ]
         for first, second in combinations(telling, 2):
             if first.changes.keys().isdisjoint(second.changes):
-                both = Mistake('', {**first.changes, **second.changes})
-                if self._explains(both, name):
+                both = {**first.changes, **second.changes}
+                if self._is(name, Quantities(self._given, both)[f'{name}_next']):
                     return first, second
         return None

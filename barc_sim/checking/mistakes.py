@@ -150,7 +150,8 @@ TURN = (
         {'psi_rate': lambda q: q.v_turn * q.l_r * np.sin(q.beta)},
     ),
     Mistake(
-        'tan stands where sin belongs in v / l_r * sin(beta)',
+        'psi is that of the rear axle, v / (l_f + l_r) * tan(d_f), or tan stands where sin belongs '
+        'in v / l_r * sin(beta)',
         {'psi_rate': lambda q: q.v_turn / q.l_r * np.tan(q.beta)},
     ),
     Mistake(
@@ -164,11 +165,6 @@ TURN = (
     Mistake(
         'd_f stands where beta belongs in v / l_r * sin(beta)',
         {'psi_rate': lambda q: q.v_turn / q.l_r * np.sin(q.d_f)},
-    ),
-    Mistake(
-        'psi is that of a car described by its rear axle: here psi_next = psi + ts * v / l_r * '
-        'sin(beta)',
-        {'psi_rate': lambda q: q.v_turn / (q.l_f + q.l_r) * np.tan(q.d_f)},
     ),
     Mistake(
         'psi has no speed in it: psi_next = psi + ts * v / l_r * sin(beta)',
@@ -291,6 +287,7 @@ def _of_integration(name: str) -> list[Mistake]:
             f'{name} stays as it was: is {name}_next computed, and returned?',
             {f'{name}_next': lambda q: q[name]},
         ),
+        Mistake(f'{name}_next is always 0: is it computed, and returned?', _zero(f'{name}_next')),
         Mistake(f'ts is missing in {name}_next', {ts: lambda q: np.ones_like(q.v)}),
         Mistake(f'ts is in {name}_next twice', {ts: lambda q: q.ts**2}),
         Mistake(f'ts is 0.02 in {name}_next whatever bikeFE is given', _own(ts, 0.02)),
@@ -312,9 +309,9 @@ def _of_integration(name: str) -> list[Mistake]:
 
 #: All that is thought of.
 MISTAKES: tuple[Mistake, ...] = (
+    *(mistake for name in NAMES for mistake in _of_integration(name)),
     *BETA,
     *COURSE,
     *TURN,
     *SPEED,
-    *(mistake for name in NAMES for mistake in _of_integration(name)),
 )

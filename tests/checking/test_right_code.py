@@ -76,7 +76,10 @@ CONTROLLERS = {
         'if self.ki:\n            self.area = max(-8 / self.ki, min(8 / self.ki, area))',
     ),
     'own limits': ('return max(-8.0, min(8.0, out))', 'return max(-8.5, min(8.5, out))'),
-    'an array': ('return max(-8.0, min(8.0, out))', 'import numpy\n        return numpy.array([max(-8.0, min(8.0, out))])'),
+    'an array': (
+        'return max(-8.0, min(8.0, out))',
+        'import numpy\n        return numpy.array([max(-8.0, min(8.0, out))])',
+    ),
 }
 
 
@@ -120,7 +123,9 @@ def test_a_derivative_of_the_measurement_gets_full_marks(lab: Lab) -> None:
 
 
 def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
-    text = controller.replace('        self.before = None', '        self.before = None; self.d = 0.0')
+    text = controller.replace(
+        '        self.before = None', '        self.before = None; self.d = 0.0'
+    )
     text = text.replace(
         '        area =', '        change = self.d = 0.6 * self.d + 0.4 * change\n        area ='
     )

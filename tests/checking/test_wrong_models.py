@@ -25,7 +25,12 @@ WRONG = {
     'theta in degrees': ('sin(theta)', 'sin(degrees(theta))', 'v', 'theta is in degrees'),
     'd_f from degrees': ('tan(d_f)', 'tan(radians(d_f))', 'x y psi', 'd_f arrives in radians'),
     'psi from degrees': ('cos(psi', 'cos(radians(psi)', 'x', 'psi arrives in radians'),
-    'l_f for l_r in psi': ('/ l_r * sin', '/ l_f * sin', 'psi', 'l_f stands where l_r belongs in v'),
+    'l_f for l_r in psi': (
+        '/ l_r * sin',
+        '/ l_f * sin',
+        'psi',
+        'l_f stands where l_r belongs in v',
+    ),
     'l_f for l_r in beta': (
         'l_r / (l_f + l_r)',
         'l_f / (l_f + l_r)',
@@ -147,7 +152,7 @@ def test_answers_that_change_are_named(lab: Lab, model: str, state: str) -> None
         ('    return [x, y, psi]', 'four finite numbers'),
         ('    return [x, y, psi, float("nan")]', 'four finite numbers'),
         ('    return "x"', 'four finite numbers'),
-        ('    return [x, y, psi, v]', 'stays as it was'),
+        ('    return [x, y, psi, v]', 'stays as it was: is '),
         ('    return [0.0, 0.0, 0.0, 0.0]', 'largest error'),
     ],
 )
