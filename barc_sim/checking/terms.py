@@ -77,7 +77,7 @@ def _derivative(sequence: Sequence) -> list[Floats]:
 
 TERMS = (
     Term('pid.proportional', 0, (0.5, 30.0), 1.0, _proportional, proportional_says),
-    Term('pid.integral', 1, (0.5, 200.0), 0.2, _integral, integral_says),
+    Term('pid.integral', 1, (0.5, 200.0), 0.6, _integral, integral_says),
     Term('pid.derivative', 2, (0.1, 3.0), 2.0 / TS, _derivative, derivative_says, first=1),
 )
 

@@ -28,7 +28,7 @@ WRONG = {
     'own kp': (
         'self.kp * e',
         '2.0 * e',
-        'proportional integral derivative windup',
+        'proportional integral derivative',
         'kp has no effect',
     ),
     'kp squared': ('self.kp * e', 'self.kp**2 * e', 'proportional', 'kp is in P twice'),
@@ -108,15 +108,19 @@ def test_random_answers_are_named(lab: Lab, controller: str) -> None:
         assert 'the same speeds give different outputs' in findings[name].message
 
 
-@pytest.mark.parametrize(
-    'kept',
-    [
-        'area = 0.0\nbefore = None\n\n\nclass Kept:\n    pass\n\n\nkept = Kept()\nkept.area = 0.0\n'
-        'kept.before = None\n',
-        'class kept:\n    area = 0.0\n    before = None\n',
-    ],
-    ids=['module', 'class'],
-)
+IN_MODULE = """\
+from types import SimpleNamespace
+
+kept = SimpleNamespace(area=0.0, before=None)
+"""
+IN_CLASS = """\
+class kept:
+    area = 0.0
+    before = None
+"""
+
+
+@pytest.mark.parametrize('kept', [IN_MODULE, IN_CLASS], ids=['module', 'class'])
 def test_state_kept_across_runs_is_named(lab: Lab, controller: str, kept: str) -> None:
     text = controller
     for name in ('area', 'before'):
