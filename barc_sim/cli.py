@@ -12,6 +12,8 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+#: What the set-up brings, by package.
+_ROS = {'rclpy': 'ROS 2 (rclpy)', 'barc_interfaces': 'barc_interfaces'}
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
@@ -27,8 +29,8 @@ class Parser(argparse.ArgumentParser):
 def call(prog: str, main: Callable[[], int | None]) -> int:
     """Run `main` and return the command's exit code.
 
-    A UserError becomes one line on stderr and code 2, Ctrl-C code 130, and a reader that went
-    away (`| head`) ends the command silently.
+    A UserError becomes one line on stderr and code 2, so does a Python without ROS; Ctrl-C becomes
+    code 130, and a reader that went away (`| head`) ends the command silently.
     """
     try:
         try:
@@ -39,6 +41,16 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
                 sys.stdout.flush()
     except UserError as error:
         _report(prog, str(error))
+        return USAGE_ERROR
+    except ModuleNotFoundError as error:
+        package = (error.name or '').partition('.')[0]
+        if package not in _ROS:
+            raise
+        _report(
+            prog,
+            f'{_ROS[package]} is not installed in this Python: start with ./scripts/run or '
+            './scripts/shell, which set it up, or source a ROS 2 Jazzy workspace',
+        )
         return USAGE_ERROR
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
-from barc_sim.errors import UserError
 from barc_sim.page.options import add_view_options
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.recorder import options as recorder_options
@@ -22,8 +21,6 @@ _EPILOG = (
     'What follows --ros-args goes to ROS, for example '
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
-#: What the set-up brings, by package.
-_ROS = {'rclpy': 'ROS 2 (rclpy)', 'barc_interfaces': 'barc_interfaces'}
 _MAX_SPEED = 100.0
 _MAX_GAIN = 1e6
 _MAX_DISTANCE = 1e6
@@ -51,17 +48,7 @@ def _main(argv: list[str]) -> int:
     cut = argv.index('--ros-args') if '--ros-args' in argv else len(argv)
     options = _parser().parse_args(argv[:cut])
     with StopSignals() as stop:
-        try:
-            run = _run(options.mode)
-        except ModuleNotFoundError as error:
-            package = (error.name or '').partition('.')[0]
-            if package not in _ROS:
-                raise
-            raise UserError(
-                f'{_ROS[package]} is not installed in this Python: start with ./scripts/run, which '
-                'sets it up, or source a ROS 2 Jazzy workspace'
-            ) from None
-        return run(options, argv, argv[cut:], stop)
+        return _run(options.mode)(options, argv, argv[cut:], stop)
 
 
 def _run(mode: str) -> Callable[..., int]:
