@@ -81,7 +81,8 @@ def _chosen(look: Look, options: Namespace) -> dict[str, list[str]]:
 
 
 def _counts(look: Look, topic: str) -> tuple[int, int]:
-    return look.node.count_publishers(topic), look.node.count_subscribers(topic)
+    publishers, subscribers = look.ends(topic)
+    return len(publishers), len(subscribers)
 
 
 def _rates(look: Look, names: dict[str, list[str]], seconds: float) -> dict[str, str]:
@@ -93,7 +94,10 @@ def _rates(look: Look, names: dict[str, list[str]], seconds: float) -> dict[str,
     for name, types in names.items():
         try:
             heard[name] = Messages(
-                look.node, name, message_class(types[0]), quality(look.node, name)
+                look.node,
+                name,
+                message_class(types[0]),
+                quality(look.node, name, durability='volatile'),  # what comes from now on
             )
         except UserError as error:
             rates[name] = str(error)
@@ -107,20 +111,16 @@ def _rates(look: Look, names: dict[str, list[str]], seconds: float) -> dict[str,
 def _lines(
     look: Look, name: str, types: list[str], options: Namespace, rate: str | None
 ) -> Iterator[str]:
-    publishers, subscribers = _counts(look, name)
+    publishers, subscribers = look.ends(name)
     kinds = ', '.join(types)
     yield (
-        f'{name} [{kinds}] {_plural(publishers, "publisher")}, '
-        f'{_plural(subscribers, "subscriber")}'
+        f'{name} [{kinds}] {_plural(len(publishers), "publisher")}, '
+        f'{_plural(len(subscribers), "subscriber")}'
     )
     if rate:
         yield f'  {rate}'
     if options.verbose:
-        ends = (
-            *look.node.get_publishers_info_by_topic(name),
-            *look.node.get_subscriptions_info_by_topic(name),
-        )
-        for end in ends:
+        for end in (*publishers, *subscribers):
             yield ''
             yield from (f'  {line}' for line in str(end).splitlines())
         yield ''

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rclpy.task import Future
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 #: [s] for which something that is not there is waited for.
 PATIENCE = 3.0
@@ -109,6 +110,16 @@ class Look:
             raise UserError(f'there is no topic {full}{self._instead(full, self.topics())}')
         return str(full)
 
+    def ends(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
+        """Return the publishers and the subscriptions of a topic, but those of this node."""
+        here = self.node.get_name()
+        publishers = self.node.get_publishers_info_by_topic(topic)
+        subscriptions = self.node.get_subscriptions_info_by_topic(topic)
+        return (
+            [end for end in publishers if end.node_name != here],
+            [end for end in subscriptions if end.node_name != here],
+        )
+
     def nodes(self, *, hidden: bool = False) -> list[str]:
         """Return the full names of the nodes that there are now, but this one, in order."""
         here = self.node.get_name()
@@ -167,5 +178,6 @@ class Look:
 
 
 def _first_words(error: Exception) -> str:
-    """Return what is wrong, without where rcl's source says so."""
-    return str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
+    """Return what is wrong with a name, without where rcl's source says so."""
+    reason = str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
+    return reason.removeprefix('Invalid topic name: ').replace('topic name', 'a name')
