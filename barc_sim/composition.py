@@ -17,6 +17,7 @@ from barc_sim.bags.directory import check_root
 from barc_sim.description import describe
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
+from barc_sim.mirroring import mirrors
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.page.options import open_page, wanted
 from barc_sim.process import NUM_THREADS, ros
@@ -94,6 +95,8 @@ class Run(ABC):
         self._view: ViewNode | None = None
         try:
             self.simulator = self.compose(options)
+            for node in mirrors(options, self.simulator, self.recorder):
+                self.add(node)
             if wanted(options):
                 self._view = self.add(self._serve(options))
         except BaseException:

@@ -57,6 +57,7 @@ class CruiseControl(Run):
                     seed=options.seed,
                     integrator=options.integrator,
                     dynamics=options.dynamics,
+                    clock=options.clock,
                 ),
             )
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
+from barc_sim.mirrors.options import add_mirror_options
 from barc_sim.page.options import add_view_options
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.recorder import options as recorder_options
@@ -146,6 +147,14 @@ def _add_common(mode: Parser) -> None:
     mode.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )
+    mode.add_argument(
+        '--clock',
+        action='store_true',
+        default=None,
+        help='publish the simulated time on /clock also where the real-time factor is 1, for nodes '
+        'that use_sim_time',
+    )
+    add_mirror_options(mode)
     recorder_options.add_arguments(mode)
 
 

@@ -44,6 +44,11 @@ PARAMETERS = [
         'simulated seconds per second; 0: each step as soon as its command has arrived',
         (0.0, 1000.0),
     ),
+    Parameter(
+        'clock',
+        default=False,
+        description='whether /clock tells the simulated time where realtime_factor is 1, too',
+    ),
     Parameter('wait_for_controller', True, 'whether time begins only when somebody publishes ecu'),
     Parameter(
         'command_timeout',

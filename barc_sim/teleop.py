@@ -70,6 +70,7 @@ class Teleop(Run):
                     seed=options.seed,
                     integrator=options.integrator,
                     dynamics=options.dynamics,
+                    clock=options.clock,
                     command_timeout=_COMMAND_TIMEOUT,
                 ),
             )

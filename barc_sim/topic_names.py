@@ -11,5 +11,18 @@ CMD_VEL = 'cmd_vel'
 SPEED_REFERENCE = 'speed_reference'
 INITIAL_POSE = 'initialpose'
 
+# For ROS's own tools, by the node `mirror`.
+ODOM = 'odom'
+PATH = 'path'
+MARKERS = 'markers'
+ROAD_MARKERS = 'road_markers'
+ACCEL = 'accel'
+JOINT_STATES = 'joint_states'
+
+# Where everybody looks for them, whatever the namespace.
+TF = '/tf'
+DIAGNOSTICS = '/diagnostics'
+CLOCK = '/clock'
+
 #: Every topic of a run: reliable, with room for a second of 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)

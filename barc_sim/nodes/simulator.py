@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
+from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import service_names, topic_names
@@ -40,6 +41,8 @@ from barc_sim.simulator_parameters import PARAMETERS, period_ns, plant
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from builtin_interfaces.msg import Time
+
     from barc_sim.bike_model import State
     from barc_sim.plant import Observation
 
@@ -62,6 +65,10 @@ class VehicleSimulator(Node):
     A command answers the state whose stamp it bears. One without a stamp, as `ros2 topic pub`
     sends it, holds until the next, and nothing is missed meanwhile. Where none has arrived for
     `command_timeout` by the wall clock, the car brakes to a standstill and stays there.
+
+    Where `realtime_factor` is not 1, and with the parameter `clock` at 1, too, each state's stamp
+    is published on `/clock` before the state is, for nodes that `use_sim_time`; while time stands
+    still, again every second.
 
     Its service `reset` starts afresh, once the present state is answered: state, held command and
     noise are as at first, the nodes that command are reset, too, and stamps go on. Its service
@@ -120,6 +127,9 @@ class VehicleSimulator(Node):
         self._state_error_pub = publisher(self, EZDynBkMdl, topic_names.STATE_ERROR)
         self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
         self._state_pub = publisher(self, ZDynBkMdl, topic_names.STATE)
+        self._clock_pub = None
+        if values['clock'] or factor != 1.0:
+            self._clock_pub = publisher(self, ClockMessage, topic_names.CLOCK)
         group = QuickCallbackGroup()
         subscription(self, ECU, topic_names.ECU, self._on_command, group)
         subscription(
@@ -181,12 +191,17 @@ class VehicleSimulator(Node):
     def _publish_state(self) -> None:
         seen = self._plant.observe()
         header = to_header(self._stamp)
+        self._publish_clock(header.stamp)
         self._environment_pub.publish(to_environment(seen, header))
         self._state_error_pub.publish(to_state_error(seen, header))
         self._state_pub.publish(to_state(seen, header))
         if self._on_step:
             self._on_step((self.steps - self._first_step) * self._plant.ts, seen)
         self.steps += 1
+
+    def _publish_clock(self, now: Time) -> None:
+        if self._clock_pub:
+            self._clock_pub.publish(ClockMessage(clock=now))
 
     def _on_command(self, message: ECU) -> None:
         command, limits = to_input(message), self._greatest
@@ -317,6 +332,8 @@ class VehicleSimulator(Node):
             self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
         elif not (self._pace or self._paused) and self.steps == self._steps_checked:
             self._warn(f'waiting for the command that answers state {self.steps - 1}')
+        if self.steps and self.steps == self._steps_checked:
+            self._publish_clock(to_header(self._stamp).stamp)  # for who has come meanwhile
         self._steps_checked = self.steps
         for sentence in incompatible_peers(self):
             self._warn(sentence)

@@ -66,7 +66,7 @@ def to_csv(value: Any, style: Style) -> str:  # noqa: ANN401
     return ','.join(_cells(value, style))
 
 
-def _plain(value: Any, style: Style, described: str = '') -> Any:  # noqa: ANN401, PLR0911
+def _plain(value: Any, style: Style, described: str = '') -> Any:  # noqa: ANN401
     """Return what YAML knows; `described` is the declared type of the field that `value` is in."""
     if _is_message(value):
         return {

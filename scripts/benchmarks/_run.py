@@ -56,7 +56,7 @@ def _drive(case: str, executor: str, distance: float) -> _Timed:
     with tempfile.TemporaryDirectory() as folder, StopSignals() as stop, ros([]):
         run = _Timed(
             Namespace(
-                **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed')),
+                **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed', 'clock')),
                 distance=distance,
                 realtime_factor=0.0 if case == 'lock-step' else 1.0,
                 no_bag=False,
