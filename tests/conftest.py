@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
     from rclpy.executors import Executor
+
+# How long an example takes is the machine's affair.
+settings.register_profile('any machine', deadline=None)
+settings.load_profile('any machine')
 
 # A domain is reserved by binding this port and its number, as ament's domain_coordinator does: no
 # two tests on a machine have the same, whoever runs them, and the end of the process frees it.

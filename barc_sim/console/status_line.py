@@ -14,6 +14,8 @@ from barc_sim.driving import COAST, Drive
 #: [s] between two drawings in a terminal, and between two lines elsewhere.
 _LIVE_PERIOD = 0.1
 _PLAIN_PERIOD = 1.0
+#: Python 3.10 says 0 where a terminal does not tell its size.
+_UNKNOWN_WIDTH = 80
 
 
 class Status(NamedTuple):
@@ -49,8 +51,9 @@ class StatusLine:
         if not self._live:
             print(line, flush=True)  # noqa: T201
             return
+        width = shutil.get_terminal_size().columns or _UNKNOWN_WIDTH
         # Not to the last column: the terminal would go on to the next line.
-        self._write(f'\r\x1b[K{line[: shutil.get_terminal_size().columns - 1]}')
+        self._write(f'\r\x1b[K{line[: width - 1]}')
 
     def close(self) -> None:
         """Go to the next line."""
