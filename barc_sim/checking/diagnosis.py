@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.checking.equations import NAMES, Quantities
-from barc_sim.checking.mistakes import MISTAKES, Mistake
+from barc_sim.checking.mistakes import MISTAKES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from barc_sim.checking.equations import Floats
+    from barc_sim.checking.mistake import Mistake
 
 #: Of |expected|, or of 1 where that is less: far above rounding, far below any mistake.
 TOLERANCE = 1e-9
