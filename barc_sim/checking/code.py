@@ -129,7 +129,7 @@ class _LocalController:
             return False
         try:
             self._reset()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise UserError(
                 f'reset() raised {type(error).__name__}: {error}; expected PID to forget its past'
             ) from error

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.checking.finding import Finding
-from barc_sim.checking.sequences import Sequence, wandering
+from barc_sim.checking.sequences import Sequence, constant, wandering
+from barc_sim.checking.situations import TS
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -40,30 +41,26 @@ class _Memory:
     def judge(self) -> Finding:
         proportional = (1.0, 0.0, 0.0)
         if _differ(self._run(proportional), self._run(proportional)):
-            return Finding(
-                'pid.reset',
-                0.0,
-                'the same speeds give different outputs, with kp alone: is there anything random '
-                'in PID, or does it keep its output in a global variable?',
-                {'leaks': True},
-            )
+            return self._unsteady(', with kp alone')
         self._run(_GAINS, self._other)
         first = self._run(_GAINS)
         if not any(first):
             return Finding('pid.reset', 0.0, 'the output is always 0: there is nothing to remember')
         says, checks = [], 2
         leaks = _differ(first, self._run(_GAINS))
+        if leaks and not (kept := self._kept()):
+            return self._unsteady('')
         if leaks:
             says.append(
-                f'what one run leaves behind reaches into the next ({self._kept()}): is it kept in '
-                'a global or class variable? Set it to 0 in __init__, as self.…'
+                f'what one run leaves behind reaches into the next ({kept}): is it kept in a '
+                'global or class variable? Set it to 0 in __init__, as self.…'
             )
         if _differ(first, self._beside_another()):
             says.append('two PIDs at the same time share what they remember: keep it in self')
         if (again := self._reset_run(_GAINS)) is not None:
             checks += 1
             if not leaks and _differ(first, again):
-                says.append(f'reset() does not forget {self._kept(reset=True)}')
+                says.append(f'reset() does not forget {self._not_reset()}')
         score = 1.0 - len(says) / checks
         message = '; '.join(says) or 'each run starts anew'
         return Finding('pid.reset', score, message, {'leaks': leaks})
@@ -85,17 +82,37 @@ class _Memory:
             other.acc_calculate(*its)
         return outputs
 
-    def _kept(self, *, reset: bool = False) -> str:
-        """Return what of a run is still there in the next one."""
+    def _unsteady(self, when: str) -> Finding:
+        return Finding(
+            'pid.reset',
+            0.0,
+            f'the same speeds give different outputs{when}: is there anything random in PID, or a '
+            f"clock? A call comes every {TS:g} s of the car's time",
+            {'leaks': True},
+        )
+
+    def _kept(self) -> str:
+        """Return what of a run a fresh PID still has; nothing where its outputs differ without."""
+        still = constant(0.0, 3)
         kept = []
-        for name, gains in _ALONE.items():
-            self._run(gains, self._other)
-            first = self._run(gains)
-            again = self._reset_run(gains) if reset else self._run(gains)
-            if again is None or _differ(first, again):
-                kept.append(name)
-        return ' and '.join(kept) or 'the output'
+        self._run(_ALONE['the integral'], self._other)
+        if any(self._run(_ALONE['the integral'], still)):
+            kept.append('the integral')
+        self._run(_ALONE['the last error'], self._other)
+        after_another = self._run(_ALONE['the last error'], still)
+        if _differ(after_another, self._run(_ALONE['the last error'], still)):
+            kept.append('the last error')
+        return ' and '.join(kept)
+
+    def _not_reset(self) -> str:
+        """Return what of a run a PID still has when it has been reset."""
+        kept = [
+            name
+            for name, gains in _ALONE.items()
+            if (again := self._reset_run(gains)) is None or _differ(self._run(gains), again)
+        ]
+        return ' and '.join(kept) or 'its output'
 
 
 def _differ(one: list[float], other: list[float]) -> bool:
-    return bool(np.max(np.abs(np.subtract(one, other))) > _TOLERANCE)
+    return not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE)

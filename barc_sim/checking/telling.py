@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from barc_sim.checking.worker import Prints, Report
 
 
+_LINES = 5  #: of what the code printed
+
+
 def tell(report: Report, console: Console | None = None) -> None:
     """Print a report: tables in a terminal, a line for each finding into a pipe."""
     console = console or Console(highlight=False)
@@ -98,10 +101,11 @@ def _tell_prints(prints: Prints, console: Console) -> None:
     if not prints.text:
         return
     _plain(console, 'your code printed:')
-    for line in prints.text.splitlines():
+    lines = prints.text.splitlines()
+    for line in lines[:_LINES]:
         _plain(console, f'  {line}')
-    if prints.dropped:
-        _plain(console, f'  … (about {prints.dropped:,} lines more)')
+    if more := prints.dropped + len(lines[_LINES:]):
+        _plain(console, f'  … and {more:,} lines more')
 
 
 def _plain(console: Console, text: str) -> None:

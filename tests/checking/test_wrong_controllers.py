@@ -137,6 +137,14 @@ def test_state_kept_across_runs_is_named(lab: Lab, controller: str, kept: str) -
     assert findings['pid.integral'].message.startswith(message)
 
 
+def test_a_clock_is_told_from_state_kept_across_runs(lab: Lab, controller: str) -> None:
+    text = controller.replace('dt = 0.02', 'dt = next(clock)')
+    text = f'from itertools import count\n\nclock = (1e-5 * k for k in count(1))\n\n\n{text}'
+    findings = judge(lab(controller=text))
+    assert findings['pid.reset'].score == 0.0
+    assert 'or a clock? A call comes every 0.02 s' in findings['pid.reset'].message
+
+
 @pytest.mark.parametrize(
     ('lines', 'words'),
     [
