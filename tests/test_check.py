@@ -78,7 +78,7 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(
     assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 alone' in out
     assert 'your code printed:\n  [red]called\n' in out
     assert 'lines more' in out
-    assert '7 of 12 criteria are met in full' in out
+    assert '6 of 12 criteria are met in full' in out
     assert not (wrong / 'check.png').exists()
 
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.checking.evidence import Comparison, Trajectory
+
+#: For what judges: numbers of any size are compared, and none of them is warned of.
+WHATEVER_COMES = np.errstate(all='ignore')
 
 MODEL = ('model.x', 'model.y', 'model.psi', 'model.v', 'model.trajectory')
 PID = ('pid.proportional', 'pid.integral', 'pid.derivative', 'pid.windup', 'pid.reset')

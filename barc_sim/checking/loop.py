@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from barc_sim.checking.evidence import Comparison
-from barc_sim.checking.finding import Finding
+from barc_sim.checking.finding import WHATEVER_COMES, Finding
 from barc_sim.checking.roads import random_road
 from barc_sim.checking.stretches import Gains, why, worst
 from barc_sim.errors import UserError
@@ -60,6 +60,7 @@ class _Cut(PID):
         return output
 
 
+@WHATEVER_COMES
 def judge_lab_road(code: Code, gains: Gains) -> Finding:
     """Return what is found of a run over the lab's road; tells why of each stretch of it."""
     try:
@@ -81,6 +82,7 @@ def judge_lab_road(code: Code, gains: Gains) -> Finding:
     )
 
 
+@WHATEVER_COMES
 def judge_random_roads(code: Code, gains: Gains, seed: int) -> Finding:
     """Return what is found of runs over random roads: the mean of their scores."""
     try:

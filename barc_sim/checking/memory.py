@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.checking.finding import Finding
+from barc_sim.checking.finding import WHATEVER_COMES, Finding
 from barc_sim.checking.sequences import Sequence, constant, wandering
 from barc_sim.checking.situations import TS
 from barc_sim.errors import UserError
@@ -21,6 +21,7 @@ _AMPLITUDE = 0.3  #: [m/s]
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
+@WHATEVER_COMES
 def judge_reset(code: Code, seed: int) -> Finding:
     """Return whether each `PID` starts anew: a second one, one beside it, and one that is reset.
 
@@ -44,8 +45,10 @@ class _Memory:
             return self._unsteady(', with kp alone')
         self._run(_GAINS, self._other)
         first = self._run(_GAINS)
-        if not any(first):
-            return Finding('pid.reset', 0.0, 'the output is always 0: there is nothing to remember')
+        if not _differ(first, self._second_half()):
+            return Finding(
+                'pid.reset', 0.0, 'PID remembers nothing: I and D are made of the errors before'
+            )
         says, checks = [], 2
         leaks = _differ(first, self._run(_GAINS))
         if leaks and not (kept := self._kept()):
@@ -67,6 +70,12 @@ class _Memory:
 
     def _run(self, gains: Gains, sequence: Sequence | None = None) -> list[float]:
         return self._code.new_pid(*gains).acc_sequence((sequence or self._sequence).rows)
+
+    def _second_half(self) -> list[float]:
+        """Return the outputs of a PID that goes on from another sequence."""
+        pid = self._code.new_pid(*_GAINS)
+        pid.acc_sequence(self._other.rows)
+        return pid.acc_sequence(self._sequence.rows)
 
     def _reset_run(self, gains: Gains) -> list[float] | None:
         """Return the outputs of a PID that has been reset; None where it can't be."""

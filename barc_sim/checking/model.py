@@ -9,7 +9,7 @@ import numpy as np
 from barc_sim.checking.answers import Answered, ask, changing, shown
 from barc_sim.checking.diagnosis import causes
 from barc_sim.checking.equations import NAMES, arguments
-from barc_sim.checking.finding import Finding
+from barc_sim.checking.finding import WHATEVER_COMES, Finding
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from barc_sim.checking.code import Code
 
 
+@WHATEVER_COMES
 def judge_equations(code: Code, seed: int) -> list[Finding]:
     """Return a finding for each of the four equations.
 

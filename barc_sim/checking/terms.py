@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.checking.finding import Finding
+from barc_sim.checking.finding import WHATEVER_COMES, Finding
 from barc_sim.checking.ratios import Trial, derivative_says, integral_says, proportional_says
 from barc_sim.checking.sequences import Sequence, wandering
 from barc_sim.checking.situations import TS
@@ -82,6 +82,7 @@ TERMS = (
 )
 
 
+@WHATEVER_COMES
 def judge_term(code: Code, term: Term, seed: int) -> Finding:
     """Return what is found of a term: its score is the share of right answers."""
     trials = []

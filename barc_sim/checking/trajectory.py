@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.bike_model import L_F, L_R, Input, State
 from barc_sim.checking.code import Row
 from barc_sim.checking.evidence import Trajectory
-from barc_sim.checking.finding import Finding
+from barc_sim.checking.finding import WHATEVER_COMES, Finding
 from barc_sim.errors import UserError
 from barc_sim.plant import Plant
 from barc_sim.rollout import rollout
@@ -26,6 +26,7 @@ _FAR = 1e9
 _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 
+@WHATEVER_COMES
 def judge_trajectory(code: Code) -> Finding:
     """Return how far the model follows the reference's: the share of steps in which it does."""
     commands = _commands()

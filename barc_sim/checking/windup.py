@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.checking.finding import Finding
+from barc_sim.checking.finding import WHATEVER_COMES, Finding
 from barc_sim.checking.sequences import constant
 from barc_sim.checking.situations import TS
 from barc_sim.errors import UserError
@@ -23,6 +23,7 @@ _ALLOWED = 25  #: calls until the output leaves the limit
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
+@WHATEVER_COMES
 def judge_windup(code: Code) -> Finding:
     """Return whether the output comes back from its limit as soon as the error changes its sign.
 

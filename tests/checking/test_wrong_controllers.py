@@ -165,7 +165,7 @@ def test_a_reset_that_forgets_too_little_is_named(
     assert findings['pid.reset'].message == words
 
 
-@pytest.mark.parametrize('body', ['raise NotImplementedError', 'pass', 'return 0.0'])
+@pytest.mark.parametrize('body', ['raise NotImplementedError', 'pass', 'return 0.0', 'return 3.0'])
 def test_an_empty_template_gets_zero(lab: Lab, controller: str, body: str) -> None:
     head, acc, _ = controller.partition('    def acc_calculate')
     text = f'{head}{acc}(self, speed_reference, speed_current):\n        {body}\n'
