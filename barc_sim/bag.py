@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.directory import METADATA_NAME
@@ -50,6 +50,22 @@ def info(path: Path | str) -> dict[str, str]:
             if isinstance(record, Metadata) and record.name == METADATA_NAME:
                 entries.update(record.metadata)
     return entries
+
+
+def attachments(path: Path | str) -> dict[str, bytes]:
+    """Return the files that are attached to the bag, by name.
+
+    Raises
+    ------
+    UserError
+        There is no bag at `path`.
+    """
+    return {
+        record.name: record.data
+        for file in files(Path(path))
+        for record in records(file, messages=False)
+        if isinstance(record, Attachment)
+    }
 
 
 def read(path: Path | str, namespace: str | None = None) -> Log:

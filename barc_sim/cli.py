@@ -40,7 +40,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
             if sys.stdout:
                 sys.stdout.flush()
     except UserError as error:
-        _report(prog, str(error))
+        report(prog, str(error))
         return USAGE_ERROR
     except ModuleNotFoundError as error:
         package = (error.name or '').partition('.')[0]
@@ -62,11 +62,12 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             return 0
-        _report(prog, f'the output cannot be written: {error.strerror}')
+        report(prog, f'the output cannot be written: {error.strerror}')
         return USAGE_ERROR
 
 
-def _report(prog: str, message: str) -> None:
+def report(prog: str, message: str) -> None:
+    """Print an error on stderr, in one line."""
     print(_error_line(prog, message), file=sys.stderr)  # noqa: T201
 
 

@@ -14,17 +14,22 @@ from typing import TYPE_CHECKING, Any
 from rclpy.parameter import Parameter
 
 from barc_sim.bags.directory import check_root
+from barc_sim.cli import report
+from barc_sim.console.printed import Printed
 from barc_sim.description import describe
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
 from barc_sim.mirroring import mirrors
 from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.own_code import attachments
+from barc_sim.own_code import describe as own_code_metadata
 from barc_sim.page.options import open_page, wanted
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.recorder.losses import in_words
 from barc_sim.recorder.options import from_options
 from barc_sim.road import Road
 from barc_sim.ros_graph import observe
+from barc_sim.student.code import StudentError, find, load
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -37,6 +42,7 @@ if TYPE_CHECKING:
     from barc_sim.nodes.view import ViewNode
     from barc_sim.plant import Observation
     from barc_sim.signals import StopSignals
+    from barc_sim.student.code import Lab
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.
@@ -44,25 +50,33 @@ _SWITCH_INTERVAL = 1e-4
 
 
 def conduct(
-    create: Callable[[], Run], options: Namespace, ros_args: list[str], stop: StopSignals
+    create: Callable[[Lab, Printed], Run],
+    options: Namespace,
+    ros_args: list[str],
+    stop: StopSignals,
 ) -> int:
     """Do the run that `create` returns until it ends or `stop` is requested; return the exit code.
 
     Raises
     ------
     UserError
-        where an option or a ROS argument can't be used; nothing is left behind then.
+        where an option, a student's file or a ROS argument can't be used; nothing is left behind
+        then. What a student's code does wrong later ends the run, with all up to there in the bag.
     """
     if options.road:
         Road.named(options.road)
     if not options.no_bag:
         check_root(options.bag_dir)
+    printed = Printed(quiet=options.quiet)
+    lab = load_own_code(options, printed)
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     with ros(ros_args):
-        run = create()
+        run = create(lab, printed)
         try:
             run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        except StudentError as error:
+            run.fail(str(error))
         except UserError:  # nothing was driven
             run.discard()
             raise
@@ -73,14 +87,31 @@ def conduct(
         run.print_bag()
     elif run.recorder:
         print(run.recorder.path)  # noqa: T201
-    return 1 if run.recorder and run.recorder.failure else 0
+    if run.failure:
+        report('barc_sim.run', run.failure)
+    return 1 if run.failure or (run.recorder and run.recorder.failure) else 0
+
+
+def load_own_code(options: Namespace, printed: Printed) -> Lab:
+    """Load the student's files that the command line names.
+
+    Raises
+    ------
+    StudentError
+        where one of them can't be used.
+    """
+    files = find(options.lab, options.parts) if options.lab else {}
+    named = {part: getattr(options, part) for part in options.parts}
+    return load(files | {part: file for part, file in named.items() if file}, output=printed)
 
 
 class Run(ABC):
     """A recorder, a simulator and the nodes that drive it, composed."""
 
-    def __init__(self, options: Namespace, argv: list[str]) -> None:
+    def __init__(self, options: Namespace, argv: list[str], lab: Lab, printed: Printed) -> None:
         """Make the nodes, the recorder first: it is to hear what the others say at their start.
+
+        `lab` has a student's code, and `printed` takes what that prints.
 
         Raises
         ------
@@ -88,9 +119,10 @@ class Run(ABC):
             where a parameter or the topic can't be had; nothing is left behind then.
         """
         self._root_is_new = not options.bag_dir.exists()
-        self.recorder = (
-            None if options.no_bag else BagRecorder(options.bag_dir, from_options(options))
-        )
+        self.lab = lab
+        self.failure: str | None = None  #: what a student's code did wrong
+        self._printed = printed
+        self.recorder = None if options.no_bag else self._record(options)
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
         self._view: ViewNode | None = None
         try:
@@ -106,6 +138,14 @@ class Run(ABC):
             self.recorder.add_metadata(describe(argv, self._nodes))
             self.recorder.discover()
             self._keep_graph(self.recorder)
+
+    def _record(self, options: Namespace) -> BagRecorder:
+        return BagRecorder(
+            options.bag_dir,
+            from_options(options),
+            metadata=own_code_metadata(self.lab),
+            attachments=attachments(self.lab),
+        )
 
     @abstractmethod
     def compose(self, options: Namespace) -> VehicleSimulator:
@@ -159,11 +199,18 @@ class Run(ABC):
             executor.spin_until_future_complete(self.simulator.finished)
         finally:
             executor.shutdown()
+            self._printed.close()
             self.close_display()
 
     def finish(self) -> None:
         """End the run now; may be called from any thread."""
         self.simulator.finish()
+
+    def fail(self, failure: str) -> None:
+        """Take note of what a student's code did wrong."""
+        self.failure = failure
+        if self.recorder:
+            self.recorder.add_metadata({'failure': failure})
 
     @property
     def missed(self) -> int:

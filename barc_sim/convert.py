@@ -14,7 +14,7 @@ from barc_sim.bike_model import Input, State
 from barc_sim.driving import Drive
 
 if TYPE_CHECKING:
-    from barc_sim.pid import PID
+    from barc_sim.pid import SpeedController
     from barc_sim.plant import Observation
 
 NANOSECONDS = 1_000_000_000
@@ -94,7 +94,7 @@ def to_twist(wish: Drive) -> Twist:
 
 
 def to_pid_state(
-    pid: PID, reference: float, measurement: float, output: float, header: Header
+    pid: SpeedController, reference: float, measurement: float, output: float, header: Header
 ) -> PidState:
     """Return what `pid` computed in its latest call."""
     return PidState(

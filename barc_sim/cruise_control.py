@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from barc_sim.bike_model import bikeFE
 from barc_sim.composition import Run, conduct, overrides
 from barc_sim.console.display import display, print_summary
 from barc_sim.metrics import SpeedErrors
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.own_code import StudentPid
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -30,7 +32,9 @@ def cruise_control(
     UserError
         where an option or a ROS argument can't be used; nothing is left behind then.
     """
-    return conduct(lambda: CruiseControl(options, argv), options, ros_args, stop)
+    return conduct(
+        lambda lab, printed: CruiseControl(options, argv, lab, printed), options, ros_args, stop
+    )
 
 
 class CruiseControl(Run):
@@ -41,15 +45,17 @@ class CruiseControl(Run):
         self._errors = SpeedErrors()
         self._controller = self.add(
             CruiseController(
+                pid=StudentPid(self.lab.controller) if self.lab.controller else None,
                 parameter_overrides=overrides(
                     speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
-                )
+                ),
             )
         )
         simulator: VehicleSimulator = self.add(
             VehicleSimulator(
                 distance=_DISTANCE,
                 on_step=self.on_step,
+                model=self.lab.model or bikeFE,
                 parameter_overrides=overrides(
                     distance=options.distance,
                     road=options.road,
@@ -63,6 +69,7 @@ class CruiseControl(Run):
         )
         distance = simulator.get_parameter('distance').value
         self._display = display(distance, quiet=options.quiet)
+        self._printed.show_with(self._display.say)
         return simulator
 
     def on_step(self, t: float, seen: Observation) -> None:

@@ -3,11 +3,32 @@
 from __future__ import annotations
 
 from math import inf, isfinite
+from typing import Protocol
 
 #: The run's gains: on the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
 KP, KI, KD = 30.0, 200.0, 0.1
 SPEED_REFERENCE = 8.0
 ACCELERATION_LIMIT = 8.0
+
+
+class SpeedController(Protocol):
+    """What holds the speed: a `PID`, or what is to take its place."""
+
+    kp: float
+    ki: float
+    kd: float
+    output_min: float
+    output_max: float
+    proportional: float
+    integral: float
+    derivative: float
+    saturated: bool
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float, /) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
 
 
 class PID:

@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.bike_model import Input
 from barc_sim.driving import Driver
 from barc_sim.log import Log
-from barc_sim.pid import PID, SPEED_REFERENCE, speed_controller
+from barc_sim.pid import SPEED_REFERENCE, speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
 
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from barc_sim.driving import Drive
+    from barc_sim.pid import SpeedController
 
 
 def rollout(
     plant: Plant | None = None,
-    pid: PID | None = None,
+    pid: SpeedController | None = None,
     *,
     speed_reference: float = SPEED_REFERENCE,
     distance: float = 180.0,

@@ -13,6 +13,7 @@ from barc_sim.page.options import add_view_options
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.recorder import options as recorder_options
 from barc_sim.signals import StopSignals
+from barc_sim.student.code import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,6 +106,7 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='FACTOR',
         help="simulated seconds per second, or 'max' for as fast as it goes (1)",
     )
+    _add_own_code(mode, 'model', 'controller')
     add_view_options(mode, on=False)
     _add_common(mode)
 
@@ -127,8 +129,27 @@ def _add_teleop(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='FACTOR',
         help='simulated seconds per second (1)',
     )
+    _add_own_code(mode, 'model', 'relay')
     add_view_options(mode, on=True)
     _add_common(mode)
+
+
+def _add_own_code(mode: Parser, *parts: str) -> None:
+    files = ' and '.join(FILES[part] for part in parts)
+    mode.add_argument(
+        '--lab',
+        type=Path,
+        metavar='DIR',
+        help=f'drive with the {files} of this folder, as far as it has them',
+    )
+    for part in parts:
+        mode.add_argument(
+            f'--{part}',
+            type=Path,
+            metavar='FILE',
+            help=f'drive with this file in place of {FILES[part]}',
+        )
+    mode.set_defaults(parts=parts)
 
 
 def _add_common(mode: Parser) -> None:

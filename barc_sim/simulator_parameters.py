@@ -6,7 +6,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.actuators import Actuator
-from barc_sim.bike_model import Vehicle
+from barc_sim.bike_model import Vehicle, bikeFE
 from barc_sim.convert import NANOSECONDS
 from barc_sim.handling import Handling
 from barc_sim.parameters import Parameter
@@ -16,6 +16,8 @@ from barc_sim.sensor import Deviation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from barc_sim.bike_model import Model
 
 _VEHICLE = Vehicle()
 _HANDLING = Handling()
@@ -91,8 +93,8 @@ def period_ns(values: Mapping[str, Any]) -> int:
     return round(NANOSECONDS / float(values['rate']))
 
 
-def plant(values: Mapping[str, Any]) -> Plant:
-    """Return the plant at the start.
+def plant(values: Mapping[str, Any], model: Model = bikeFE) -> Plant:
+    """Return the plant at the start, stepped by `model`.
 
     Raises
     ------
@@ -105,6 +107,7 @@ def plant(values: Mapping[str, Any]) -> Plant:
         ts=period_ns(values) / NANOSECONDS,
         noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
         seed=values['seed'],
+        model=model,
         motor=_actuator(values, 'motor'),
         servo=_actuator(values, 'servo'),
         integrator=values['integrator'],

@@ -6,6 +6,7 @@ import sys
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
+from barc_sim.bike_model import bikeFE
 from barc_sim.composition import Run, conduct, overrides
 from barc_sim.console.status_line import Status, StatusLine
 from barc_sim.console.terminal import Terminal
@@ -13,12 +14,15 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.own_code import StudentDriver
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from barc_sim.console.printed import Printed
     from barc_sim.plant import Observation
     from barc_sim.signals import StopSignals
+    from barc_sim.student.code import Lab
 
 #: [s] Without a command for so long the car brakes: ten of the relay's periods.
 _COMMAND_TIMEOUT = 0.5
@@ -39,13 +43,25 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
     except UserError as error:
         print(error, file=sys.stderr)  # noqa: T201
     with terminal or nullcontext():
-        return conduct(lambda: Teleop(options, argv, terminal), options, ros_args, stop)
+        return conduct(
+            lambda lab, printed: Teleop(options, argv, lab, printed, terminal),
+            options,
+            ros_args,
+            stop,
+        )
 
 
 class Teleop(Run):
     """Recorder, simulator on the flat, relay and, where there is a terminal, keyboard."""
 
-    def __init__(self, options: Namespace, argv: list[str], terminal: Terminal | None) -> None:
+    def __init__(
+        self,
+        options: Namespace,
+        argv: list[str],
+        lab: Lab,
+        printed: Printed,
+        terminal: Terminal | None,
+    ) -> None:
         """Make the nodes; the terminal, if any, is closed at the end.
 
         Raises
@@ -55,7 +71,8 @@ class Teleop(Run):
         """
         self._terminal = terminal
         self._line = StatusLine(quiet=options.quiet)
-        super().__init__(options, argv)
+        printed.show_with(self._line.say)
+        super().__init__(options, argv, lab, printed)
         if terminal and not options.quiet:
             print(_HELP)  # noqa: T201
 
@@ -64,6 +81,7 @@ class Teleop(Run):
         simulator: VehicleSimulator = self.add(
             VehicleSimulator(
                 on_step=self.on_step,
+                model=self.lab.model or bikeFE,
                 parameter_overrides=overrides(
                     road=options.road or 'flat',
                     realtime_factor=options.realtime_factor,
@@ -80,7 +98,9 @@ class Teleop(Run):
                 "a driver's time cannot run as fast as it goes: give teleop a --realtime-factor "
                 'above 0'
             )
-        self._relay = self.add(Relay())
+        self._relay = self.add(
+            Relay(driver=StudentDriver(self.lab.relay) if self.lab.relay else None)
+        )
         if self._terminal:
             keyboard = self.add(Keyboard(self._terminal))
             keyboard.finished.add_done_callback(lambda _: simulator.finish())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any, cast
 
 from mcap.writer import CompressionType, Writer
@@ -54,6 +55,10 @@ class BagFile:
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Say something of the run."""
         self._writer.add_metadata(METADATA_NAME, dict(entries))
+
+    def attach(self, name: str, media_type: str, data: bytes, modified: int = 0) -> None:
+        """Attach a file as it was `modified` [ns] since the epoch; 0: nobody knows when."""
+        self._writer.add_attachment(modified, time.time_ns(), name, media_type, data)
 
     def add(self, topic: Topic, data: bytes, received: int, published: int, sequence: int) -> bool:
         """Append a message; return whether there is something to commit now."""

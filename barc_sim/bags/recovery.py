@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from barc_sim.bags import metadata
 from barc_sim.bags.directory import METADATA_NAME
@@ -122,6 +122,9 @@ class _Copy:
             self._found.metadata.update(record.metadata)
             self.file.end_chunk()
             self.file.add_metadata(record.metadata)
+        elif isinstance(record, Attachment):
+            self.file.end_chunk()
+            self.file.attach(record.name, record.media_type, record.data, record.create_time)
         elif isinstance(record, Message) and record.channel_id in self._topics:
             topic = self._topics[record.channel_id]
             self._found.topics.setdefault(topic.name, topic)

@@ -83,6 +83,19 @@ class BagWriter:
             self._files[-1].add_metadata(entries)
         self.flush()
 
+    def attach(self, files: Mapping[str, bytes], media_type: str = 'text/plain') -> None:
+        """Keep files, by name, in the bag's present one.
+
+        Raises
+        ------
+        OSError
+            The file takes no more; they are kept for the next `flush`.
+        """
+        self._files[-1].end_chunk()
+        for name, data in files.items():
+            self._files[-1].attach(name, media_type, data)
+        self.flush()
+
     def write(
         self, topic: Topic, data: bytes, *, received: int, published: int, sequence: int
     ) -> None:

@@ -24,6 +24,9 @@ class Display(Protocol):
     def show(self, t: float, distance: float, speed: float, error: float, grade: float) -> None:
         """Take note of a state; what is drawn, and when, is the display's choice."""
 
+    def say(self, line: str) -> None:
+        """Print a line of somebody else's."""
+
     def close(self) -> None:
         """Leave the terminal in order."""
 
@@ -40,6 +43,9 @@ class Nothing:
     """Shows nothing."""
 
     def show(self, t: float, distance: float, speed: float, error: float, grade: float) -> None:
+        """Do nothing."""
+
+    def say(self, line: str) -> None:
         """Do nothing."""
 
     def close(self) -> None:
@@ -66,6 +72,10 @@ class PlainLines:
         if now >= self._next:
             self._next = now + _PLAIN_PERIOD
             print(_text(t, distance, speed, error, grade), flush=True)  # noqa: T201
+
+    def say(self, line: str) -> None:
+        """Print a line."""
+        print(line)  # noqa: T201
 
     def close(self) -> None:
         """Do nothing."""
@@ -107,6 +117,10 @@ class LiveLine:
                 description=_text(*self._latest),
                 refresh=True,
             )
+
+    def say(self, line: str) -> None:
+        """Print a line above the one that is drawn."""
+        self._progress.console.print(line, markup=False, soft_wrap=True)
 
     def close(self) -> None:
         """Draw the last state and go to the next line."""

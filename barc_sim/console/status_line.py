@@ -55,6 +55,10 @@ class StatusLine:
         # Not to the last column: the terminal would go on to the next line.
         self._write(f'\r\x1b[K{line[: width - 1]}')
 
+    def say(self, line: str) -> None:
+        """Print a line of somebody else's; the next drawing is below it."""
+        self._write(f'\r\x1b[K{line}\n' if self._live else f'{line}\n')
+
     def close(self) -> None:
         """Go to the next line."""
         if self._live and self._drawn:

@@ -23,6 +23,8 @@ from barc_sim.process import spin
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
+    from barc_sim.pid import SpeedController
+
 _SPEEDS = (-100.0, 100.0)  #: [m/s]
 _PARAMETERS = [
     Parameter('kp', KP, 'proportional gain [1/s]', (0.0, 1e6)),
@@ -45,18 +47,24 @@ class CruiseController(Node):
     `speed_reference`, too, by an outer loop: what came last, there or as parameter, holds.
     """
 
-    def __init__(self, **options: Any) -> None:  # noqa: ANN401 (Node's own)
-        """Declare the parameters and wait for states.
+    def __init__(
+        self,
+        *,
+        pid: SpeedController | None = None,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        """Declare the parameters and wait for states; `pid` takes the place of barc_sim's own.
 
         Raises
         ------
         UserError
-            where a parameter is out of range.
+            where a parameter is out of range, or `pid` can't be had with them.
         """
         super().__init__('controller', **options)
-        self._pid = speed_controller()
+        self._pid: SpeedController = pid or speed_controller()
         self._values = declare(self, _PARAMETERS)
         self._apply()
+        self._pid.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
         self._previous: int | None = None
         self.refused = 0  #: references out of range

@@ -57,6 +57,8 @@ class BagRecorder(Node):
         The directory of the first bag itself, to be made; goes before the folder.
     metadata
         What the run says of itself, kept in the bag.
+    attachments
+        Files, by name, that each bag begins with.
     options
         Those of `rclpy.node.Node`.
 
@@ -73,6 +75,7 @@ class BagRecorder(Node):
         *,
         path: Path | None = None,
         metadata: Mapping[str, str] | None = None,
+        attachments: Mapping[str, bytes] | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('bag_recorder', **options)
@@ -81,6 +84,7 @@ class BagRecorder(Node):
         self.failure: str | None = None  #: what went wrong first, in a sentence
         self._recording = recording or Recording()
         self._metadata = dict(metadata or {})
+        self._attachments = dict(attachments or {})
         self._listen()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [_BAG_DIR._replace(default=default)])['bag_dir'])
@@ -111,6 +115,7 @@ class BagRecorder(Node):
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
         self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
         self._pump = Pump(self._writer, self._listener.take, reserve, self._on_failure)
+        self._pump.attach(self._attachments)
         self._pump.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
 

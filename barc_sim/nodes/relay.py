@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from barc_sim import service_names, topic_names
 from barc_sim.cli import call
 from barc_sim.convert import to_drive, to_ecu
-from barc_sim.driving import RATE, STALE_AFTER, Driver, Limits
+from barc_sim.driving import STALE_AFTER, Driver, Limits
 from barc_sim.endpoints import publisher, subscription
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.parameters import Parameter, declare
@@ -58,8 +58,13 @@ class Relay(Node):
         Twists that were not finite.
     """
 
-    def __init__(self, **options: Any) -> None:  # noqa: ANN401 (Node's own)
-        """Declare the parameters, and publish commands.
+    def __init__(
+        self,
+        *,
+        driver: Driver | None = None,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        """Declare the parameters, and publish commands; `driver` takes the place of barc_sim's own.
 
         Raises
         ------
@@ -67,7 +72,7 @@ class Relay(Node):
             where a parameter is out of range.
         """
         super().__init__('relay', **options)
-        self.driver = Driver(dt=1.0 / RATE)
+        self.driver = driver or Driver()
         self._values = declare(self, _PARAMETERS)
         self._apply()
         self.add_post_set_parameters_callback(self._on_parameters)

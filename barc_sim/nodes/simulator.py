@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import service_names, topic_names
-from barc_sim.bike_model import Input
+from barc_sim.bike_model import Input, bikeFE
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from builtin_interfaces.msg import Time
 
-    from barc_sim.bike_model import State
+    from barc_sim.bike_model import Model, State
     from barc_sim.plant import Observation
 
 _DISTANCE = Parameter(
@@ -92,12 +92,13 @@ class VehicleSimulator(Node):
         *,
         distance: float = 0.0,
         on_step: Callable[[float, Observation], None] | None = None,
+        model: Model = bikeFE,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Declare the parameters, claim the topic, and wait for a controller.
 
         `distance` [m] is the parameter's default. `on_step` is told the simulated time [s] and
-        what was published; it must be quick.
+        what was published; it must be quick. `model` steps the car.
 
         Raises
         ------
@@ -110,7 +111,8 @@ class VehicleSimulator(Node):
         self._values = values
         self._period_ns = period_ns(values)
         self._distance = values['distance'] or inf
-        self._plant = plant(values)
+        self._model = model
+        self._plant = plant(values, model)
         self._commands = Commands(values['command_timeout'])
         self._greatest = Input(values['refuse_motor_above'], values['refuse_servo_above'])
         factor = values['realtime_factor']
@@ -247,7 +249,7 @@ class VehicleSimulator(Node):
         self._reset_due = self._step_due = self._running = False
         self._place = None
         self._hold()
-        self._plant = plant(self._values)
+        self._plant = plant(self._values, self._model)
         self._commands = Commands(self._values['command_timeout'])
         self._first_step = self.steps
         self._gate.close()

@@ -136,6 +136,11 @@ class Pump:
         with self._lock:
             self._try(lambda: self._writer.add_metadata(entries))
 
+    def attach(self, files: Mapping[str, bytes]) -> None:
+        """Keep files, by name, in the bag."""
+        with self._lock:
+            self._try(lambda: self._writer.attach(files))
+
     def split(self) -> None:
         """Go on in the bag's next file."""
         with self._lock:

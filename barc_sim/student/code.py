@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ from barc_sim.student.importing import Folder
 from barc_sim.student.source import Source, StudentError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Mapping
 
 __all__ = [
     'BUDGET',
@@ -26,6 +26,8 @@ __all__ = [
     'Relays',
     'Source',
     'StudentError',
+    'find',
+    'load',
     'load_controller',
     'load_lab',
     'load_model',
@@ -45,6 +47,8 @@ class Lab:
     model: Model | None = None
     controller: Controllers | None = None
     relay: Relays | None = None
+    #: By part, as in `FILES`, the name of its source.
+    files: Mapping[str, str] = field(default_factory=dict)
     #: The files above, and those that they import from their folder.
     sources: tuple[Source, ...] = ()
 
@@ -74,6 +78,17 @@ def load_lab(
     StudentError
         where there is no such folder, nothing in it, or a file that can't be used.
     """
+    return load(find(folder, parts), budget=budget, output=output)
+
+
+def find(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
+    """Return, by part, those of the files of `folder` that there are.
+
+    Raises
+    ------
+    StudentError
+        where there is no such folder, or nothing in it.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise StudentError(
@@ -84,28 +99,35 @@ def load_lab(
     if not files:
         names = ', '.join(FILES[part] for part in parts)
         raise StudentError(f'the folder {str(folder)!r} has no {names}: expected one at least')
-    return load(files, budget=budget, output=output)
+    return files
 
 
 def load(
-    files: dict[str, Path],
+    files: Mapping[str, Path],
     *,
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
 ) -> Lab:
-    """Load files by what they bring (see `FILES`), of whichever folders; else as `load_lab`."""
+    """Load files by part (see `FILES`), of whichever folders; else as `load_lab`."""
     loaders: dict[str, Callable[[Folder, Path, float | None], Any]] = {
         'model': _model,
         'controller': _controller,
         'relay': _relay,
     }
-    folders: dict[Path, Folder] = {}
-    loaded = {}
-    for part, file in files.items():
-        folder = folders.setdefault(file.absolute().parent, Folder(file.parent, output))
-        loaded[part] = loaders[part](folder, file, budget)
-    sources = tuple(source for folder in folders.values() for source in folder.sources.values())
-    return Lab(**loaded, sources=sources)
+    paths = {part: file.absolute() for part, file in files.items()}
+    parents = dict.fromkeys(path.parent for path in paths.values())
+    folders = {
+        parent: Folder(parent, output, f'{number}_{parent.name}/' if len(parents) > 1 else '')
+        for number, parent in enumerate(parents, 1)
+    }
+    loaded = {
+        part: loaders[part](folders[path.parent], path, budget) for part, path in paths.items()
+    }
+    return Lab(
+        **loaded,
+        files={part: folders[path.parent].sources[str(path)].name for part, path in paths.items()},
+        sources=tuple(source for folder in folders.values() for source in folder.sources.values()),
+    )
 
 
 def load_model(path: Path | str, *, budget: float | None = BUDGET) -> Model:

@@ -35,9 +35,15 @@ class Folder:
         By path, what has been loaded.
     """
 
-    def __init__(self, path: Path, output: Callable[[str], object] | None = None) -> None:
-        """Hand what the modules print to `output`; without it, that goes to stdout."""
+    def __init__(
+        self, path: Path, output: Callable[[str], object] | None = None, prefix: str = ''
+    ) -> None:
+        """Hand what the modules print to `output`; without it, that goes to stdout.
+
+        `prefix` precedes the names of the folder's files wherever they are told.
+        """
         self.path = path.absolute()
+        self._prefix = prefix
         self.sources: dict[str, Source] = {}
         self._names = frozenset(_modules_in(self.path)) - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
@@ -70,7 +76,8 @@ class Folder:
     def execute(self, module: ModuleType, path: Path) -> None:
         """Run the file at `path` as `module`."""
         inside = path.is_relative_to(self.path)
-        source = read(path, str(path.relative_to(self.path)) if inside else path.name)
+        name = str(path.relative_to(self.path)) if inside else path.name
+        source = read(path, self._prefix + name)
         self.sources[str(path)] = source
         # What `import` and `print` mean is looked up here by all of the module's functions.
         vars(module)['__builtins__'] = self._builtins

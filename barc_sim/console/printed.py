@@ -1,0 +1,67 @@
+"""What a student's code prints, beside a line that is drawn in place."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+#: Lines shown in a second; more would be too fast to read, and slow the run.
+_LINES_PER_SECOND = 20
+
+
+class Printed:
+    """Takes text as it is printed, piece by piece, and shows whole lines.
+
+    A terminal is shown some lines a second, and how many were left out; a file or a pipe gets all.
+    """
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        """Show nothing where `quiet`."""
+        self._quiet = quiet
+        self._all = not sys.stdout.isatty()
+        self._show: Callable[[str], None] = _print
+        self._rest = ''
+        self._left_out = self._shown = 0
+        self._second = 0.0
+
+    def show_with(self, show: Callable[[str], None]) -> None:
+        """Have whole lines shown by `show` from now on."""
+        self._show = show
+
+    def __call__(self, text: str) -> None:
+        """Take `text`."""
+        if self._quiet:
+            return
+        *lines, self._rest = (self._rest + text).split('\n')
+        for line in lines:
+            self._take(line)
+
+    def _take(self, line: str) -> None:
+        now = time.monotonic()
+        if now - self._second >= 1.0:
+            self._tell_of_left_out()
+            self._second, self._shown = now, 0
+        if self._all or self._shown < _LINES_PER_SECOND:
+            self._shown += 1
+            self._show(line)
+        else:
+            self._left_out += 1
+
+    def _tell_of_left_out(self) -> None:
+        if self._left_out:
+            self._show(f'… and {self._left_out} lines more: > FILE takes all of them')
+            self._left_out = 0
+
+    def close(self) -> None:
+        """Show what is left."""
+        if self._rest:
+            self('\n')
+        self._tell_of_left_out()
+
+
+def _print(line: str) -> None:
+    print(line)  # noqa: T201
