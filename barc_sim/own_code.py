@@ -23,7 +23,8 @@ class StudentPid:
     """A student's class `PID` as a `SpeedController`: limited, and made anew where it is reset.
 
     The terms are those of the student's object, NaN where it has no `proportional`, `integral` or
-    `derivative`; `saturated` is true where it says so itself, too. Changed gains are set where it has `kp`, `ki` and `kd`.
+    `derivative`; `saturated` is true where it says so itself, too. Changed gains are set where it
+    has `kp`, `ki` and `kd`.
     """
 
     def __init__(self, new: Controllers) -> None:

@@ -53,7 +53,7 @@ class Printed:
 
     def _tell_of_left_out(self) -> None:
         if self._left_out:
-            self._show(f'… and {self._left_out} lines more: > FILE takes all of them')
+            self._show(f'… lines left out: {self._left_out} (with > FILE, all are kept)')
             self._left_out = 0
 
     def close(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -92,8 +93,8 @@ def find(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str,
     folder = Path(folder)
     if not folder.is_dir():
         raise StudentError(
-            f'there is no folder {str(folder)!r}: python -m barc_sim.new {folder.name or "my_lab"} '
-            'writes one'
+            f'there is no folder {str(folder)!r}: python -m barc_sim.new '
+            f'{shlex.quote(str(folder))} writes one'
         )
     files = {part: folder / FILES[part] for part in parts if (folder / FILES[part]).exists()}
     if not files:

@@ -1,0 +1,21 @@
+"""The relay of the drive by hand: write relay."""
+
+dt = 0.05  # [s] relay is called once each dt
+
+
+def relay(linear_x, angular_z):
+    """Return the command to the car, as [motor, servo].
+
+    linear_x   [-]      the driver's wish: 1 forwards, -1 backwards, 0 for neither
+    angular_z  [-]      1 to the left, -1 to the right, 0 for neither
+
+    motor      [m/s^2]  acceleration; the car gives at most 8, either way
+    servo      [rad]    steering angle of the front wheels, positive to the left; at most 0.5
+
+    To remember something from call to call, such as the steering angle, write a class in its
+    place: class Relay, with a method relay(self, linear_x, angular_z).
+    """
+    # TODO: motor and servo
+
+    # Then put in place of the next line: return [motor, servo]
+    raise NotImplementedError
