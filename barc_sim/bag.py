@@ -68,6 +68,25 @@ def attachments(path: Path | str) -> dict[str, bytes]:
     }
 
 
+def counts(path: Path | str) -> dict[str, int]:
+    """Return how many messages the bag has, by topic, without namespaces.
+
+    Raises
+    ------
+    UserError
+        There is no bag at `path`.
+    """
+    found: dict[str, int] = defaultdict(int)
+    for file in files(Path(path)):
+        names: dict[int, str] = {}
+        for record in records(file):
+            if isinstance(record, Channel):
+                names[record.id] = record.topic.rpartition('/')[2]
+            elif isinstance(record, Message) and record.channel_id in names:
+                found[names[record.channel_id]] += 1
+    return dict(found)
+
+
 def read(path: Path | str, namespace: str | None = None) -> Log:
     """Read the run of a car.
 

@@ -46,7 +46,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         package = (error.name or '').partition('.')[0]
         if package not in _ROS:
             raise
-        _report(
+        report(
             prog,
             f'{_ROS[package]} is not installed in this Python: start with ./scripts/run or '
             './scripts/shell, which set it up, or source a ROS 2 Jazzy workspace',

@@ -80,6 +80,12 @@ class Log:
         return self.x - (self.e_s * np.cos(heading) - self.e_ey * np.sin(heading))
 
     @property
+    def across(self) -> Floats:
+        """True position to the left of the road's axis [m], shape `(n,)`."""
+        heading = self.psi - self.e_epsi
+        return self.y - (self.e_s * np.sin(heading) + self.e_ey * np.cos(heading))
+
+    @property
     def speed_error(self) -> Floats:
         """Reference minus true speed [m/s], shape `(n,)`."""
         return self.reference - self.speed

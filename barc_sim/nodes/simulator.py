@@ -35,8 +35,9 @@ from barc_sim.executor import QuickCallbackGroup
 from barc_sim.gate import Gate
 from barc_sim.pacing import Pace
 from barc_sim.parameters import Parameter, declare
+from barc_sim.plant_values import period_ns, plant
 from barc_sim.process import spin
-from barc_sim.simulator_parameters import PARAMETERS, period_ns, plant
+from barc_sim.simulator_parameters import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,0 +1,50 @@
+"""A student's code that is attached to a bag, at work."""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+from barc_sim.errors import UserError
+from barc_sim.student.code import FILES, load_lab
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from barc_sim.regrading.recorded import Recorded
+    from barc_sim.student.code import Lab
+
+
+@contextmanager
+def attached(recorded: Recorded, part: str) -> Iterator[Lab]:
+    """Load a part of the attached code, and no other.
+
+    Raises
+    ------
+    UserError
+        where it can't be loaded.
+    """
+    with tempfile.TemporaryDirectory(prefix='barc_sim_') as name:
+        folder = Path(name)
+        _unpack(recorded, part, folder)
+        yield load_lab(folder, [part], output=_nowhere)
+
+
+def _unpack(recorded: Recorded, part: str, folder: Path) -> None:
+    """Write a part's file, by its usual name, and those beside it."""
+    own = PurePosixPath(recorded.files[part])
+    for name, data in recorded.sources.items():
+        path = PurePosixPath(name)
+        if path.is_absolute() or '..' in path.parts or '\0' in name:
+            raise UserError(f'the bag has a file {name!r} attached, which no run attaches')
+        if path.is_relative_to(own.parent):
+            target = folder / path.relative_to(own.parent)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+    (folder / FILES[part]).write_bytes(recorded.sources[recorded.files[part]])
+
+
+def _nowhere(_: str) -> None:
+    """Print nothing."""

@@ -1,0 +1,131 @@
+"""A bag -> whether it could have come from the code that it claims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from barc_sim.bike_model import bikeFE
+from barc_sim.errors import UserError
+from barc_sim.pid import speed_controller
+from barc_sim.plant_values import plant
+from barc_sim.regrading import commands, states
+from barc_sim.regrading.attached import attached
+from barc_sim.regrading.recorded import read
+from barc_sim.regrading.verdict import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from barc_sim.bike_model import Model
+    from barc_sim.regrading.recorded import Recorded
+
+_OWN = 'barc_sim'
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is found of a bag."""
+
+    bag: str
+    states: int
+    duration: float  #: [s]
+    missed: int  #: deadlines
+    claimed: Mapping[str, str]  #: by part, whose code the bag says drove
+    changed: tuple[str, ...]  #: attached files that are not those of the run
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def possible(self) -> bool:
+        """Whether the bag could have come from the code that it claims."""
+        found = {(verdict.part, verdict.code): verdict.possible for verdict in self.verdicts}
+        return not self.changed and all(found[claim] for claim in self.claimed.items())
+
+
+def judge(path: Path) -> Judgement:
+    """Judge the bag at `path`.
+
+    Raises
+    ------
+    UserError
+        where there is none, or it does not tell what it takes.
+    """
+    recorded = read(path)
+    try:
+        verdicts = _verdicts(recorded)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(
+            f'{str(path)!r} does not tell of all parameters of its run ({error!r}): name the bag '
+            'of a run of this version of barc_sim'
+        ) from error
+    parts = dict.fromkeys(verdict.part for verdict in verdicts)
+    return Judgement(
+        bag=str(path),
+        states=len(recorded.log),
+        duration=float(recorded.log.t[-1]),
+        missed=int(recorded.log.missed.sum()),
+        claimed={part: recorded.files.get(part, _OWN) for part in parts},
+        changed=recorded.changed,
+        verdicts=tuple(verdicts),
+    )
+
+
+def _verdicts(recorded: Recorded) -> list[Verdict]:
+    own, resets = _judge_states(recorded, bikeFE, _OWN)
+    verdicts = [own]
+    if name := recorded.files.get('model'):
+        try:
+            with attached(recorded, 'model') as lab:
+                assert lab.model  # noqa: S101 (it was loaded)
+                verdict, resets = _judge_states(recorded, lab.model, name)
+        except UserError as error:
+            verdict = Verdict('model', name, first=str(error))
+        verdicts.append(verdict)
+    if recorded.controller is not None:
+        verdicts += _judge_commands(recorded, recorded.controller, resets)
+    return verdicts
+
+
+def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict, set[int]]:
+    values = recorded.simulator
+
+    def step(
+        *row: float, **vehicle: float
+    ) -> Sequence[float]:  # a function: a plant's copy shares it
+        return model(*row, **vehicle)
+
+    return states.judge(
+        recorded.log,
+        partial(plant, values, bikeFE if model is bikeFE else step),
+        code,
+        placements=recorded.placements,
+        braking=values['timeout_braking'] if values['command_timeout'] else None,
+    )
+
+
+def _judge_commands(
+    recorded: Recorded, values: Mapping[str, float], resets: set[int]
+) -> list[Verdict]:
+    gains = values['kp'], values['ki'], values['kd']
+    limit = values['acceleration_limit']
+    show = partial(
+        commands.judge,
+        recorded.log,
+        limit=limit,
+        subtract_error=bool(values['subtract_error']),
+        resets=resets,
+    )
+    verdicts = [show(partial(speed_controller, *gains, limit), _OWN)]
+    if name := recorded.files.get('controller'):
+        try:
+            with attached(recorded, 'controller') as lab:
+                assert lab.controller  # noqa: S101 (it was loaded)
+                new = partial(lab.controller, *gains, output_min=-limit, output_max=limit)
+                verdicts.append(show(new, name))
+        except UserError as error:
+            verdicts.append(Verdict('controller', name, first=str(error)))
+    return verdicts
