@@ -42,7 +42,10 @@ def in_words(judgement: Judgement) -> str:
             (first.resets, 'times the car began anew'),
             (first.placements, 'times it was put elsewhere'),
             (first.gaps, 'states after a gap: taken as they are'),
-            (judgement.missed, 'missed deadlines: what held is one of the commands around'),
+            (
+                judgement.missed,
+                'states that no command answered in time: what held is one of those around',
+            ),
         )
         if count
     ]

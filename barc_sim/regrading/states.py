@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 from math import copysign, hypot, isfinite
 from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from barc_sim.bike_model import Input, Motion, State
 from barc_sim.errors import UserError
@@ -86,6 +89,7 @@ def judge(
 
 def _rows(log: Log) -> Iterator[_Row]:
     measured = (log.x, log.y, log.psi, log.v_x, log.v_y, log.psi_dot)
+    log = _without_unknown_errors(log)
     true = (
         log.distance,
         log.across,
@@ -98,6 +102,12 @@ def _rows(log: Log) -> Iterator[_Row]:
     columns = [column.tolist() for column in (log.t, *measured, *true, log.motor, log.servo)]
     for t, *values in zip(*columns, certain.tolist(), strict=True):
         yield _Row(t, Motion(*values[:6]), Motion(*values[6:12]), Input(*values[12:14]), values[14])
+
+
+def _without_unknown_errors(log: Log) -> Log:
+    """Return the log with zeros for the errors that a killed run has not told."""
+    names = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
+    return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in names})
 
 
 def _follow(plant: Plant, rows: list[_Row], k: int, braking: float | None) -> Plant:

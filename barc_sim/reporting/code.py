@@ -18,4 +18,4 @@ def to_html(text: str) -> str:
 
 def css() -> str:
     """Return the colours."""
-    return str(_FORMATTER.get_style_defs('.code'))
+    return str(_FORMATTER.get_style_defs('.code'))  # type: ignore[no-untyped-call]

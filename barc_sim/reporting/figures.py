@@ -39,7 +39,9 @@ def terms(log: Log) -> str | None:
     with _as_written():
         figure = Figure(figsize=_SIZE, layout='constrained')
         axes = figure.subplots()
-        axes.step(log.distance, log.motor, where='post', color=INK, lw=1.0, ls=DASHES, label='sum')
+        axes.step(
+            log.distance, log.motor, where='post', color=INK, lw=1.0, ls=DASHES, label='command'
+        )
         for name, color in zip(names, (BLUE, GREEN, VERMILLION), strict=True):
             axes.step(
                 log.distance, getattr(log, name), where='post', color=color, lw=1.4, label=name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -115,7 +116,8 @@ def load(
         'controller': _controller,
         'relay': _relay,
     }
-    paths = {part: file.absolute() for part, file in files.items()}
+    # Without `..`, for the names of folders.
+    paths = {part: Path(os.path.abspath(file)) for part, file in files.items()}  # noqa: PTH100
     parents = dict.fromkeys(path.parent for path in paths.values())
     folders = {
         parent: Folder(parent, output, f'{number}_{parent.name}/' if len(parents) > 1 else '')
