@@ -1,0 +1,220 @@
+"""A submission's process as the grader sees it: requests, deadlines, and how it ended."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.grading import landlock, readable
+from barc_sim.grading.channel import Channel
+from barc_sim.grading.protocol import MAX_TEXT, REPLY, REQUEST, Status, doubles
+from barc_sim.grading.text import one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from barc_sim.grading.protocol import Operation
+
+_PACKAGES = Path(__file__).parents[2]
+_SCRIPT = Path(__file__).with_name('child.py')
+# The seed of hashes is fixed so that sets are in the same order each time; `python -I` would take
+# no notice of it. BLAS would start threads, which are refused.
+_ENVIRONMENT = {'PYTHONHASHSEED': '0', 'PYTHONUTF8': '1', 'OPENBLAS_NUM_THREADS': '1'}
+_LAST_WORDS = 1.0  # [s] for a process that has closed its pipes to end by itself
+
+
+class Limits(NamedTuple):
+    """What a submission's process may use up; none of it tells good code from slow code."""
+
+    memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
+    cpu: int = 30  #: [s] of processor time, over all calls
+    start: float = 60.0  #: [s] until it is confined; nothing of the submission runs before
+    call: float = 5.0  #: [s] for one request, of up to thousands of calls
+    output: int = 16_384  #: bytes of what it prints are kept
+
+
+class Failed(Exception):  # noqa: N818 (an answer, no fault of ours)
+    """The submission's code has failed, in the words of its text; the process lives on."""
+
+
+class Ended(Exception):  # noqa: N818
+    """The process has ended, or has been ended; the text continues "the process "."""
+
+
+class Unconfined(OSError):  # noqa: N818
+    """The process could not be confined; nothing of the submission has been run."""
+
+
+class Process:
+    """Runs the code in `folder`, which is all it may read beside Python and NumPy.
+
+    Where `sandbox` is False the limits hold, but files, network and other processes are open to it.
+    """
+
+    def __init__(self, folder: Path, limits: Limits, *, sandbox: bool = True) -> None:
+        """Start it, and wait until it is confined.
+
+        Raises
+        ------
+        Unconfined
+            where the kernel does not do that.
+        """
+        self._limits = limits
+        self._serial = 0
+        requests, our_requests = os.pipe()
+        our_replies, replies = os.pipe()
+        our_output, output = os.pipe()
+        self.channel = Channel(our_requests, our_replies, our_output, keep=limits.output)
+        passed = [requests, replies]
+        try:
+            if sandbox:
+                passed.append(_ruleset(folder))
+            self._process = _start(folder, limits, passed, output)
+        except BaseException:
+            self.channel.close()
+            raise
+        finally:
+            for descriptor in (*passed, output):
+                os.close(descriptor)
+        try:
+            self._receive(0, time.monotonic() + limits.start, limits.start)
+        except Failed as error:
+            self.close()
+            raise Unconfined(str(error)) from None
+        except Ended as error:
+            raise Unconfined(f'the process {error}') from None
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return the process, which is ended on leaving."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the process."""
+        self.close()
+
+    def request(
+        self, operation: Operation, values: Sequence[float], count: int
+    ) -> tuple[float, ...]:
+        """Return the `count` doubles that answer `values`, whatever they are.
+
+        Raises
+        ------
+        Failed
+            where the submission's code has failed.
+        Ended
+            where the process has ended, was too slow or answered with something else, and so has
+            been ended.
+        """
+        self._serial += 1
+        size = len(values)
+        deadline = time.monotonic() + self._limits.call
+        frame = REQUEST.pack(self._serial, operation, size) + doubles(size).pack(*values)
+        try:
+            self.channel.send(frame, deadline)
+        except (EOFError, TimeoutError) as error:
+            raise Ended(self._end(error, self._limits.call)) from None
+        return self._receive(count, deadline, self._limits.call)
+
+    def close(self) -> None:
+        """End the process and all that it has started, and take in what it has printed."""
+        if self._process.poll() is None:
+            # All that it has started is in its group, whose number is taken while it lives.
+            with suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            self._process.wait()
+        self.channel.close()
+
+    def _receive(self, count: int, deadline: float, seconds: float) -> tuple[float, ...]:
+        data, whole = b'', REPLY.size
+        status = 0
+        try:
+            while len(data) < whole:
+                data += self.channel.receive(deadline)
+                if len(data) >= REPLY.size:
+                    status, whole = self._header(data, count)
+            if len(data) > whole:
+                raise _Garbage
+        except (EOFError, TimeoutError, _Garbage) as error:
+            raise Ended(self._end(error, seconds)) from None
+        if status == Status.FAILED:
+            raise Failed(one_line(data[REPLY.size :].decode(errors='replace')))
+        return doubles(count).unpack_from(data, REPLY.size)
+
+    def _header(self, data: bytes, count: int) -> tuple[int, int]:
+        """Return the status, and how long the reply has to be."""
+        serial, status, size = REPLY.unpack_from(data)
+        if serial == self._serial and status == Status.DONE and size == count:
+            return status, REPLY.size + 8 * count
+        if serial == self._serial and status == Status.FAILED and size <= MAX_TEXT:
+            return status, REPLY.size + size
+        raise _Garbage
+
+    def _end(self, error: Exception, seconds: float) -> str:
+        """End the process and return why, to continue "the process "."""
+        if isinstance(error, EOFError):
+            # It has closed its pipes, most often because it is about to be gone.
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(_LAST_WORDS)
+        code = self._process.poll()
+        self.close()
+        if isinstance(error, TimeoutError):
+            return f'was ended: it had not answered within {seconds:g} s; is there an endless loop?'
+        if code is None or isinstance(error, _Garbage):
+            return 'was ended: it has written to, or closed, files that are not its own'
+        if code == -signal.SIGKILL:
+            return f'was ended: it has used up {self._limits.cpu} s of processor time'
+        if code < 0:
+            name = signal.Signals(-code).name
+            return f'has crashed with {name}; is a recursion too deep?'
+        return f'has ended itself with exit code {code}; a function returns, it does not exit'
+
+
+class _Garbage(Exception):  # noqa: N818
+    """What has been received is no reply to what was asked."""
+
+
+def _ruleset(folder: Path) -> int:
+    """Return the descriptor of a Landlock ruleset for code in `folder`."""
+    python = readable.python()
+    try:
+        return landlock.create_ruleset(
+            (folder, *python.readable), python.listable, python.writable
+        )
+    except OSError as error:
+        raise Unconfined(error.strerror) from None
+
+
+def _start(folder: Path, limits: Limits, passed: list[int], output: int) -> subprocess.Popen[bytes]:
+    """Start `child.py` with the descriptors of requests, replies and, where it is, ruleset."""
+    requests, replies, ruleset = (*passed, -1)[:3]
+    return subprocess.Popen(  # noqa: S603 (our own script)
+        [
+            *(sys.executable, '-s', '-S', '-B', '-u', str(_SCRIPT)),
+            *map(str, (requests, replies, ruleset, os.getpid(), _PACKAGES)),
+            *map(str, (readable.numpy_folder(), limits.memory, limits.cpu)),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=output,
+        pass_fds=passed,
+        cwd=folder,
+        env=_ENVIRONMENT,
+        start_new_session=True,
+    )

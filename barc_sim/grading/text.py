@@ -1,0 +1,14 @@
+"""Text that a submission has written, made fit to be shown."""
+
+from __future__ import annotations
+
+
+def printable(text: str) -> str:
+    """Return `text` without what steers terminals or turns writing around; lines and tabs stay."""
+    return ''.join(c if c.isprintable() or c in '\n\t' else '\N{REPLACEMENT CHARACTER}' for c in text)
+
+
+def one_line(text: str, width: int = 400) -> str:
+    """Return `text` printable and in one line of at most `width` characters."""
+    line = ' '.join(printable(text).split())
+    return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'
