@@ -16,16 +16,14 @@ class Channel:
     Attributes
     ----------
     printed
-        The first `keep` bytes that the process has printed.
-    dropped
-        How many bytes more it has printed.
+        What the process has printed, its first `keep` bytes and one more if there is more.
     """
 
     def __init__(self, requests: int, replies: int, output: int, *, keep: int) -> None:
         """Take over the descriptors of the pipes' ends on this side."""
         self.printed = b''
-        self.dropped = 0
-        self._keep = keep
+        self._keep = keep + 1
+        self._closed = False
         self._requests, self._replies, self._output = requests, replies, output
         self._sending, self._receiving = select.poll(), select.poll()
         self._sending.register(requests, select.POLLOUT)
@@ -70,7 +68,10 @@ class Channel:
         return data
 
     def close(self) -> None:
-        """Take in what has been printed so far, and close the pipes."""
+        """Take in what has been printed so far, and close the pipes; once more does nothing."""
+        if self._closed:
+            return
+        self._closed = True
         self._take_output()
         for descriptor in (self._requests, self._replies, self._output):
             os.close(descriptor)
@@ -95,6 +96,4 @@ class Channel:
                 for poll in (self._sending, self._receiving):
                     with suppress(KeyError):
                         poll.unregister(self._output)
-            kept = data[: self._keep - len(self.printed)]
-            self.printed += kept
-            self.dropped += len(data) - len(kept)
+            self.printed += data[: self._keep - len(self.printed)]

@@ -72,7 +72,7 @@ class _Code:
 
     def __init__(self) -> None:
         self._model: Model | None = None
-        self._controllers_class: Controllers | None = None
+        self._new: Controllers | None = None
         self._controllers: list[Controller] = []
 
     def answer(self, operation: int, values: tuple[float, ...]) -> list[float]:
@@ -93,10 +93,12 @@ class _Code:
         rows = zip(*[iter(values)] * MODEL_COLUMNS, strict=True)
         return [value for row in rows for value in model(*row, l_f=l_f, l_r=l_r)]
 
-    def _new_controller(self, kp: float, ki: float, kd: float) -> Controller:
-        if self._controllers_class is None:
-            self._controllers_class = code.load_controller(Path('controller.py'), budget=None)
-        return self._controllers_class(kp, ki, kd)
+    def _new_controller(
+        self, kp: float, ki: float, kd: float, output_min: float, output_max: float
+    ) -> Controller:
+        if self._new is None:
+            self._new = code.load_controller(Path('controller.py'), budget=None)
+        return self._new(kp, ki, kd, output_min=output_min, output_max=output_max)
 
 
 def _reset(student: Any) -> bool:  # noqa: ANN401 (a submission's object)
@@ -164,6 +166,7 @@ if __name__ == '__main__':
     from barc_sim.grading.protocol import (
         MAX_TEXT,
         MODEL_COLUMNS,
+        NO_PIPES,
         REPLY,
         REQUEST,
         STEP_COLUMNS,
@@ -183,5 +186,9 @@ if __name__ == '__main__':
     except OSError as error:
         _write(start.replies, _failure(0, error))
         sys.exit(1)
-    _write(start.replies, REPLY.pack(0, Status.DONE, 0))
-    _serve(start.requests, start.replies)
+    try:
+        _write(start.replies, REPLY.pack(0, Status.DONE, 0))
+        _serve(start.requests, start.replies)
+    except OSError:
+        # Closed by the submission, or by a grader that is gone.
+        os._exit(NO_PIPES)

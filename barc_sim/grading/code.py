@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from barc_sim.bike_model import L_F, L_R
 from barc_sim.grading.process import Ended, Failed, Limits, Process
 from barc_sim.grading.protocol import STATE_COLUMNS, Operation
+from barc_sim.pid import ACCELERATION_LIMIT
 from barc_sim.student.code import FILES, StudentError
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class ConfinedCode:
         self._process: Process | None = None
         self._deaths: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
-        self._printed: list[tuple[bytes, int]] = []
+        self._printed = b''
 
     def __enter__(self) -> Self:
         """Return the code, whose process is ended on leaving."""
@@ -68,12 +69,8 @@ class ConfinedCode:
     @property
     def printed(self) -> str:
         """What has been printed by processes that have ended, its beginning."""
-        text = b''.join(data for data, _ in self._printed)[: self._limits.output].decode(
-            errors='replace'
-        )
-        dropped = sum(count for _, count in self._printed)
-        dropped += max(sum(len(data) for data, _ in self._printed) - self._limits.output, 0)
-        return f'{text}\n[{dropped:,} bytes more]' if dropped else text
+        text = self._printed[: self._limits.output].decode(errors='replace')
+        return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
         """Return what `bikeFE` makes of each row."""
@@ -84,8 +81,9 @@ class ConfinedCode:
         ]
 
     def new_pid(self, kp: float, ki: float, kd: float) -> ConfinedController:
-        """Return a fresh `PID` with these gains."""
-        (number,) = self.ask(_CONTROLLER, Operation.NEW_PID, (kp, ki, kd), 1)
+        """Return a fresh `PID` with these gains, and the motor's limits where it takes them."""
+        limits = (-ACCELERATION_LIMIT, ACCELERATION_LIMIT)
+        (number,) = self.ask(_CONTROLLER, Operation.NEW_PID, (kp, ki, kd, *limits), 1)
         return ConfinedController(self, number, self._process)
 
     def ask(
@@ -123,8 +121,7 @@ class ConfinedCode:
         """End the process, if there is one."""
         if self._process is not None:
             self._process.close()
-            channel = self._process.channel
-            self._printed.append((channel.printed, channel.dropped))
+            self._printed += self._process.channel.printed
             self._process = None
 
 

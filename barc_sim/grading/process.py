@@ -6,14 +6,16 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.errors import UserError
 from barc_sim.grading import landlock, readable
 from barc_sim.grading.channel import Channel
-from barc_sim.grading.protocol import MAX_TEXT, REPLY, REQUEST, Status, doubles
+from barc_sim.grading.protocol import MAX_TEXT, NO_PIPES, REPLY, REQUEST, Status, doubles
 from barc_sim.grading.text import one_line
 
 if TYPE_CHECKING:
@@ -176,11 +178,11 @@ class Process:
         self.close()
         if isinstance(error, TimeoutError):
             return f'was ended: it had not answered within {seconds:g} s; is there an endless loop?'
-        if code is None or isinstance(error, _Garbage):
+        if code in {None, NO_PIPES} or isinstance(error, _Garbage):
             return 'was ended: it has written to, or closed, files that are not its own'
         if code == -signal.SIGKILL:
             return f'was ended: it has used up {self._limits.cpu} s of processor time'
-        if code < 0:
+        if code is not None and code < 0:
             name = signal.Signals(-code).name
             return f'has crashed with {name}; is a recursion too deep?'
         return f'has ended itself with exit code {code}; a function returns, it does not exit'
@@ -188,6 +190,24 @@ class Process:
 
 class _Garbage(Exception):  # noqa: N818
     """What has been received is no reply to what was asked."""
+
+
+def check(*, sandbox: bool) -> None:
+    """Start a process that runs nothing.
+
+    Raises
+    ------
+    UserError
+        where it cannot be confined here.
+    """
+    try:
+        with tempfile.TemporaryDirectory() as folder, Process(Path(folder), Limits(), sandbox=sandbox):
+            pass
+    except Unconfined as error:
+        raise UserError(
+            f'submissions cannot be confined on this machine ({error}): grade on Linux 5.13 or '
+            'later, or give --no-sandbox in a container that holds one submission and nothing else'
+        ) from None
 
 
 def _ruleset(folder: Path) -> int:

@@ -18,6 +18,7 @@ REPLY = Struct('=III')
 MODEL_COLUMNS = 11  #: of a row for bikeFE: its positional arguments
 STATE_COLUMNS = 4  #: of its answer
 STEP_COLUMNS = 3  #: of a row for a controller: reference, current [m/s], dt [s]
+NO_PIPES = 97  #: exit code of a process whose pipes have been closed
 MAX_TEXT = 4000  #: bytes of a message; what is longer is cut
 
 
@@ -25,7 +26,7 @@ class Operation(IntEnum):
     """What is asked for."""
 
     MODEL = 1  #: l_f, l_r [m], rows for bikeFE -> rows of states
-    NEW_PID = 2  #: kp, ki, kd -> the new controller's number
+    NEW_PID = 2  #: kp, ki, kd, output_min, output_max [m/s²] -> the new controller's number
     STEPS = 3  #: a controller's number, rows -> its outputs [m/s²], one after the other
     RESET = 4  #: a controller's number -> 1, or 0 where it has no `reset`
 

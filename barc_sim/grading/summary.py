@@ -1,0 +1,72 @@
+"""What a class has brought: a CSV file and a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from statistics import mean, median
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from barc_sim.grading.labels import label
+from barc_sim.grading.text import one_line
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from barc_sim.grading.batch import Failure
+    from barc_sim.grading.report import Report
+    from barc_sim.grading.rubric import Rubric
+
+# Spreadsheets take a cell that begins with one of these for a formula.
+_FORMULA = ('=', '+', '-', '@', '\t')
+
+
+def as_csv(reports: Sequence[Report], failures: Mapping[str, Failure], rubric: Rubric) -> str:
+    """Return a line for each submission: its score, its points by criterion, and a remark.
+
+    Of a submission that could not be graded, the numbers are left out.
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator='\n')
+    writer.writerow(['name', 'score', 'max_score', *rubric.points, 'remark'])
+    rows = [
+        [_cell(report.name), report.score, report.max_score]
+        + [report.points[criterion] for criterion in rubric.points]
+        + [_cell(report.remark)]
+        for report in reports
+    ]
+    for name, failure in failures.items():
+        rows.append([_cell(name), '', rubric.max_score, *('' for _ in rubric.points)])
+        rows[-1].append(_cell(f'not graded: {failure.reason}'))
+    writer.writerows(sorted(rows, key=lambda row: str(row[0])))
+    return buffer.getvalue()
+
+
+def _cell(text: str) -> str:
+    line = one_line(text)
+    return f"'{line}" if line.startswith(_FORMULA) else line
+
+
+def as_table(reports: Sequence[Report], rubric: Rubric) -> Table:
+    """Return, by criterion, the points of one submission, or their mean where there are more."""
+    alone = len(reports) == 1
+    scores = [report.score for report in reports]
+    title = one_line(rubric.title, 70)
+    table = Table(title=escape(title), box=None, title_justify='left', show_footer=True)
+    total = f'{mean(scores):.2f}' if scores else ''
+    table.add_column('Criterion', footer='Score')
+    table.add_column('Points' if alone else 'Mean', footer=total, justify='right')
+    table.add_column('of', footer=f'{rubric.max_score:g}', justify='right')
+    if not alone:
+        middle = f'median {median(scores):g}, {min(scores):g} to {max(scores):g}' if scores else ''
+        table.add_column('Full marks', footer=middle, justify='left')
+    for criterion, worth in rubric.points.items():
+        points = [report.points[criterion] for report in reports]
+        row = [label(criterion), f'{mean(points):.2f}' if points else '', f'{worth:g}']
+        if not alone:
+            row.append(f'{sum(value == worth for value in points)} of {len(points)}')
+        table.add_row(*row)
+    return table
