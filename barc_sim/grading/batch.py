@@ -49,7 +49,9 @@ def dask(address: str) -> Iterator[Executor]:
         where `distributed` is not installed, or nobody answers there.
     """
     try:
-        from distributed import Client  # noqa: PLC0415 (an optional dependency)
+        from distributed import (  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415
+            Client,
+        )
     except ImportError:
         raise UserError('--scheduler needs Dask: pip install "barc_sim[dask]"') from None
     try:

@@ -31,7 +31,7 @@ class Channel:
         for poll in (self._sending, self._receiving):
             poll.register(output, select.POLLIN)
         for descriptor in (requests, replies, output):
-            os.set_blocking(descriptor, False)  # noqa: FBT003 (its only form)
+            os.set_blocking(descriptor, False)
 
     def send(self, data: bytes, deadline: float) -> None:
         """Send `data` before `deadline`, of `time.monotonic`.

@@ -38,12 +38,17 @@ class _Start(NamedTuple):
 
     @classmethod
     def parse(cls, arguments: Sequence[str]) -> _Start:
+        """Return what `process.py` has put on the command line."""
         requests, replies, ruleset, parent, packages, numpy, memory, cpu = arguments
         return cls(
-            *map(int, (requests, replies, ruleset, parent)),
-            *map(Path, (packages, numpy)),
-            int(memory),
-            int(cpu),
+            requests=int(requests),
+            replies=int(replies),
+            ruleset=int(ruleset),
+            parent=int(parent),
+            packages=Path(packages),
+            numpy=Path(numpy),
+            memory=int(memory),
+            cpu=int(cpu),
         )
 
 
@@ -118,7 +123,9 @@ def _serve(requests: int, replies: int) -> None:
         values = layout.unpack(_read(requests, layout.size))
         try:
             result = answer(operation, values)
-            frame = REPLY.pack(serial, Status.DONE, len(result)) + doubles(len(result)).pack(*result)
+            frame = REPLY.pack(serial, Status.DONE, len(result)) + doubles(len(result)).pack(
+                *result
+            )
         except BaseException as error:  # noqa: BLE001 (also SystemExit: it is the submission's)
             frame = _failure(serial, error)
         _write(replies, frame)

@@ -26,7 +26,7 @@ _PAGE = Template("""\
 <title>$name: $score</title>
 <style>
   :root { color: #222; background: #fff; font: 16px/1.5 system-ui, sans-serif; }
-  body { max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+  body { max-width: 64rem; margin: 2rem auto; padding: 0 1rem; }
   header { display: flex; flex-wrap: wrap; justify-content: space-between; column-gap: 2rem; }
   h1, .score { font-size: 2rem; margin: 0; overflow-wrap: anywhere; }
   .score { font-weight: bold; }
@@ -36,10 +36,10 @@ _PAGE = Template("""\
   table { border-collapse: collapse; width: 100%; }
   th, td { text-align: left; vertical-align: top; padding: .5rem .75rem .5rem 0; }
   tr { border-bottom: 1px solid #e4e4e4; }
-  th { font-weight: 600; }
+  th { font-weight: 600; white-space: nowrap; }
   td.points { text-align: right; white-space: nowrap; font-variant-numeric: tabular-nums; }
   td.message { overflow-wrap: anywhere; }
-  meter { width: 7rem; height: 1rem; }
+  meter { width: 6rem; height: 1rem; vertical-align: middle; }
   img { width: 100%; border: 1px solid #e4e4e4; }
   pre { background: #f5f5f5; padding: 1rem; max-height: 30rem; overflow: auto;
     white-space: pre-wrap; overflow-wrap: anywhere; }

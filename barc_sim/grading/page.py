@@ -6,7 +6,7 @@ import io
 import textwrap
 import threading
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import font_manager, style
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 SIZE = (8.27, 11.69)  #: [inch] A4
 DPI = 150
-_LEFT, _RIGHT = 0.08, 0.95  # of the page's width
-_BARS = (0.305, 0.42)
+_LEFT, _RIGHT = 0.08, 0.93  # of the page's width
+_BARS = (0.32, 0.42)
 _TEXT = 0.515
-_TOP, _BOTTOM = 0.875, 0.47  # of the page's height: the criteria
-_MESSAGE = 61  # characters in a line of a message
-_LINES = 2
+_TOP, _BOTTOM = 0.9, 0.46  # of the page's height: the criteria
+_MESSAGE = 66  # characters in a line of a message
+_LINES = 3
 # matplotlib's settings belong to the process, which may have several threads at work.
 _DRAWING = threading.Lock()
 
@@ -40,7 +40,7 @@ def draw(grade: Grade) -> tuple[bytes, bytes]:
     drawn = plots.choose(grade.items)
     with _DRAWING, style.context(LOOK):
         figure = Figure(figsize=SIZE, dpi=DPI)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         _draw_heading(figure, grade)
         _draw_items(figure, grade.items)
         plots.draw(figure, drawn, _LEFT, _RIGHT, _BOTTOM)
@@ -56,7 +56,7 @@ def _draw_heading(figure: Figure, grade: Grade) -> None:
     _text(figure, _RIGHT, 0.955, score, size=20, weight='bold', ha='right', va='baseline')
     _text(figure, _LEFT, 0.933, grade.title, width=90, color=MUTED, size=11)
     if grade.notes:
-        _text(figure, _LEFT, 0.908, '; '.join(grade.notes), width=110, color=VERMILLION, size=9)
+        _text(figure, _LEFT, 0.912, '; '.join(grade.notes), width=110, color=VERMILLION, size=9)
 
 
 def _draw_items(figure: Figure, items: tuple[Item, ...]) -> None:
@@ -70,7 +70,7 @@ def _draw_items(figure: Figure, items: tuple[Item, ...]) -> None:
         lines = textwrap.wrap(item.message, _MESSAGE, max_lines=_LINES, placeholder=' …')
         _text(axes, _LEFT, row, label(item.criterion), size=9)
         _text(axes, _BARS[1] + 0.078, row, points, size=9, ha='right')
-        _text(axes, _TEXT, row, '\n'.join(lines), size=7.5, color=MUTED, linespacing=1.15)
+        _text(axes, _TEXT, row, '\n'.join(lines), size=7, color=MUTED, linespacing=1.15)
 
 
 def _draw_bar(axes: Axes, row: int, share: float) -> None:
@@ -90,12 +90,26 @@ def _text(
     width: int = 0,
     color: str = INK,
     va: str = 'center',
-    **options: object,
+    weight: str = 'normal',
+    ha: str = 'left',
+    linespacing: float = 1.2,
 ) -> None:
     """Write what others have written: dollars are dollars, and no character is missing."""
     text = textwrap.shorten(text, width, placeholder=' …') if width else text
-    shown = ''.join(c if c == '\n' or ord(c) in _characters() else '\N{REPLACEMENT CHARACTER}' for c in text)
-    on.text(x, y, shown, fontsize=size, color=color, va=va, parse_math=False, **options)
+    known = _characters()
+    text = ''.join(c if c == '\n' or ord(c) in known else '\N{REPLACEMENT CHARACTER}' for c in text)
+    on.text(
+        x,
+        y,
+        text,
+        fontsize=size,
+        color=color,
+        va=va,
+        ha=ha,
+        weight=weight,
+        linespacing=linespacing,
+        parse_math=False,
+    )
 
 
 @cache
@@ -106,6 +120,5 @@ def _characters() -> frozenset[int]:
 
 def _png(image: Image.Image) -> bytes:
     buffer = io.BytesIO()
-    # Hardly larger with a palette of the colours that are there, and faster to write.
-    image.save(buffer, 'png', dpi=(DPI, DPI), compress_level=6)
+    image.save(buffer, 'png', dpi=(DPI, DPI))
     return buffer.getvalue()

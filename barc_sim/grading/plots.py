@@ -41,16 +41,23 @@ def draw(figure: Figure, items: Sequence[Item], left: float, right: float, top: 
         elif isinstance(item.evidence, Comparison):
             _draw_comparison(axes, item.evidence)
         axes.set_title(label(item.criterion), loc='left', fontsize=10, fontweight='bold', pad=5)
-        axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8, borderpad=0.2)
+        axes.legend(
+            loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8, borderpad=0.2
+        )
         axes.tick_params(labelsize=8)
-        axes.xaxis.label.set_size(9)
-        axes.yaxis.label.set_size(9)
+        axes.xaxis.label.set_fontsize(9)
+        axes.yaxis.label.set_fontsize(9)
 
 
 def _draw_trajectory(axes: Axes, drives: Trajectory) -> None:
     axes.plot(drives.own[:, 0], drives.own[:, 1], color=BLUE, lw=2.0, label='submission')
     axes.plot(
-        drives.reference[:, 0], drives.reference[:, 1], color=INK, lw=1.2, ls=DASHES, label='expected'
+        drives.reference[:, 0],
+        drives.reference[:, 1],
+        color=INK,
+        lw=1.2,
+        ls=DASHES,
+        label='expected',
     )
     _fit(axes, drives.reference[:, 1], drives.own[:, 1])
     axes.set(xlabel='x [m]', ylabel='y [m]')
@@ -60,13 +67,16 @@ def _draw_comparison(axes: Axes, runs: Comparison) -> None:
     own, reference = runs.own, runs.reference
     grade = axes.twinx()
     grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
-    grade.set_ylabel('Grade [°]')
+    grade.set_ylabel('Grade [°]', fontsize=9)
+    grade.tick_params(labelsize=8)
     grade.spines['right'].set_visible(False)
     grade.grid(visible=False)
     axes.set_zorder(grade.get_zorder() + 1)
     axes.patch.set_visible(False)
     axes.plot(own.distance, own.speed, color=BLUE, lw=1.8, label='submission')
-    axes.plot(reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, label="barc_sim's PID")
+    axes.plot(
+        reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, label="barc_sim's PID"
+    )
     axes.plot(own.distance, own.reference, color=VERMILLION, lw=1.0, ls=':', label='set speed')
     _fit(axes, reference.speed, own.speed)
     axes.set_xlim(reference.distance[0], reference.distance[-1])

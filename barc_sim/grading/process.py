@@ -151,10 +151,10 @@ class Process:
                 data += self.channel.receive(deadline)
                 if len(data) >= REPLY.size:
                     status, whole = self._header(data, count)
-            if len(data) > whole:
-                raise _Garbage
         except (EOFError, TimeoutError, _Garbage) as error:
             raise Ended(self._end(error, seconds)) from None
+        if len(data) > whole:
+            raise Ended(self._end(_Garbage(), seconds))
         if status == Status.FAILED:
             raise Failed(one_line(data[REPLY.size :].decode(errors='replace')))
         return doubles(count).unpack_from(data, REPLY.size)
@@ -201,7 +201,10 @@ def check(*, sandbox: bool) -> None:
         where it cannot be confined here.
     """
     try:
-        with tempfile.TemporaryDirectory() as folder, Process(Path(folder), Limits(), sandbox=sandbox):
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            Process(Path(folder), Limits(), sandbox=sandbox),
+        ):
             pass
     except Unconfined as error:
         raise UserError(
@@ -214,9 +217,7 @@ def _ruleset(folder: Path) -> int:
     """Return the descriptor of a Landlock ruleset for code in `folder`."""
     python = readable.python()
     try:
-        return landlock.create_ruleset(
-            (folder, *python.readable), python.listable, python.writable
-        )
+        return landlock.create_ruleset((folder, *python.readable), python.listable, python.writable)
     except OSError as error:
         raise Unconfined(error.strerror) from None
 

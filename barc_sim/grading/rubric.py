@@ -117,7 +117,9 @@ class _Reader:
         return str(value)
 
     def _criteria(self, key: str, node: yaml.Node) -> dict[str, float]:
-        points = {name: self._points(name, value) for name, value in self._items(key, node, CRITERIA)}
+        points = {
+            name: self._points(name, value) for name, value in self._items(key, node, CRITERIA)
+        }
         points = {name: points[name] for name in CRITERIA if points.get(name)}
         if not points:
             self._refuse(node, 'no criterion is worth any points: expected one at least')
@@ -131,10 +133,8 @@ class _Reader:
 
     def _value(self, node: yaml.Node) -> Any:  # noqa: ANN401 (whatever YAML has)
         if not isinstance(node, yaml.ScalarNode):
-            return f'a {node.id}'
+            return 'a list' if isinstance(node, yaml.SequenceNode) else 'a mapping'
         return yaml.SafeLoader('').construct_object(node)
 
     def _refuse(self, node: yaml.Node, message: str) -> NoReturn:
         raise UserError(f'the rubric {self._name!r}, line {node.start_mark.line + 1}: {message}')
-
-

@@ -52,7 +52,9 @@ def find(path: Path) -> list[Path]:
     if path.is_file() and path.suffix == '.zip':
         return [path]
     if not path.is_dir():
-        raise UserError(f'there is no folder {str(path)!r}: name one submission, or a folder of them')
+        raise UserError(
+            f'there is no folder {str(path)!r}: name one submission, or a folder of them'
+        )
     if any((path / name).exists() for name in GRADED):
         return [path]
     found = sorted(
@@ -79,11 +81,20 @@ def read(path: Path) -> Submission:
         contents = _zipped(path, notes) if path.is_file() else _listed(path, notes)
         for file, content in contents:
             if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
-                notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
+                notes.append(
+                    f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out'
+                )
                 break
             try:
                 data = content()
-            except (OSError, RuntimeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as e:
+            except (
+                OSError,
+                RuntimeError,
+                ValueError,
+                EOFError,
+                zipfile.BadZipFile,
+                zlib.error,
+            ) as e:
                 notes.append(f'{printable(file)} cannot be read: {_reason(e)}')
                 continue
             if len(data) > MAX_FILE:

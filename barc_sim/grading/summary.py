@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from operator import itemgetter
 from statistics import mean, median
 from typing import TYPE_CHECKING
 
@@ -32,16 +33,16 @@ def as_csv(reports: Sequence[Report], failures: Mapping[str, Failure], rubric: R
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator='\n')
     writer.writerow(['name', 'score', 'max_score', *rubric.points, 'remark'])
-    rows = [
-        [_cell(report.name), report.score, report.max_score]
-        + [report.points[criterion] for criterion in rubric.points]
-        + [_cell(report.remark)]
+    rows: list[tuple[str, list[object]]] = [
+        (report.name, [report.score, report.max_score, *report.points.values(), report.remark])
         for report in reports
     ]
-    for name, failure in failures.items():
-        rows.append([_cell(name), '', rubric.max_score, *('' for _ in rubric.points)])
-        rows[-1].append(_cell(f'not graded: {failure.reason}'))
-    writer.writerows(sorted(rows, key=lambda row: str(row[0])))
+    rows += [
+        (name, ['', rubric.max_score, *[''] * len(rubric.points), f'not graded: {failure.reason}'])
+        for name, failure in failures.items()
+    ]
+    for name, (*numbers, remark) in sorted(rows, key=itemgetter(0)):
+        writer.writerow([_cell(name), *numbers, _cell(str(remark))])
     return buffer.getvalue()
 
 

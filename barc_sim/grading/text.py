@@ -5,7 +5,9 @@ from __future__ import annotations
 
 def printable(text: str) -> str:
     """Return `text` without what steers terminals or turns writing around; lines and tabs stay."""
-    return ''.join(c if c.isprintable() or c in '\n\t' else '\N{REPLACEMENT CHARACTER}' for c in text)
+    return ''.join(
+        c if c.isprintable() or c in '\n\t' else '\N{REPLACEMENT CHARACTER}' for c in text
+    )
 
 
 def one_line(text: str, width: int = 400) -> str:
