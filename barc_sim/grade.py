@@ -76,7 +76,8 @@ def grade(options: Namespace) -> int:
     from rich.console import Console  # noqa: PLC0415 (--help need not wait for it)
 
     from barc_sim.grading import batch, rubric, submissions, summary  # noqa: PLC0415
-    from barc_sim.grading.process import Limits, check  # noqa: PLC0415
+    from barc_sim.grading.process import check  # noqa: PLC0415
+    from barc_sim.grading.start import Limits  # noqa: PLC0415
 
     points = rubric.load(options.rubric)
     if options.seed is not None:

@@ -8,8 +8,9 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from barc_sim.bike_model import L_F, L_R
-from barc_sim.grading.process import Ended, Failed, Limits, Process
+from barc_sim.grading.process import Ended, Failed, Process
 from barc_sim.grading.protocol import STATE_COLUMNS, Operation
+from barc_sim.grading.start import Limits
 from barc_sim.pid import ACCELERATION_LIMIT
 from barc_sim.student.code import FILES, StudentError
 

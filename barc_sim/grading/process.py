@@ -5,17 +5,15 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
-from barc_sim.grading import landlock, readable
-from barc_sim.grading.channel import Channel
 from barc_sim.grading.protocol import MAX_TEXT, NO_PIPES, REPLY, REQUEST, Status, doubles
+from barc_sim.grading.start import Limits, Unconfined, start
 from barc_sim.grading.text import one_line
 
 if TYPE_CHECKING:
@@ -26,22 +24,7 @@ if TYPE_CHECKING:
 
     from barc_sim.grading.protocol import Operation
 
-_PACKAGES = Path(__file__).parents[2]
-_SCRIPT = Path(__file__).with_name('child.py')
-# The seed of hashes is fixed so that sets are in the same order each time; `python -I` would take
-# no notice of it. BLAS would start threads, which are refused.
-_ENVIRONMENT = {'PYTHONHASHSEED': '0', 'PYTHONUTF8': '1', 'OPENBLAS_NUM_THREADS': '1'}
 _LAST_WORDS = 1.0  # [s] for a process that has closed its pipes to end by itself
-
-
-class Limits(NamedTuple):
-    """What a submission's process may use up; none of it tells good code from slow code."""
-
-    memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
-    cpu: int = 30  #: [s] of processor time, over all calls
-    start: float = 60.0  #: [s] until it is confined; nothing of the submission runs before
-    call: float = 5.0  #: [s] for one request, of up to thousands of calls
-    output: int = 16_384  #: bytes of what it prints are kept
 
 
 class Failed(Exception):  # noqa: N818 (an answer, no fault of ours)
@@ -50,10 +33,6 @@ class Failed(Exception):  # noqa: N818 (an answer, no fault of ours)
 
 class Ended(Exception):  # noqa: N818
     """The process has ended, or has been ended; the text continues "the process "."""
-
-
-class Unconfined(OSError):  # noqa: N818
-    """The process could not be confined; nothing of the submission has been run."""
 
 
 class Process:
@@ -72,21 +51,7 @@ class Process:
         """
         self._limits = limits
         self._serial = 0
-        requests, our_requests = os.pipe()
-        our_replies, replies = os.pipe()
-        our_output, output = os.pipe()
-        self.channel = Channel(our_requests, our_replies, our_output, keep=limits.output)
-        passed = [requests, replies]
-        try:
-            if sandbox:
-                passed.append(_ruleset(folder))
-            self._process = _start(folder, limits, passed, output)
-        except BaseException:
-            self.channel.close()
-            raise
-        finally:
-            for descriptor in (*passed, output):
-                os.close(descriptor)
+        self._process, self.channel = start(folder, limits, sandbox=sandbox)
         try:
             self._receive(0, time.monotonic() + limits.start, limits.start)
         except Failed as error:
@@ -211,31 +176,3 @@ def check(*, sandbox: bool) -> None:
             f'submissions cannot be confined on this machine ({error}): grade on Linux 5.13 or '
             'later, or give --no-sandbox in a container that holds one submission and nothing else'
         ) from None
-
-
-def _ruleset(folder: Path) -> int:
-    """Return the descriptor of a Landlock ruleset for code in `folder`."""
-    python = readable.python()
-    try:
-        return landlock.create_ruleset((folder, *python.readable), python.listable, python.writable)
-    except OSError as error:
-        raise Unconfined(error.strerror) from None
-
-
-def _start(folder: Path, limits: Limits, passed: list[int], output: int) -> subprocess.Popen[bytes]:
-    """Start `child.py` with the descriptors of requests, replies and, where it is, ruleset."""
-    requests, replies, ruleset = (*passed, -1)[:3]
-    return subprocess.Popen(  # noqa: S603 (our own script)
-        [
-            *(sys.executable, '-s', '-S', '-B', '-u', str(_SCRIPT)),
-            *map(str, (requests, replies, ruleset, os.getpid(), _PACKAGES)),
-            *map(str, (readable.numpy_folder(), limits.memory, limits.cpu)),
-        ],
-        stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=output,
-        pass_fds=passed,
-        cwd=folder,
-        env=_ENVIRONMENT,
-        start_new_session=True,
-    )

@@ -46,7 +46,9 @@ def load(path: Path | None = None) -> Rubric:
     name = str(path or 'the default rubric')
     try:
         text = (path or files('barc_sim.grading') / 'rubric.yaml').read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        raise UserError(f'the rubric {name!r} cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError as error:
         raise UserError(f'the rubric {name!r} cannot be read: {error}') from None
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -134,7 +136,10 @@ class _Reader:
     def _value(self, node: yaml.Node) -> Any:  # noqa: ANN401 (whatever YAML has)
         if not isinstance(node, yaml.ScalarNode):
             return 'a list' if isinstance(node, yaml.SequenceNode) else 'a mapping'
-        return yaml.SafeLoader('').construct_object(node)
+        try:
+            return yaml.SafeLoader('').construct_object(node)
+        except (yaml.YAMLError, ValueError):
+            return node.value
 
     def _refuse(self, node: yaml.Node, message: str) -> NoReturn:
         raise UserError(f'the rubric {self._name!r}, line {node.start_mark.line + 1}: {message}')

@@ -43,7 +43,9 @@ def decide(machine: str, number: int, *arguments: int, audit: int | None = None)
     padded = (*arguments, *(0,) * (6 - len(arguments)))
     audit = MACHINES[machine].audit if audit is None else audit
     data = pack('=IIQ6Q', number, audit, 0, *padded)
-    instructions = [*iter_unpack('=HBBI', program(MACHINES[machine]))]
+    instructions: list[tuple[int, int, int, int]] = [
+        *iter_unpack('=HBBI', program(MACHINES[machine]))
+    ]
     at = accumulator = 0
     while True:
         code, if_equal, otherwise, operand = instructions[at]
