@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
     from pathlib import Path
 
-    from barc_sim.grading.start import Limits
     from barc_sim.grading.report import Report
     from barc_sim.grading.rubric import Rubric
+    from barc_sim.grading.start import Limits
 
 
 class Failure(NamedTuple):

@@ -15,8 +15,8 @@ from barc_sim.grading.text import printable
 
 if TYPE_CHECKING:
     from barc_sim.checking.evidence import Comparison, Trajectory
-    from barc_sim.grading.start import Limits
     from barc_sim.grading.rubric import Rubric
+    from barc_sim.grading.start import Limits
     from barc_sim.grading.submissions import Submission
 
 

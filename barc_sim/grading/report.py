@@ -8,8 +8,8 @@ from barc_sim.grading import gradescope, html, page
 from barc_sim.grading.grade import grade
 
 if TYPE_CHECKING:
-    from barc_sim.grading.start import Limits
     from barc_sim.grading.rubric import Rubric
+    from barc_sim.grading.start import Limits
     from barc_sim.grading.submissions import Submission
 
 

@@ -38,14 +38,14 @@ class Machine(NamedTuple):
 # getpid exit uname getcwd readlink gettimeofday getrlimit getrusage sysinfo times getuid getgid
 # geteuid getegid getppid sigaltstack gettid time futex sched_getaffinity getdents64 clock_gettime
 # clock_getres clock_nanosleep exit_group openat newfstatat readlinkat faccessat pselect6 ppoll
-# set_robust_list dup3 getrandom statx rseq faccessat2, and open
+# set_robust_list dup3 getrandom statx rseq close_range faccessat2, and open
 _X86_64 = Machine(
     audit=0xC000003E,
     allowed=(
         *(0, 1, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 17, 19, 20, 21, 23, 24, 25, 28, 32),
         *(33, 35, 39, 60, 63, 79, 89, 96, 97, 98, 99, 100, 102, 104, 107, 108, 110, 131, 186, 201),
         *(202, 204, 217, 228, 229, 230, 231, 257, 262, 267, 269, 270, 271, 273, 292, 318, 332, 334),
-        *(439, 2),
+        *(436, 439, 2),
     ),
     fcntl=72,
     ioctl=16,
@@ -57,7 +57,7 @@ _AARCH64 = Machine(
     allowed=(
         *(17, 23, 24, 48, 56, 57, 61, 62, 63, 64, 65, 66, 67, 72, 73, 78, 79, 80, 93, 94, 98, 99),
         *(101, 113, 114, 115, 123, 124, 132, 134, 135, 139, 153, 160, 163, 165, 169, 172, 173, 174),
-        *(175, 176, 177, 178, 179, 214, 215, 216, 222, 226, 233, 278, 291, 293, 439),
+        *(175, 176, 177, 178, 179, 214, 215, 216, 222, 226, 233, 278, 291, 293, 436, 439),
     ),
     fcntl=25,
     ioctl=29,
