@@ -99,8 +99,9 @@ def grade(options: Namespace) -> int:
         ) as outcomes,
     ):
         # Alone, a submission's files are where Gradescope looks for them.
+        alone = paths == [options.submissions.resolve()]
         folders = {
-            path: out if paths == [options.submissions] else out / path.name for path in paths
+            path: out if alone else out / path.name for path in paths
         }
         reports, failures, interrupted = _collect(outcomes, folders)
     _write(out / 'class.csv', summary.as_csv(reports, failures, points).encode())

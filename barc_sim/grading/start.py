@@ -15,7 +15,12 @@ _PACKAGES = Path(__file__).parents[2]
 _SCRIPT = Path(__file__).with_name('child.py')
 # The seed of hashes is fixed so that sets are in the same order each time; `python -I` would take
 # no notice of it. BLAS would start threads, which are refused.
-_ENVIRONMENT = {'PYTHONHASHSEED': '0', 'PYTHONUTF8': '1', 'OPENBLAS_NUM_THREADS': '1'}
+_ENVIRONMENT = {
+    'PYTHONHASHSEED': '0',
+    'PYTHONUTF8': '1',
+    'OPENBLAS_NUM_THREADS': '1',
+    'OMP_NUM_THREADS': '1',
+}
 
 
 class Limits(NamedTuple):

@@ -44,19 +44,21 @@ class Submission:
 def find(path: Path) -> list[Path]:
     """Return the submissions at `path`: itself, or each folder and .zip file in it, by name.
 
+    A link is followed where it is `path`, which the grader has typed, and in no other place.
+
     Raises
     ------
     UserError
         where there is none.
     """
     if path.is_file() and path.suffix == '.zip':
-        return [path]
+        return [path.resolve()]
     if not path.is_dir():
         raise UserError(
             f'there is no folder {str(path)!r}: name one submission, or a folder of them'
         )
     if any((path / name).exists() for name in GRADED):
-        return [path]
+        return [path.resolve()]
     found = sorted(
         entry
         for entry in path.iterdir()

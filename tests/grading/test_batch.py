@@ -120,6 +120,8 @@ def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_scheduler_that_does_not_answer_is_named() -> None:
     pytest.importorskip('distributed')
 
-    with pytest.raises(UserError, match="no Dask scheduler answers at 'nowhere:'"):
-        with batch.dask('nowhere:'):
-            pass
+    with (
+        pytest.raises(UserError, match="no Dask scheduler answers at 'nowhere:'"),
+        batch.dask('nowhere:'),
+    ):
+        pass

@@ -22,6 +22,16 @@ def test_a_folder_with_a_graded_file_is_one_submission(folder: Callable[..., Pat
     assert find(path) == [path]
 
 
+def test_a_link_that_the_grader_names_is_followed(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = folder(controller='')
+    (tmp_path / 'link').symlink_to(path)
+
+    assert find(tmp_path / 'link') == [path]
+    assert [*read(*find(tmp_path / 'link')).files] == ['controller.py']
+
+
 def test_the_folders_and_archives_in_a_folder_are_submissions(
     folder: Callable[..., Path], tmp_path: Path
 ) -> None:
