@@ -1,0 +1,214 @@
+"""The options of a search, and what they ask for."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barc_sim.cli import Parser
+from barc_sim.errors import UserError
+from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from barc_sim.tuning.goal import Goal
+
+    Floats = NDArray[np.float64]
+
+#: By gain, where a search begins, and the end of the range from zero that it searches.
+GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
+_ROAD, _DISTANCE = 'lab', 180.0
+_MAX_GAIN = 1e6
+_MAX_SEED = 2**53
+
+
+def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
+    """Return the options on the command line."""
+    parser = Parser(
+        prog=f'python -m {prog}', description='Search the gains that hold the speed best.'
+    )
+    parser.add_argument(
+        '--cost',
+        default='rms',
+        metavar='COST',
+        help='what is to be small: rms or max, the speed error after the first 10 m [m/s]; '
+        'overshoot, a share of the speed; effort, the RMS command [m/s²]; or a weighted sum such '
+        "as 'rms+0.01*effort' (rms)",
+    )
+    parser.add_argument(
+        '--road',
+        nargs='+',
+        action='extend',
+        metavar='ROAD',
+        help="'lab', 'flat', or CSV files with the columns start_m,grade_deg; of several, the mean "
+        f'cost counts ({_ROAD})',
+    )
+    parser.add_argument(
+        '--speed', type=_number(0.1, 100.0), default=SPEED_REFERENCE, metavar='M/S', help='(8)'
+    )
+    parser.add_argument(
+        '--distance', type=_number(10.0, 1e5), default=_DISTANCE, metavar='M', help='(180)'
+    )
+    parser.add_argument(
+        '--noise',
+        type=_number(0.0, 100.0),
+        default=0.0,
+        metavar='M/S',
+        help="standard deviation of the measured speed's noise (0)",
+    )
+    parser.add_argument(
+        '--delay',
+        type=_whole(1000),
+        default=0,
+        metavar='STEPS',
+        help='of 20 ms, from a command to its effect (0; a run has none)',
+    )
+    _add_gains(parser)
+    parser.add_argument(
+        '--seed',
+        type=_whole(_MAX_SEED),
+        default=0,
+        metavar='N',
+        help="of the search and of the noise; the noise is then that of a run's --seed (0)",
+    )
+    parser.add_argument(
+        '--controller', type=Path, metavar='FILE', help='tune the class PID of this file'
+    )
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='drive on the workers of this Dask scheduler'
+    )
+    parser.add_argument(
+        '--save', metavar='FILE', help='draw a map of the cost, and the runs: .png, .pdf or .svg'
+    )
+    return parser.parse_args(argv)
+
+
+def _add_gains(parser: Parser) -> None:
+    for gain, (start, high) in GAINS.items():
+        number = _number(0.0, _MAX_GAIN)
+        parser.add_argument(
+            f'--{gain}',
+            type=number,
+            default=start,
+            metavar='GAIN',
+            help=f'to begin with ({start:g})',
+        )
+        parser.add_argument(
+            f'--{gain}-range',
+            type=number,
+            nargs=2,
+            default=(0.0, high),
+            metavar=('LOW', 'HIGH'),
+            help=f'(0 to {high:g}); the same number twice holds it there',
+        )
+
+
+def goal(options: Namespace) -> Goal:
+    """Return what `options` search for.
+
+    Raises
+    ------
+    UserError
+        where there is no such cost, or no such road.
+    """
+    from barc_sim.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim.tuning.cost import Cost  # noqa: PLC0415
+    from barc_sim.tuning.course import Course  # noqa: PLC0415
+    from barc_sim.tuning.goal import Goal  # noqa: PLC0415
+
+    courses = tuple(
+        Course(
+            road=Road.named(name),
+            speed=options.speed,
+            distance=options.distance,
+            noise=options.noise,
+            seed=options.seed,
+            delay=options.delay,
+        )
+        for name in options.road or [_ROAD]
+    )
+    return Goal(courses, Cost.parse(options.cost), options.controller)
+
+
+def ranges(options: Namespace) -> tuple[Floats, Floats]:
+    """Return the least and the greatest gains, shape `(3,)` each.
+
+    Raises
+    ------
+    UserError
+        where a range begins beyond its end.
+    """
+    import numpy as np  # noqa: PLC0415
+
+    for gain in GAINS:
+        low, high = getattr(options, f'{gain}_range')
+        if low > high:
+            raise UserError(f'--{gain}-range {low:g} {high:g} must have the lower number first')
+    low, high = np.array([getattr(options, f'{gain}_range') for gain in GAINS]).T
+    return low, high
+
+
+def commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
+    """Yield what runs `gains`, for each of the roads."""
+    for road in options.road or [_ROAD]:
+        words = ['python', '-m', 'barc_sim.run', 'acc']
+        for name, gain in zip(GAINS, gains, strict=True):
+            words += [f'--{name}', typed(gain)]
+        for name, value, default in (
+            ('road', road, _ROAD),
+            ('speed', typed(options.speed), typed(SPEED_REFERENCE)),
+            ('distance', typed(options.distance), typed(_DISTANCE)),
+            ('controller', str(options.controller), str(None)),
+            ('seed', str(options.seed if options.noise else 0), '0'),
+        ):
+            if value != default:
+                words += [f'--{name}', value]
+        if options.noise:
+            words += ['--ros-args', '-p', f'vehicle_simulator:noise_v_x:={options.noise!r}']
+        yield shlex.join(words)
+
+
+def typed(value: float) -> str:
+    """Return a number as it is typed."""
+    return f'{value:.12g}'
+
+
+def settings(options: Namespace) -> str:
+    """Return in a line what the loops are driven on."""
+    parts = [f'road {", ".join(options.road or [_ROAD])}', f'{options.speed:g} m/s']
+    if options.noise:
+        parts.append(f'noise {options.noise:g} m/s')
+    if options.delay:
+        parts.append(f'delay {options.delay} steps')
+    if options.controller:
+        parts.append(str(options.controller))
+    return ' · '.join(parts)
+
+
+def _number(low: float, high: float) -> Callable[[str], float]:
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float('nan')
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r} is not a number from {low:g} to {high:g}')
+        return value
+
+    return convert
+
+
+def _whole(high: int) -> Callable[[str], int]:
+    def convert(text: str) -> int:
+        if not (text.isdecimal() and int(text) <= high):
+            raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {high}')
+        return int(text)
+
+    return convert

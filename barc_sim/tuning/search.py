@@ -1,0 +1,112 @@
+"""The search for the least cost: differential evolution, all of a generation at once.
+
+Storn and Price, "Differential evolution: a simple and efficient heuristic for global optimization
+over continuous spaces", Journal of Global Optimization 11 (1997), in its variant best/1/bin with
+dithered weights. It wants no derivative, which a cost with limits and a road in it does not have,
+and passes by local minima and unstable gains.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+#: Gains have so many significant digits: what is printed is what was driven.
+DIGITS = 4
+_WEIGHTS = (0.5, 1.0)  # of a difference, drawn anew in each generation
+_CROSSOVER = 0.7  # how probable it is that a gain changes
+#: It has converged where the costs in the population are as close together as this.
+_TOLERANCE = 1e-4
+
+
+class Found(NamedTuple):
+    """Where a search ended."""
+
+    gains: Floats  #: shape `(3,)`: kp, ki, kd
+    cost: float  #: infinite where no gains in the ranges arrive
+    evaluations: int
+
+
+def search(
+    cost: Callable[[Floats], Floats],
+    low: Floats,
+    high: Floats,
+    start: Floats,
+    *,
+    seed: int = 0,
+    population: int = 256,
+    generations: int = 80,
+    on_generation: Callable[[int, float], object] = lambda *_: None,
+) -> Found:
+    """Return the gains of least `cost` between `low` and `high`.
+
+    The same arguments give the same gains.
+
+    Parameters
+    ----------
+    cost
+        Tells the cost of each of the gains it is given, shape `(n, d)`, as an array `(n,)`.
+    low, high, start
+        Shape `(d,)`; `start`, moved between the other two, is one of the first gains tried.
+    population
+        Gains in a generation, at least 4.
+    generations
+        The most there are.
+    on_generation
+        Called after each with the number of those before it and the least cost up to now.
+    """
+    random = np.random.default_rng(seed)
+    places = rounded(_spread(random, population, low, high))
+    places[0] = np.clip(start, low, high)
+    costs = cost(places)
+    evaluations = population
+    for generation in range(generations):
+        on_generation(generation, float(costs.min()))
+        if _converged(costs):
+            break
+        trials = rounded(np.clip(_trials(random, places, costs), low, high))
+        trial_costs = cost(trials)
+        evaluations += population
+        better = trial_costs <= costs
+        places[better], costs[better] = trials[better], trial_costs[better]
+    best = np.argmin(costs)
+    return Found(places[best], float(costs[best]), evaluations)
+
+
+def rounded(gains: Floats) -> Floats:
+    """Return `gains` with `DIGITS` significant digits."""
+    return np.array([float(f'{gain:.{DIGITS}g}') for gain in gains.flat]).reshape(gains.shape)
+
+
+def _spread(random: np.random.Generator, number: int, low: Floats, high: Floats) -> Floats:
+    """Return a Latin hypercube: one in each of `number` equal parts of every range."""
+    parts = np.column_stack([random.permutation(number) for _ in low])
+    return low + (parts + random.random(parts.shape)) / number * (high - low)
+
+
+def _trials(random: np.random.Generator, places: Floats, costs: Floats) -> Floats:
+    """Return a rival for each of `places`."""
+    number, gains = places.shape
+    weight = random.uniform(*_WEIGHTS)
+    # Two others, neither the same nor the one itself.
+    one = (np.arange(number) + random.integers(1, number, number)) % number
+    other = (one + random.integers(1, number - 1, number)) % number
+    other = np.where(other == np.arange(number), (other + 1) % number, other)
+    other = np.where(other == one, (other + 1) % number, other)
+    mutants = places[np.argmin(costs)] + weight * (places[one] - places[other])
+    crossed = random.random(places.shape) < _CROSSOVER
+    crossed[np.arange(number), random.integers(0, gains, number)] = True
+    return np.where(crossed, mutants, places)
+
+
+def _converged(costs: Floats) -> bool:
+    least, most = costs.min(), costs.max()
+    return bool(np.isfinite(most)) and bool(most - least <= _TOLERANCE * abs(least))
