@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from math import nan
 from typing import TYPE_CHECKING
 
@@ -42,17 +41,20 @@ class LimitedController(PID):
         return output
 
 
-def drive(course: Course, path: Path, gains: NDArray[np.float64]) -> Log:
-    """Drive the controller in the file at `path`, with `gains`, shape `(3,)`, over `course`."""
-    limit = course.limit
-    controller = _loaded(path)(*gains.tolist(), output_min=-limit, output_max=limit)
-    return course.drive(LimitedController(controller, limit))
-
-
 def scores(course: Course, path: Path, gains: NDArray[np.float64]) -> Scores:
-    """Return the scores over `course` with each of `gains`, shape `(n, 3)`."""
-    rows = [scored(course, drive(course, path, each)) for each in gains]
+    """Return the scores of the class in the file at `path`, over `course`.
+
+    `gains` has shape `(n, 3)`. The file is loaded each time: it may have been edited, and a
+    cluster's workers outlive searches.
+    """
+    controllers = _loaded(path)
+    rows = [scored(course, _driven(course, controllers, each)) for each in gains]
     return Scores(*np.array(rows).reshape(-1, len(Scores._fields)).T)
+
+
+def drive(course: Course, path: Path, gains: NDArray[np.float64]) -> Log:
+    """Return the run over `course` of the class in the file at `path`, `gains` of shape `(3,)`."""
+    return _driven(course, _loaded(path), gains)
 
 
 def scored(course: Course, log: Log) -> tuple[float, float, float, float]:
@@ -64,7 +66,12 @@ def scored(course: Course, log: Log) -> tuple[float, float, float, float]:
     return told.rms_error_after_run_up, told.max_error_after_run_up, told.overshoot, effort
 
 
-@cache
+def _driven(course: Course, controllers: Controllers, gains: NDArray[np.float64]) -> Log:
+    limit = course.limit
+    controller = controllers(*gains.tolist(), output_min=-limit, output_max=limit)
+    return course.drive(LimitedController(controller, limit))
+
+
 def _loaded(path: Path) -> Controllers:
     """Return the class in the file at `path`; what its code prints goes nowhere."""
     from barc_sim.student.code import load  # noqa: PLC0415 (only where it is asked for)

@@ -18,7 +18,6 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from concurrent.futures import Executor
 
     from numpy.typing import NDArray
 
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 
 #: Parts for each worker, so that none waits long for the slowest.
 _PARTS = 3
-_PATIENCE = 10  # s, until the cluster answers
+_PATIENCE = 5  # s, until the cluster answers
 
 
 @contextmanager
@@ -79,6 +78,8 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
     # What goes wrong is told in a sentence of ours.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
+        # A client with an address that is none would hang when it is taken down.
+        distributed.comm.resolve_address(address)
         client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise UserError(
@@ -91,15 +92,14 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
             raise UserError(
                 f'the Dask scheduler at {address!r} has no workers: start some, with dask worker'
             )
-        executor: Executor = client.get_executor()
 
         def shared(gains: Floats) -> Floats:
-            futures = [executor.submit(cost, part) for part in _parts(gains, cores)]
             try:
-                return np.concatenate([future.result() for future in futures])
+                futures = client.map(cost, _parts(gains, cores), key='cost', pure=False)
+                return np.concatenate(client.gather(futures))
             except UserError:
                 raise
-            except Exception as error:
+            except (Exception, distributed.CancelledError) as error:
                 raise UserError(
                     f'the Dask cluster at {address!r} failed: {type(error).__name__}: {error}; '
                     'its workers need this version of barc_sim, and the files at the same paths'

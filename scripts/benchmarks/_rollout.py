@@ -1,0 +1,131 @@
+"""One measurement of closed loops: its task is JSON on the command line, so is its figure."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy import arctan, cos, float64, sin, tan
+
+from barc_sim.pid import KD, KI, KP
+from barc_sim.road import Road
+from barc_sim.rollout import rollout
+from barc_sim.tuning import batch, compiled, single
+from barc_sim.tuning.course import Course
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_COURSE = Course()
+_LOOPS = 4 * batch.BLOCK
+
+
+class LabPid:
+    """The PID as students of the lab write it."""
+
+    def __init__(self, kp: float, ki: float, kd: float) -> None:
+        self.kp, self.ki, self.kd = kp, ki, kd
+        self.integral = self.previous = 0.0
+
+    def acc_calculate(self, reference: float, speed: float64) -> float64:
+        """Return the command."""
+        error = reference - speed
+        self.integral += error * 0.02
+        derivative = (error - self.previous) / 0.02
+        self.previous = error
+        wanted = self.kp * error + self.ki * self.integral + self.kd * derivative
+        return min(max(wanted, float64(-8.0)), float64(8.0))
+
+
+def lab_bike_fe(
+    x: float64,
+    y: float64,
+    psi: float64,
+    v: float64,
+    a: float64,
+    d_f: float64,
+    theta: float64,
+) -> tuple[float64, float64, float64, float64]:
+    """Return the next state, with NumPy's functions for single numbers."""
+    a0, m, friction, ts, l_f, l_r = 0.01308, 2000.0, 0.01711, 0.02, 1.5, 1.5
+    beta = arctan(l_r / (l_f + l_r) * tan(d_f))
+    external = -m * 9.8 * sin(theta) - a0 * v**2 - friction
+    return (
+        x + ts * v * cos(psi + beta),
+        y + ts * v * sin(psi + beta),
+        psi + ts * v / l_r * sin(beta),
+        v + ts * (a + external / m),
+    )
+
+
+def lab_loop() -> int:
+    """Drive 180 m the lab's way; return the steps."""
+    pid, road = LabPid(KP, 20.0, KD), Road.lab()
+    x = y = psi = v = float64(0.0)
+    steps = 0
+    while x < _COURSE.distance:
+        theta = np.radians(road.grade_deg(x))
+        x, y, psi, v = lab_bike_fe(x, y, psi, v, pid.acc_calculate(8.0, v), float64(0.0), theta)
+        steps += 1
+    return steps
+
+
+def objects_loop() -> int:
+    """Drive `rollout`, with all that its log holds."""
+    return len(rollout()) - 1
+
+
+def single_loop() -> int:
+    """Drive one loop in plain floats."""
+    return int(single.drive(_COURSE, KP, KI, KD).steps)
+
+
+def numpy_loops(number: int) -> int:
+    """Drive a batch on one core, the `number`-th."""
+    return int(batch.drive(_COURSE, _gains(number)).steps.sum())
+
+
+def numba_loops() -> int:
+    """Drive a batch on all cores."""
+    return int(compiled.drive(_COURSE, _gains(0)).steps.sum())
+
+
+def _gains(number: int) -> np.ndarray:
+    random = np.random.default_rng(number)
+    return np.array([5.0, 10.0, 0.0]) + random.random((_LOOPS, 3)) * [50.0, 1000.0, 0.5]
+
+
+def _rate(drive: Callable[[], int], seconds: float) -> float:
+    drive()  # to warm up, and to compile
+    steps, began = 0, time.perf_counter()
+    while (took := time.perf_counter() - began) < seconds:
+        steps += drive()
+    return steps / took
+
+
+def main(task: dict[str, object]) -> dict[str, float]:
+    """Measure; return the figure."""
+    subject, seconds = str(task['subject']), float(str(task['seconds']))
+    if subject == 'numpy':
+        cores = len(os.sched_getaffinity(0))
+        with ProcessPoolExecutor(cores, get_context('spawn')) as pool:
+            rate = _rate(lambda: sum(pool.map(numpy_loops, range(4 * cores))), seconds)
+    else:
+        drives = {
+            'lab': lab_loop,
+            'objects': objects_loop,
+            'single': single_loop,
+            'numba': numba_loops,
+        }
+        rate = _rate(drives[subject], seconds)
+    return {'steps_per_s': rate}
+
+
+if __name__ == '__main__':
+    print(json.dumps(main(json.loads(sys.argv[1]))))

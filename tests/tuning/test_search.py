@@ -1,0 +1,118 @@
+"""The search for the least cost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from barc_sim.tuning.goal import Goal
+from barc_sim.tuning.cost import Cost
+from barc_sim.tuning.course import Course
+from barc_sim.tuning.search import rounded, search
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+LOW, HIGH = np.array([-5.12] * 3), np.array([5.12] * 3)
+
+
+def rastrigin(places: Floats) -> Floats:
+    """A bowl with a thousand local minima in the range; the least, 0, is at (1, 1, 1)."""
+    x = places - 1.0
+    return np.asarray(np.sum(x**2 + 10.0 - 10.0 * np.cos(2.0 * np.pi * x), axis=1))
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_least_of_many_minima_is_found(seed: int) -> None:
+    found = search(rastrigin, LOW, HIGH, LOW, seed=seed, population=128, generations=200)
+    assert found.gains == pytest.approx([1.0] * 3, abs=0.01)
+    assert found.cost == rastrigin(found.gains[np.newaxis])[0]
+
+
+def test_the_same_seed_gives_the_same_and_another_another() -> None:
+    one, same, other = (
+        search(rastrigin, LOW, HIGH, LOW, seed=seed, generations=3) for seed in (1, 1, 2)
+    )
+    assert one.gains.tolist() == same.gains.tolist()
+    assert one.gains.tolist() != other.gains.tolist()
+
+
+def test_no_gains_beyond_the_ranges_are_tried_and_no_others_twice() -> None:
+    tried: list[Floats] = []
+
+    def cost(places: Floats) -> Floats:
+        tried.append(places.copy())
+        return np.asarray(np.sum(places, axis=1))  # least in a corner
+
+    low, high = np.array([1.0, 2.0, 3.0]), np.array([4.0, 2.0, 30.0])
+    found = search(cost, low, high, np.zeros(3), population=32)
+    everywhere = np.concatenate(tried)
+    assert (everywhere >= low).all()
+    assert (everywhere <= high).all()
+    assert found.gains.tolist() == [1.0, 2.0, 3.0]
+    assert found.evaluations == len(everywhere)
+
+
+def test_what_is_found_is_never_worse_than_the_start() -> None:
+    start = np.array([1.0, 1.0, 1.0])
+    found = search(rastrigin, LOW, HIGH, start, population=8, generations=0)
+    assert found.gains.tolist() == start.tolist()
+
+
+def test_infinite_costs_are_passed_by() -> None:
+    def cost(places: Floats) -> Floats:
+        return np.where(places[:, 0] > 0.0, np.sum(places**2, axis=1), np.inf)
+
+    found = search(cost, LOW, HIGH, LOW, population=32)
+    assert 0.0 < found.gains[0] < 0.01
+
+
+def test_where_nothing_arrives_the_cost_is_infinite() -> None:
+    found = search(lambda places: np.full(len(places), np.inf), LOW, HIGH, LOW, generations=3)
+    assert np.isinf(found.cost)
+
+
+def test_it_ends_where_all_cost_the_same() -> None:
+    calls: list[int] = []
+    search(
+        lambda places: np.zeros(len(places)),
+        LOW,
+        HIGH,
+        LOW,
+        on_generation=lambda number, _: calls.append(number),
+    )
+    assert calls == [0]
+
+
+def test_progress_tells_of_each_generation_and_its_least_cost() -> None:
+    told: list[Any] = []
+    search(rastrigin, LOW, HIGH, LOW, generations=4, on_generation=lambda *what: told.append(what))
+    assert [number for number, _ in told] == [0, 1, 2, 3]
+    costs = [cost for _, cost in told]
+    assert costs == sorted(costs, reverse=True)
+
+
+def test_gains_have_four_significant_digits() -> None:
+    gains = np.array([[1.23456, 0.000123456, 123456.0]])
+    assert rounded(gains).tolist() == [[1.235, 0.0001235, 123500.0]]
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be(seed: int) -> None:
+    goal = Goal((Course(),), Cost.parse('rms'))
+    found = search(
+        goal, np.zeros(3), np.array([100.0, 4000.0, 2.0]), np.array([30.0, 200.0, 0.1]), seed=seed
+    )
+    assert 0.0066 <= found.cost <= 0.0085
+
+
+def test_a_goal_over_several_courses_is_their_mean() -> None:
+    courses = (Course(), Course(noise=0.1), Course(delay=2))
+    gains = np.array([[20.0, 100.0, 0.1], [10.0, 20.0, 0.0]])
+    cost = Cost.parse('rms+0.1*max')
+    alone = [Goal((course,), cost)(gains) for course in courses]
+    assert Goal(courses, cost)(gains) == pytest.approx(np.mean(alone, axis=0))
