@@ -22,9 +22,10 @@ DPI = 150
 _HEADING = 'Error of the position at the end [m], by the length of the step'
 _REMARK = """\
 The order is the slope of the errors: 1 is forward Euler's, 4 Runge-Kutta's. Errors below
-{rounding:g} m are rounding's, and count for nothing; the fine solution is rk4's in steps of {fine:g} ms.
-The grade of the lab's road jumps: a step that passes a jump is wrong by a part of it whatever the
-integrator, and so the errors fall by fits and starts there, on the whole with order 1."""
+{rounding:g} m are rounding's, and count for nothing. The fine solution is rk4's, in steps of
+{fine:g} ms. The grade of the lab's road jumps: a step that passes a jump is wrong by a part of it
+whatever the integrator, and so the errors fall by fits and starts there, on the whole with
+order 1."""
 
 
 def parse(argv: Sequence[str] | None = None) -> Namespace:

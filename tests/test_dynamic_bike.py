@@ -235,10 +235,7 @@ def test_car_that_speeds_up_goes_over_without_a_jump() -> None:
         state = bicycle.step(state, Input(1.0, 0.1), flat, CAR, TS)
         seen.append(bicycle.motion(state, 0.1, CAR)[3:])
     assert seen[0][0] < 3.0 < seen[-1][0]
-    jumps = [
-        max(abs(b - a) for a, b in zip(*pair, strict=True))
-        for pair in pairwise(seen)
-    ]
+    jumps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(seen)]
     assert max(jumps) < 0.02
 
 

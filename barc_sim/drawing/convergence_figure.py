@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from barc_sim.convergence import Study
 
-SIZE = (11.0, 6.4)  #: [inch]
+SIZE = (11.0, 6.8)  #: [inch]
 _COLUMNS = 3
 _COLOURS = {'euler': VERMILLION, 'rk4': BLUE}
 _NAMES = {'euler': 'forward Euler', 'rk4': 'Runge-Kutta (rk4)'}
@@ -36,7 +36,7 @@ def convergence_figure(studies: Sequence[Study], *, figure: Figure | None = None
     `figure` is an empty one to draw on, such as a window's.
     """
     figure = figure or Figure(figsize=SIZE)
-    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)
     panels = [[*group] for _, group in groupby(studies, lambda study: study.manoeuvre)]
     rows = -(-(len(panels) + 1) // _COLUMNS)
     grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
