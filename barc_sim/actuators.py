@@ -116,6 +116,12 @@ class Actuators:
         self.now = Input(self._motor.value, self._servo.value)
         return mean
 
+    def stop(self) -> None:
+        """Be at rest, and forget the commands that wait."""
+        self._motor.stop()
+        self._servo.stop()
+        self.now = Input()
+
     def brake(self, command: Input) -> Input:
         """Go one step with the acceleration of `command` in force at once.
 

@@ -88,6 +88,10 @@ class DynamicBicycle:
             self._beta, self._psi_dot = atan2(found.v_y, v_x), found.psi_dot
         return State(found.x, found.y, found.psi, v)
 
+    def forget(self) -> None:
+        """Begin anew from any state, without slip and yaw rate."""
+        self._beta = self._psi_dot = 0.0
+
     def motion(self, state: State, servo: float, vehicle: Vehicle) -> Motion:
         """Return the velocities in the vehicle's frame; `servo` [rad] counts at low speed only."""
         if self._dynamic(state):

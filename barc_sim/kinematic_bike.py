@@ -87,6 +87,9 @@ class KinematicBicycle:
         found = after(direction_of(state.v))
         return found._replace(v=resisted(state.v, found.v, lambda: after(0.0).v))
 
+    def forget(self) -> None:
+        """Begin anew from any state; what the step needs is all in it."""
+
     #: `bike_model.motion`: the velocities follow from state and steering alone.
     motion = staticmethod(motion)
 

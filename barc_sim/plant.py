@@ -111,9 +111,11 @@ class Plant:
         self._step(self._actuators.advance(self._held))
 
     def place(self, state: State) -> None:
-        """Put the car there, with no command held."""
+        """Put the car there, with no command held or on its way."""
         self.state = state
         self._held = Input()
+        self._actuators.stop()
+        self._bicycle.forget()
 
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
