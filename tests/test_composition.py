@@ -22,6 +22,8 @@ from rosbags.highlevel import AnyReader
 
 import barc_sim
 from barc_sim import bag
+from barc_sim.actuators import Actuator
+from barc_sim.handling import Handling
 from barc_sim.pid import speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
@@ -50,6 +52,12 @@ node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, 10)
 while len(heard) < 50:
     rclpy.spin_once(node)
 print(json.dumps(heard))
+"""
+EVERYTHING = """--ros-args
+-p motor_delay:=0.03 -p motor_lag:=0.2 -p motor_rate_limit:=20.0 -p motor_limit:=7.0
+-p servo_delay:=0.01 -p servo_lag:=0.1 -p servo_rate_limit:=0.5 -p servo_limit:=0.4
+-p yaw_inertia:=3500.0 -p front_stiffness:=110.0e3 -p rear_stiffness:=150.0e3
+-p dynamic_above:=4.0 -p noise_v_x:=0.1 -p noise_psi_dot:=0.01
 """
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -125,8 +133,21 @@ def test_two_runs_in_lock_step_are_the_rollout_to_the_last_bit(tmp_path: Path) -
             {},
             {'kp': 3.0, 'ki': 1.0, 'kd': 0.0, 'limit': 4.0},
         ),
+        (
+            f'--kp 3 --ki 1 --kd 0 --integrator rk4 --dynamics dynamic --seed 3 {EVERYTHING}',
+            {
+                'motor': Actuator(0.03, 0.2, 20.0, 7.0),
+                'servo': Actuator(0.01, 0.1, 0.5, 0.4),
+                'integrator': 'rk4',
+                'dynamics': 'dynamic',
+                'handling': Handling(3500.0, 110e3, 150e3, 4.0),
+                'noise': Deviation(v_x=0.1, psi_dot=0.01),
+                'seed': 3,
+            },
+            {'kp': 3.0, 'ki': 1.0, 'kd': 0.0},
+        ),
     ],
-    ids=['100 Hz', 'noise', 'gains'],
+    ids=['100 Hz', 'noise', 'gains', 'everything'],
 )
 def test_options_make_the_rollouts_trajectory_too(
     tmp_path: Path, options: str, plant: dict[str, Any], gains: dict[str, float]

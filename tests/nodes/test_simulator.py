@@ -22,10 +22,16 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import gate, topic_names
+from barc_sim.actuators import Actuator
+from barc_sim.bike_model import Input, motion
 from barc_sim.convert import to_header, to_nanoseconds
 from barc_sim.errors import UserError
+from barc_sim.handling import Handling
 from barc_sim.nodes import simulator as module
 from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.plant import Plant
+from barc_sim.road import Road
+from barc_sim.sensor import Deviation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -324,6 +330,9 @@ def test_parameter_cannot_be_changed_in_a_run(world: World, name: str, value: ob
         ('seed', -1, 'seed of vehicle_simulator must lie between 0 and'),
         ('mass', 'heavy', 'mass of vehicle_simulator must be of type float'),
         ('road', 'nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
+        ('integrator', 'heun', "integrator 'heun' must be 'euler' or 'rk4'"),
+        ('dynamics', 'flying', "dynamics 'flying' must be 'kinematic' or 'dynamic'"),
+        ('motor_lag', -0.1, 'motor_lag of vehicle_simulator must lie between 0.0 and 100.0'),
     ],
 )
 def test_bad_parameter_is_refused_and_leaves_the_topic_free(
@@ -332,6 +341,59 @@ def test_bad_parameter_is_refused_and_leaves_the_topic_free(
     with pytest.raises(UserError, match=reason):
         world.simulator(**{name: value})
     world.simulator()
+
+
+def test_steering_car_with_everything_on_is_the_plant_to_the_last_bit(world: World) -> None:
+    plant = Plant(
+        road=Road.flat(),
+        motor=Actuator(delay=0.03, lag=0.2, rate=20.0, limit=4.0),
+        servo=Actuator(delay=0.05, lag=0.1, rate=0.4, limit=0.03),
+        integrator='rk4',
+        dynamics='dynamic',
+        handling=Handling(3500.0, 110e3, 150e3, 2.0),
+        noise=Deviation(0.1, 0.1, 0.01, 0.1, 0.1, 0.01),
+        seed=5,
+    )
+
+    def steered(v_x: float, v_y: float) -> Input:
+        return Input(8.0 - v_x, 0.01 * v_x - 0.1 * v_y)
+
+    def answer(state: ZDynBkMdl) -> ECU:
+        return ECU(header=state.header, **steered(state.v_x, state.v_y)._asdict())
+
+    errors = world.heard(EZDynBkMdl, 'ez_vhcl')
+    world.driver(answer)
+    noise = dict.fromkeys(('noise_s', 'noise_ey', 'noise_v_x', 'noise_v_y'), 0.1)
+    world.simulator(
+        realtime_factor=LOCK_STEP,
+        road='flat',
+        motor_delay=0.03,
+        motor_lag=0.2,
+        motor_rate_limit=20.0,
+        motor_limit=4.0,
+        servo_delay=0.05,
+        servo_lag=0.1,
+        servo_rate_limit=0.4,
+        servo_limit=0.03,
+        integrator='rk4',
+        dynamics='dynamic',
+        yaw_inertia=3500.0,
+        front_stiffness=110e3,
+        rear_stiffness=150e3,
+        dynamic_above=2.0,
+        noise_epsi=0.01,
+        noise_psi_dot=0.01,
+        seed=5,
+        **noise,
+    )
+    world.until(lambda: min(len(world.states), len(errors)) >= 150)
+    for state, error in zip(world.states[:150], errors, strict=False):
+        seen = plant.observe()
+        assert tuple(getattr(state, name) for name in seen.measured._fields) == seen.measured
+        assert tuple(getattr(error, name) for name in seen.error._fields) == seen.error
+        plant.advance(steered(seen.measured.v_x, seen.measured.v_y))
+    assert seen.true.v_x > 2.0
+    assert seen.true.v_y != motion(plant.state, seen.acting.servo, plant.vehicle).v_y
 
 
 def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: World) -> None:
