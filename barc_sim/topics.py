@@ -90,21 +90,23 @@ def _rates(look: Look, names: dict[str, list[str]], seconds: float) -> dict[str,
     from barc_sim.tools import rate  # noqa: PLC0415
     from barc_sim.tools.messages import Messages, message_class, quality  # noqa: PLC0415
 
-    heard, rates = {}, {}
-    for name, types in names.items():
+    def listen(name: str) -> Messages | str:
+        """Listen to a topic from now on, or say why that can't be."""
         try:
-            heard[name] = Messages(
-                look.node,
-                name,
-                message_class(types[0]),
-                quality(look.node, name, durability='volatile'),  # what comes from now on
-            )
+            kind = message_class(names[name][0])
+            return Messages(look.node, name, kind, quality(look.node, name, durability='volatile'))
         except UserError as error:
-            rates[name] = str(error)
+            return str(error)
+
+    heard = {name: listen(name) for name in names}
     look.pause(seconds)
+    rates = {}
     for name, messages in heard.items():
-        rates[name] = rate.in_words([taken.received for taken in messages.take()])
-        messages.close()
+        if isinstance(messages, str):
+            rates[name] = messages
+        else:
+            rates[name] = rate.in_words([taken.received for taken in messages.take()])
+            messages.close()
     return rates
 
 
