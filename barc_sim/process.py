@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -37,8 +38,17 @@ def ros(args: list[str] | None) -> Iterator[None]:
     Raises
     ------
     UserError
-        where what follows `--ros-args` is not for ROS.
+        where what follows `--ros-args` is not for ROS, or DDS security is asked for and can't be
+        had.
     """
+    secure = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
+    keystore = Path(os.environ.get('ROS_SECURITY_KEYSTORE', ''))
+    if secure and not (keystore / 'enclaves').is_dir():
+        # Unless ROS_SECURITY_STRATEGY is Enforce, rcl would go on without security.
+        raise UserError(
+            f'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE, {str(keystore)!r}, is no '
+            'keystore: set it to one that `ros2 security create_keystore` has made, or unset both'
+        )
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
@@ -47,16 +57,32 @@ def ros(args: list[str] | None) -> Iterator[None]:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
-        place_in_its_source = r',? at /\S+:\d+'
-        raise UserError(
-            f'ROS cannot start with its arguments: {re.sub(place_in_its_source, "", str(error))}'
-        ) from None
+        raise UserError(f'ROS cannot start with its arguments: {_reason(error)}') from None
     if get_logger_level('rcl') == LoggingSeverity.FATAL:
         set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
+        if secure:
+            _check_security()
         yield
     finally:
         rclpy.try_shutdown()
+
+
+def _check_security() -> None:
+    """Make a node, and with it what takes part in DDS: here an error is still a sentence."""
+    options = {'enable_rosout': False, 'start_parameter_services': False}
+    try:
+        rclpy.create_node('_security', **options).destroy_node()
+    except Exception as error:  # noqa: BLE001 (rclpy raises a private kind)
+        raise UserError(
+            f'ROS_SECURITY_ENABLE is true, and DDS security cannot be had: {_reason(error)} (the '
+            'ROS 2 from PyPI has none: source a ROS 2 Jazzy that has, or unset it)'
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    """Return what rcl says went wrong, without where its source says so."""
+    return re.sub(r',? at /\S+:\d+', '', str(error))
 
 
 def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:

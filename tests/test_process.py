@@ -134,3 +134,30 @@ def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
         del os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE']
     with ros([]):
         assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == expected
+
+
+@pytest.mark.parametrize('strategy', ['Enforce', 'Permissive'])
+def test_security_without_a_keystore_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, strategy: str
+) -> None:
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', strategy)
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    with (
+        pytest.raises(UserError, match=rf"ROS_SECURITY_KEYSTORE, '{tmp_path}', is no keystore"),
+        ros([]),
+    ):
+        pass
+    assert not rclpy.ok()
+
+
+def test_security_without_keys_for_the_run_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / 'enclaves').mkdir()
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    with pytest.raises(UserError, match='ROS_SECURITY_ENABLE is true|SECURITY ERROR'), ros([]):
+        pass
+    assert not rclpy.ok()

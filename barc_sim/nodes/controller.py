@@ -31,7 +31,12 @@ _PARAMETERS = [
     Parameter('ki', KI, 'integral gain [1/s²]', (0.0, 1e6)),
     Parameter('kd', KD, 'derivative gain [-]', (0.0, 1e6)),
     Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', _SPEEDS),
-    Parameter('acceleration_limit', ACCELERATION_LIMIT, '[m/s²], either way', (0.01, 100.0)),
+    Parameter(
+        'acceleration_limit',
+        ACCELERATION_LIMIT,
+        'greatest acceleration commanded, either way [m/s²]',
+        (0.01, 100.0),
+    ),
     Parameter(
         'subtract_error',
         default=False,
@@ -112,6 +117,7 @@ class CruiseController(Node):
         self._pid.reset()
         self._previous = self._state = self._error = None
         response.success, response.message = True, 'as at the start'
+        self.get_logger().debug('reset')
         return response
 
     def _on_state(self, state: ZDynBkMdl) -> None:
@@ -138,6 +144,7 @@ class CruiseController(Node):
         if self._previous is not None:
             dt = (stamp - self._previous) / NANOSECONDS
             if dt < 0.0:
+                self.get_logger().warning(f'time has gone back by {-dt:g} s: the PID is reset')
                 self._pid.reset()
         self._previous = stamp
 

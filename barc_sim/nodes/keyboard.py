@@ -40,7 +40,7 @@ _PARAMETERS = [
     Parameter(
         'repeat_hold',
         REPEAT_HOLD,
-        'and for so long after each repeat [s]',
+        'a key counts as held for so long after each time that it repeats [s]',
         (0.05, 5.0),
         read_only=True,
     ),

@@ -27,11 +27,16 @@ if TYPE_CHECKING:
 
 _LIMITS = Limits()
 _PARAMETERS = [
-    Parameter('acceleration', _LIMITS.acceleration, 'greatest [m/s²]', (0.0, 100.0)),
-    Parameter('deceleration', _LIMITS.deceleration, 'greatest [m/s²]', (0.0, 100.0)),
-    Parameter('speed', _LIMITS.speed, 'greatest, either way [m/s]', (0.0, 100.0)),
+    Parameter('acceleration', _LIMITS.acceleration, 'greatest acceleration [m/s²]', (0.0, 100.0)),
+    Parameter('deceleration', _LIMITS.deceleration, 'greatest deceleration [m/s²]', (0.0, 100.0)),
+    Parameter('speed', _LIMITS.speed, 'greatest speed, either way [m/s]', (0.0, 100.0)),
     Parameter('steering', _LIMITS.steering, 'greatest front angle, either way [rad]', (0.0, 1.5)),
-    Parameter('steering_rate', _LIMITS.steering_rate, 'greatest [rad/s]', (0.0, 100.0)),
+    Parameter(
+        'steering_rate',
+        _LIMITS.steering_rate,
+        'greatest change of the front angle [rad/s]',
+        (0.0, 100.0),
+    ),
     Parameter(
         'self_centring',
         _LIMITS.self_centring,
@@ -116,6 +121,7 @@ class Relay(Node):
         self.driver.reset()
         self._speed = 0.0
         response.success, response.message = True, 'as at the start'
+        self.get_logger().debug('reset')
         return response
 
     def _on_timer(self) -> None:

@@ -254,10 +254,13 @@ class VehicleSimulator(Node):
         self._commands = Commands(self._values['command_timeout'])
         self._first_step = self.steps
         self._gate.close()
+        self.get_logger().info('reset: the car is back at the start')
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         was, self._paused = self._paused, bool(request.data)
         response.success, response.message = True, 'paused' if self._paused else 'running'
+        if was != self._paused:
+            self.get_logger().info(response.message)
         if self._paused:
             self._hold()
         elif was and self._running:

@@ -87,7 +87,7 @@ class ViewNode(Node):
         UserError
             where a parameter can't be used, or the port can't be had.
         """
-        super().__init__('view', start_parameter_services=False, **options)
+        super().__init__('view', **options)
         values = declare(
             self,
             [
@@ -125,6 +125,7 @@ class ViewNode(Node):
         }
         self._events = polled(self, ParameterEvent, '/parameter_events', _DEPTH, group)
         self._server.start()
+        self.get_logger().debug(f'a page of the mode {self._mode!r} is served')
 
     def end(self, reason: str) -> None:
         """Tell the pages, in a sentence, that the run has ended; may be called from any thread."""
