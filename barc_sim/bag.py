@@ -106,7 +106,11 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     """
     samples = _samples(Path(path))
     wanted = None if namespace is None else '/' + namespace.strip('/')
-    cars = [car for car in sorted(samples) if STATE in samples[car] and wanted in (None, car)]
+    cars = [
+        car
+        for car in sorted(samples, key=_in_order)
+        if STATE in samples[car] and wanted in (None, car)
+    ]
     if not cars:
         whose = 'of a car' if wanted is None else f'of the car {wanted}'
         raise UserError(
@@ -114,8 +118,16 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
             'name the bag of a run'
         )
     if len(cars) > 1:
-        raise UserError(f'{str(path)!r} has several cars, {" and ".join(cars)}: name one of them')
+        raise UserError(
+            f'{str(path)!r} has several cars, {", ".join(cars)}: name one, as in '
+            f'--namespace {cars[0]}'
+        )
     return join(samples[cars[0]])
+
+
+def _in_order(namespace: str) -> tuple[int, str]:
+    """Sort /car10 behind /car2."""
+    return len(namespace), namespace
 
 
 class _Decoder:

@@ -8,10 +8,12 @@ import shutil
 import sys
 from abc import ABC, abstractmethod
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 
 from barc_sim.bags.directory import check_root
 from barc_sim.cli import report
@@ -24,6 +26,7 @@ from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.own_code import attachments
 from barc_sim.own_code import describe as own_code_metadata
 from barc_sim.page.options import open_page, wanted
+from barc_sim.page.protocol import Status
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.recorder.losses import in_words
 from barc_sim.recorder.options import from_options
@@ -33,14 +36,13 @@ from barc_sim.student.code import StudentError, find, load
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.executors import Executor
     from rclpy.node import Node
 
     from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.nodes.view import ViewNode
-    from barc_sim.plant import Observation
     from barc_sim.signals import StopSignals
     from barc_sim.student.code import Lab
 
@@ -106,7 +108,7 @@ def load_own_code(options: Namespace, printed: Printed) -> Lab:
 
 
 class Run(ABC):
-    """A recorder, a simulator and the nodes that drive it, composed."""
+    """A recorder, and of each car a simulator and the nodes that drive it, composed."""
 
     def __init__(self, options: Namespace, argv: list[str], lab: Lab, printed: Printed) -> None:
         """Make the nodes, the recorder first: it is to hear what the others say at their start.
@@ -124,13 +126,13 @@ class Run(ABC):
         self._printed = printed
         self.recorder = None if options.no_bag else self._record(options)
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
-        self._view: ViewNode | None = None
+        self._views: list[ViewNode] = []
         try:
-            self.simulator = self.compose(options)
-            for node in mirrors(options, self.simulator, self.recorder):
+            self.simulators = self.compose(options)
+            for node in mirrors(options, self.simulators, self.recorder):
                 self.add(node)
             if wanted(options):
-                self._view = self.add(self._serve(options))
+                self._views = [self.add(view) for view in self._serve(options)]
         except BaseException:
             self.discard()
             raise
@@ -148,12 +150,8 @@ class Run(ABC):
         )
 
     @abstractmethod
-    def compose(self, options: Namespace) -> VehicleSimulator:
-        """Make the nodes with `add`, and return the simulator; `on_step` is to be its callback."""
-
-    @abstractmethod
-    def on_step(self, t: float, seen: Observation) -> None:
-        """Take note of what the simulator has just published, at `t` [s]."""
+    def compose(self, options: Namespace) -> Sequence[VehicleSimulator]:
+        """Make the nodes with `add`, and return the simulators: one of each car."""
 
     @abstractmethod
     def close_display(self) -> None:
@@ -163,21 +161,21 @@ class Run(ABC):
     def print_result(self) -> None:
         """Print how it went."""
 
-    def _serve(self, options: Namespace) -> ViewNode:
+    def _serve(self, options: Namespace) -> Iterator[ViewNode]:
         from barc_sim.nodes.view import ViewNode  # noqa: PLC0415 (a server, where it is wanted)
-        from barc_sim.page.protocol import Status  # noqa: PLC0415
 
-        simulator = self.simulator
-        view = ViewNode(
-            options.mode,
-            host=options.view_host,
-            port=options.view_port,
-            status=lambda: Status(simulator.missed, simulator.slipped, simulator.paused),
-        )
-        if not options.quiet:
-            print(f'live page  {view.url}', flush=True)  # noqa: T201
-        open_page(view.url)
-        return view
+        for number, simulator in enumerate(self.simulators):
+            view = ViewNode(
+                options.mode,
+                host=options.view_host,
+                port=options.view_port and options.view_port + number,
+                status=partial(_status, simulator),
+                namespace=simulator.get_namespace(),
+            )
+            if not options.quiet:
+                print(f'live page  {view.url}', flush=True)  # noqa: T201
+            open_page(view.url)
+            yield view
 
     def add(self, node: Any) -> Any:  # noqa: ANN401 (as it came)
         """Have `node` spun and, at the end, destroyed; return it."""
@@ -196,15 +194,28 @@ class Run(ABC):
         if self.recorder:
             self.recorder.finished.add_done_callback(lambda _: self.finish())
         try:
-            executor.spin_until_future_complete(self.simulator.finished)
+            executor.spin_until_future_complete(self._finished())
         finally:
             executor.shutdown()
             self._printed.close()
             self.close_display()
 
+    def _finished(self) -> Future:
+        """Return what is done when every car is where its run ends."""
+        finished = Future()
+
+        def note(_: Future) -> None:
+            if all(simulator.finished.done() for simulator in self.simulators):
+                finished.set_result(None)
+
+        for simulator in self.simulators:
+            simulator.finished.add_done_callback(note)
+        return finished
+
     def finish(self) -> None:
         """End the run now; may be called from any thread."""
-        self.simulator.finish()
+        for simulator in self.simulators:
+            simulator.finish()
 
     def fail(self, failure: str) -> None:
         """Take note of what a student's code did wrong."""
@@ -215,25 +226,25 @@ class Run(ABC):
     @property
     def missed(self) -> int:
         """Commands that were not there when they were due."""
-        return self.simulator.missed
+        return sum(simulator.missed for simulator in self.simulators)
 
     @property
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock."""
-        return self.simulator.slipped
+        return sum(simulator.slipped for simulator in self.simulators)
 
     def close(self) -> None:
         """End the nodes, the recorder last, with the results in its bag; again, do nothing."""
         if self.recorder and self._nodes:
             results = {
-                'steps': self.simulator.steps,
+                'steps': sum(simulator.steps for simulator in self.simulators),
                 'missed_deadlines': self.missed,
                 'slipped_periods': self.slipped,
             }
             self.recorder.add_metadata({name: str(value) for name, value in results.items()})
             self._keep_graph(self.recorder)
-        if self._view and self._nodes:
-            self._view.end('The run has ended.')
+        for view in self._views if self._nodes else ():
+            view.end('The run has ended.')
         self._destroy()
 
     def discard(self) -> None:
@@ -261,6 +272,10 @@ class Run(ABC):
             print(f'bag     {path}')  # noqa: T201
             print(f'plot    {python} -m barc_sim.plot {path}')  # noqa: T201
             print(f'replay  {python} -m barc_sim.replay {path}')  # noqa: T201
+
+
+def _status(simulator: VehicleSimulator) -> Status:
+    return Status(simulator.missed, simulator.slipped, simulator.paused)
 
 
 def _short(path: str) -> str:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.bike_model import bikeFE
 from barc_sim.composition import Run, conduct, overrides
-from barc_sim.console.display import display, print_summary
+from barc_sim.console.display import display, print_summaries, print_summary
 from barc_sim.metrics import SpeedErrors
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
@@ -14,7 +14,9 @@ from barc_sim.own_code import StudentPid
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Callable
 
+    from barc_sim.metrics import Summary
     from barc_sim.plant import Observation
     from barc_sim.signals import StopSignals
 
@@ -38,47 +40,54 @@ def cruise_control(
 
 
 class CruiseControl(Run):
-    """Recorder, controller and simulator."""
+    """Recorder, and of each car controller and simulator."""
 
-    def compose(self, options: Namespace) -> VehicleSimulator:
-        """Return the simulator of the lab's road."""
-        self._errors = SpeedErrors()
-        self._controller = self.add(
+    def compose(self, options: Namespace) -> list[VehicleSimulator]:
+        """Return the simulators, each of a car on a road of its own."""
+        namespaces = [f'car{number + 1}' for number in range(options.cars)]
+        # A car that is alone needs none.
+        self._cars = [
+            self._car(options, name, number)
+            for number, name in enumerate(namespaces if options.cars > 1 else [''])
+        ]
+        first = self._cars[0]
+        distance = first.simulator.get_parameter('distance').value
+        self._display = display(distance, quiet=options.quiet)
+        self._printed.show_with(self._display.say)
+        first.show = self._display.show
+        return [car.simulator for car in self._cars]
+
+    def _car(self, options: Namespace, namespace: str, number: int) -> Car:
+        controller = self.add(
             CruiseController(
                 pid=StudentPid(self.lab.controller) if self.lab.controller else None,
+                namespace=namespace,
                 parameter_overrides=overrides(
                     speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
                 ),
             )
         )
-        simulator: VehicleSimulator = self.add(
+        car = Car(namespace, controller)
+        car.simulator = self.add(
             VehicleSimulator(
                 distance=_DISTANCE,
-                on_step=self.on_step,
+                keeps_clock=number == 0,
+                on_step=car.on_step,
                 model=self.lab.model or bikeFE,
+                namespace=namespace,
                 parameter_overrides=overrides(
                     distance=options.distance,
                     road=options.road,
                     realtime_factor=options.realtime_factor,
-                    seed=options.seed,
+                    # Each car has noise of its own.
+                    seed=(options.seed or 0) + number if number else options.seed,
                     integrator=options.integrator,
                     dynamics=options.dynamics,
                     clock=options.clock,
                 ),
             )
         )
-        distance = simulator.get_parameter('distance').value
-        self._display = display(distance, quiet=options.quiet)
-        self._printed.show_with(self._display.say)
-        return simulator
-
-    def on_step(self, t: float, seen: Observation) -> None:
-        """Count the speed's error, from the start or the latest reset on, and show it."""
-        if t == 0.0:
-            self._errors = SpeedErrors()
-        reference = self._controller.speed_reference
-        self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
-        self._display.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
+        return car
 
     def close_display(self) -> None:
         """Leave the terminal's line in order."""
@@ -86,4 +95,34 @@ class CruiseControl(Run):
 
     def print_result(self) -> None:
         """Print the table of errors."""
-        print_summary(self._errors.summary(self.missed), self.slipped)
+        if len(self._cars) == 1:
+            (car,) = self._cars
+            print_summary(car.summary(), self.slipped)
+        else:
+            print_summaries({car.name: car.summary() for car in self._cars}, self.slipped)
+
+
+class Car:
+    """A controller, the simulator that it drives, and how well."""
+
+    simulator: VehicleSimulator
+
+    def __init__(self, name: str, controller: CruiseController) -> None:
+        """Not yet driven."""
+        self.name = name
+        self._controller = controller
+        self._errors = SpeedErrors()
+        #: Shows a state: its time, distance, speed, speed error and grade.
+        self.show: Callable[[float, float, float, float, float], None] = lambda *_: None
+
+    def on_step(self, t: float, seen: Observation) -> None:
+        """Count the speed's error, from the start or the latest reset on, and show it."""
+        if t == 0.0:
+            self._errors = SpeedErrors()
+        reference = self._controller.speed_reference
+        self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
+        self.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
+
+    def summary(self) -> Summary:
+        """Return how well it was driven."""
+        return self._errors.summary(self.simulator.missed)

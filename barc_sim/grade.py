@@ -100,9 +100,7 @@ def grade(options: Namespace) -> int:
     ):
         # Alone, a submission's files are where Gradescope looks for them.
         alone = paths == [options.submissions.resolve()]
-        folders = {
-            path: out if alone else out / path.name for path in paths
-        }
+        folders = {path: out if alone else out / path.name for path in paths}
         reports, failures, interrupted = _collect(outcomes, folders)
     _write(out / 'class.csv', summary.as_csv(reports, failures, points).encode())
     Console().print(summary.as_table(reports, points))

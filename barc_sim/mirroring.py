@@ -10,7 +10,7 @@ from barc_sim.sensor import Deviation
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from rclpy.node import Node
 
@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 
 
 def mirrors(
-    options: Namespace, simulator: VehicleSimulator, recorder: BagRecorder | None
+    options: Namespace, simulators: Sequence[VehicleSimulator], recorder: BagRecorder | None
 ) -> Iterator[Node]:
     """Yield the nodes that the options ask for; none is imported that they don't.
+
+    Each simulator's car is mirrored in the simulator's namespace.
 
     Raises
     ------
@@ -30,7 +32,8 @@ def mirrors(
     """
     names = wanted(options)
     if names:
-        yield _mirror(names, simulator, recorder)
+        for simulator in simulators:
+            yield _mirror(names, simulator, recorder)
     port = getattr(options, 'foxglove', None)
     if port is not None:
         from barc_sim.nodes.foxglove import FoxgloveServer  # noqa: PLC0415
@@ -68,5 +71,6 @@ def _mirror(
     values |= {name: name in names for name in MIRRORS}
     return MirrorNode(
         facts=facts,
+        namespace=simulator.get_namespace(),
         parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
     )

@@ -28,6 +28,7 @@ _MAX_GAIN = 1e6
 _MAX_DISTANCE = 1e6
 _MAX_FACTOR = 1000.0
 _MAX_SEED = 2**53
+_MAX_CARS = 100
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -105,6 +106,13 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
         type=_factor,
         metavar='FACTOR',
         help="simulated seconds per second, or 'max' for as fast as it goes (1)",
+    )
+    mode.add_argument(
+        '--cars',
+        type=_count,
+        default=1,
+        metavar='N',
+        help='so many cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
     )
     _add_own_code(mode, 'model', 'controller')
     add_view_options(mode, on=False)
@@ -200,6 +208,12 @@ def _factor(text: str) -> float:
     if value == 0.0:
         raise argparse.ArgumentTypeError("0 is not a factor above 0, nor 'max'")
     return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= _MAX_CARS:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 to {_MAX_CARS}')
+    return int(text)
 
 
 def _seed(text: str) -> int:

@@ -76,11 +76,11 @@ class Teleop(Run):
         if terminal and not options.quiet:
             print(_HELP)  # noqa: T201
 
-    def compose(self, options: Namespace) -> VehicleSimulator:
+    def compose(self, options: Namespace) -> list[VehicleSimulator]:
         """Return the simulator."""
         simulator: VehicleSimulator = self.add(
             VehicleSimulator(
-                on_step=self.on_step,
+                on_step=self._on_step,
                 model=self.lab.model or bikeFE,
                 parameter_overrides=overrides(
                     road=options.road or 'flat',
@@ -104,9 +104,9 @@ class Teleop(Run):
         if self._terminal:
             keyboard = self.add(Keyboard(self._terminal))
             keyboard.finished.add_done_callback(lambda _: simulator.finish())
-        return simulator
+        return [simulator]
 
-    def on_step(self, t: float, seen: Observation) -> None:
+    def _on_step(self, t: float, seen: Observation) -> None:
         """Show the state now and then."""
         if self._line.is_due():
             driver = self._relay.driver

@@ -115,7 +115,7 @@ def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
     drive(writer, log, '/car2')
     drive(writer, log)
     writer.close()
-    with pytest.raises(UserError, match=r'several cars, / and /car2: name one of them'):
+    with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
         bag.read(tmp_path / 'run')
     for namespace in ('/', '/car2', 'car2'):
         assert_same(bag.read(tmp_path / 'run', namespace), log)

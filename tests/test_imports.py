@@ -24,6 +24,8 @@ ROS_MODULES = {
         'executor_private',
         'executor_wait',
         'gate',
+        'mirrors.markers',
+        'mirrors.messages',
         'page.peers',
         'parameters',
         'process',
@@ -35,6 +37,9 @@ ROS_MODULES = {
         'ros_graph',
         'simulator_parameters',
         'teleop',
+        'tools.looking',
+        'tools.messages',
+        'tools.parameters',
         'topic_names',
     )
 }

@@ -11,6 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from barc_sim.metrics import Summary
 
 #: [s] between two drawings of the live line, and between two plain lines.
@@ -152,6 +154,23 @@ def print_summary(summary: Summary, slipped: int) -> None:
         f'settling time (2 %) {_figure(summary.settling_time, ".2f")} s, '
         f'missed deadlines {summary.missed_deadlines}, clock slips {slipped}'
     )
+
+
+def print_summaries(summaries: Mapping[str, Summary], slipped: int) -> None:
+    """Print a line for each car, by its name; `slipped` is all cars' together."""
+    console = Console(highlight=False)
+    table = Table(title='Speed error after 10 m', title_justify='left', box=None, pad_edge=False)
+    for heading in ('car', 'RMS, m/s', 'greatest, m/s', 'missed deadlines'):
+        table.add_column(heading, justify='left' if heading == 'car' else 'right')
+    for name, summary in summaries.items():
+        table.add_row(
+            name,
+            _figure(summary.rms_error_after_run_up, '.4f'),
+            _figure(summary.max_error_after_run_up, '.4f'),
+            str(summary.missed_deadlines),
+        )
+    console.print(table)
+    console.print(f'clock slips {slipped}')
 
 
 def _figure(value: float, form: str) -> str:

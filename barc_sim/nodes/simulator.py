@@ -92,13 +92,15 @@ class VehicleSimulator(Node):
         self,
         *,
         distance: float = 0.0,
+        keeps_clock: bool = True,
         on_step: Callable[[float, Observation], None] | None = None,
         model: Model = bikeFE,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Declare the parameters, claim the topic, and wait for a controller.
 
-        `distance` [m] is the parameter's default. `on_step` is told the simulated time [s] and
+        `distance` [m] is the parameter's default. Of several cars in a domain only one
+        `keeps_clock`. `on_step` is told the simulated time [s] and
         what was published; it must be quick. `model` steps the car.
 
         Raises
@@ -131,7 +133,7 @@ class VehicleSimulator(Node):
         self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
         self._state_pub = publisher(self, ZDynBkMdl, topic_names.STATE)
         self._clock_pub = None
-        if values['clock'] or factor != 1.0:
+        if keeps_clock and (values['clock'] or factor != 1.0):
             self._clock_pub = publisher(self, ClockMessage, topic_names.CLOCK)
         group = QuickCallbackGroup()
         subscription(self, ECU, topic_names.ECU, self._on_command, group)
