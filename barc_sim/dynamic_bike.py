@@ -63,7 +63,8 @@ class DynamicBicycle:
             if rate.real < 0.0 and self._integrator.amplification(rate * ts) > 1.0:
                 raise UserError(
                     f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where '
-                    f'it has a rate of {abs(rate):.0f} 1/s: raise rate or dynamic_above'
+                    f'it settles in {1e3 / abs(rate):.0f} ms: raise the parameter rate or '
+                    'dynamic_above'
                 )
 
     def step(self, state: State, held: Input, grade: Grade, vehicle: Vehicle, ts: float) -> State:

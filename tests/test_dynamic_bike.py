@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, cos, exp, pi, radians, sin, sqrt
+from math import atan2, cos, exp, isfinite, pi, radians, sin, sqrt
 
 import pytest
 from hypothesis import given, settings
@@ -215,6 +215,21 @@ def test_state_is_the_speed_of_the_centre_of_mass() -> None:
     assert (seen.x, seen.y, seen.psi) == state[:3]
 
 
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(
+    commands=st.lists(
+        st.tuples(st.floats(-100.0, 100.0), st.floats(-1.5, 1.5)), min_size=1, max_size=6
+    )
+)
+def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float, float]]) -> None:
+    bicycle, state = DynamicBicycle(OVERSTEERING, integrator), State(v=30.0)
+    for command in commands:
+        for _ in range(25):
+            state = bicycle.step(state, Input(*command), flat, Vehicle(), 0.02)
+            assert all(map(isfinite, bicycle.motion(state, command[1], Vehicle())))
+
+
 # Low speed
 
 
@@ -261,7 +276,9 @@ def test_switch_between_the_two_is_small_at_the_default_speed() -> None:
 
 @pytest.mark.parametrize(('integrator', 'ts'), [('euler', 0.05), ('rk4', 0.06)])
 def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> None:
-    with pytest.raises(UserError, match=f'^steps of {ts:g} s are too long .* raise rate or '):
+    with pytest.raises(
+        UserError, match=f'^steps of {ts:g} s are too long .* raise the parameter rate'
+    ):
         DynamicBicycle(integrator=integrator).check(Vehicle(), ts)
     DynamicBicycle(Handling(dynamic_above=10.0), integrator).check(Vehicle(), ts)
 
