@@ -50,7 +50,7 @@ class Watched(CruiseControl):
 
 
 options = Namespace(
-    **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'seed')),
+    **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'seed', 'clock')),
     road='flat', distance=0.0, realtime_factor=0.0, no_bag=False, bag_dir=Path(sys.argv[2]),
     quiet=True,
 )

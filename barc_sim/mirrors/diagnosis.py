@@ -6,6 +6,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from barc_sim.sensor import Deviation
 
 #: Share of the wanted real-time factor below which a run is called slow.
@@ -97,5 +99,5 @@ def _recording(facts: Facts) -> Diagnosis:
     return Diagnosis('bag', level, message, _known(values))
 
 
-def _known(values: dict[str, int | str | None]) -> dict[str, str]:
+def _known(values: Mapping[str, int | str | None]) -> dict[str, str]:
     return {name: str(value) for name, value in values.items() if value is not None}

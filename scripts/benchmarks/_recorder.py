@@ -80,7 +80,7 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
     with ros([]), StopSignals() as stop:
         run = Timed(
             Namespace(
-                **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed')),
+                **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed', 'clock')),
                 distance=0.0,
                 realtime_factor=1.0,
                 no_bag=task['recorder'] == 'no recorder',

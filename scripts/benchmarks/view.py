@@ -97,7 +97,7 @@ def _drive(case: str) -> dict[str, float]:
 
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
         options = Namespace(
-            **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed')),
+            **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed', 'clock')),
             distance=180.0,
             realtime_factor=1.0,
             no_bag=False,
