@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan, nextafter, radians, sin
+from math import hypot, inf, nan, nextafter, radians, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -224,3 +224,29 @@ def test_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     path.write_bytes('start_m,grade_deg'.encode('utf-16'))
     with pytest.raises(UserError, match='nor a CSV file that can be read'):
         Road.named(str(path))
+
+
+def test_hill_is_shorter_on_the_map_than_along_its_surface() -> None:
+    road = Road.lab()
+    assert road.horizontal(20.0) == 20.0
+    assert road.horizontal(40.0) - road.horizontal(20.0) == pytest.approx(19.696, abs=1e-3)
+    assert road.horizontal(120.0) - road.horizontal(100.0) == pytest.approx(17.321, abs=1e-3)
+
+
+@properties
+@given(s=st.floats(-50.0, 250.0), ds=st.floats(1e-3, 50.0))
+def test_way_on_the_map_and_climb_are_never_longer_than_the_way(s: float, ds: float) -> None:
+    road = Road.lab()
+    way = hypot(
+        road.horizontal(s + ds) - road.horizontal(s), road.elevation(s + ds) - road.elevation(s)
+    )
+    assert way <= ds + 1e-9
+    if road._stretch(s) == road._stretch(s + ds):  # noqa: SLF001 (a straight one)
+        assert way == pytest.approx(ds, abs=1e-9)
+
+
+def test_map_begins_where_the_distance_is_zero() -> None:
+    road = Road(starts=(-30.0, 10.0), grades_deg=(60.0, 0.0))
+    assert road.horizontal(0.0) == 0.0
+    assert road.horizontal(-30.0) == pytest.approx(-15.0)
+    assert road.horizontal(20.0) == pytest.approx(15.0)

@@ -49,7 +49,7 @@ class LiveServer:
         if foxglove is None:
             raise UserError(
                 'the Foxglove SDK is not installed in this Python: '
-                "python -m pip install 'foxglove-sdk>=0.16,<1'"
+                "python -m pip install 'foxglove-sdk>=0.30,<1'"
             )
         self._context = foxglove.Context()
         try:

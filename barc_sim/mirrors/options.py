@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from barc_sim.page.options import port
+
 #: By the name of the parameter of `mirror` that turns each on and off: what it publishes.
 MIRRORS = {
     'odom': 'the pose and the velocity, as nav_msgs/Odometry',
@@ -16,7 +18,6 @@ MIRRORS = {
 }
 #: Where the Foxglove app looks first.
 FOXGLOVE_PORT = 8765
-_MOST = 65535
 
 
 def add_mirror_options(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +31,7 @@ def add_mirror_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--foxglove',
-        type=_port,
+        type=port,
         nargs='?',
         const=FOXGLOVE_PORT,
         metavar='PORT',
@@ -51,14 +52,8 @@ def _mirrors(text: str) -> frozenset[str]:
     if text in ('all', 'none'):
         return frozenset(MIRRORS if text == 'all' else ())
     names = frozenset(text.split(','))
-    if unknown := ', '.join(sorted(names - set(MIRRORS))):
+    if not names <= set(MIRRORS):
         raise argparse.ArgumentTypeError(
-            f"{unknown!r} is no mirror: give 'all', 'none' or some of {','.join(MIRRORS)}"
+            f"{text!r} is neither 'all', 'none' nor some of {','.join(MIRRORS)}"
         )
     return names
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or not int(text) <= _MOST:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {_MOST}')
-    return int(text)

@@ -31,7 +31,7 @@ def add_address_options(parser: argparse.ArgumentParser) -> None:
     """Add `--view-port` and `--view-host`."""
     parser.add_argument(
         '--view-port',
-        type=_port,
+        type=port,
         default=0,
         metavar='PORT',
         help='port of the page (any that is free)',
@@ -65,7 +65,8 @@ def open_page(url: str) -> bool:
     return True
 
 
-def _port(text: str) -> int:
+def port(text: str) -> int:
+    """Return the port that an option names."""
     if not text.isdecimal() or not int(text) <= _MOST:
         raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {_MOST}')
     return int(text)
