@@ -12,6 +12,7 @@ import pytest
 
 from barc_sim import topic_names
 from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.mirror import MirrorNode
 from barc_sim.nodes.simulator import VehicleSimulator
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ def table(heading: str) -> str:
     return text[text.index('\n|') : text.index('\n\n', text.index('\n|'))]
 
 
-@pytest.mark.parametrize('create', [VehicleSimulator, CruiseController])
+@pytest.mark.parametrize('create', [VehicleSimulator, CruiseController, MirrorNode])
 def test_parameters_are_listed_with_their_defaults(
     ros: Context, create: Callable[..., Node]
 ) -> None:
@@ -51,7 +52,7 @@ def test_parameters_are_listed_with_their_defaults(
 
 
 def test_topics_are_listed() -> None:
-    listed = re.findall(r'^\| `(\w+)` \|', table('## Topics'), re.MULTILINE)
+    listed = re.findall(r'^\| `([\w/]+)` \|', table('## Topics'), re.MULTILINE)
     names = {value for name, value in vars(topic_names).items() if name.isupper() and name != 'QOS'}
     assert set(listed) == names
 

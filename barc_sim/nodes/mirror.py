@@ -141,7 +141,10 @@ class MirrorNode(Node):
                 lambda: JointMirror(self._prefix),
             ),
         }
-        if TFMessage is not None:
+        if TFMessage is None:
+            if 'tf' in on:
+                self.get_logger().info('no transforms are published: tf2_msgs is not installed')
+        else:
             kinds['tf'] = (
                 TFMessage,
                 topic_names.TF,
