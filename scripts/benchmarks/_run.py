@@ -16,6 +16,7 @@ from rclpy.node import Node
 
 from barc_sim.cruise_control import CruiseControl
 from barc_sim.executor import QuickExecutor
+from barc_sim.mirrors.options import MIRRORS
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.signals import StopSignals
 
@@ -62,6 +63,7 @@ def _drive(case: str, executor: str, distance: float) -> _Timed:
                 no_bag=False,
                 bag_dir=Path(folder),
                 quiet=True,
+                mirrors=MIRRORS if 'mirrored' in case else (),
             )
         )
         spinning: Any = _EXECUTORS[executor]()

@@ -1,7 +1,7 @@
 """The cruise-control run: timing of its steps, missed deadlines, processor time, lock-step speed.
 
 Each executor drives the lab's course with the recorder on, in a process of its own; once more
-beside a node whose callback sleeps 100 ms in every 200 ms; and once in lock-step.
+with all mirrors; beside a node whose callback sleeps 100 ms in every 200 ms; and in lock-step.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from _compare import Found, at_least_one, interleaved, table
 if TYPE_CHECKING:
     import argparse
 
-_CASES = ('real time', 'real time, blocked', 'lock-step')
+_CASES = ('real time', 'real time, mirrored', 'real time, blocked', 'lock-step')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
