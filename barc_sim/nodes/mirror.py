@@ -78,8 +78,9 @@ class MirrorNode(Node):
     """Answers each `z_vhcl` with the same state in standard messages.
 
     They tell the measured state on the road of the parameter `road`, which is the simulator's:
-    `x` runs along its surface there, and on the map here. Frames are called `odom` and
-    `base_link`, in the namespace `/car2` `car2/odom` and `car2/base_link`.
+    `x` runs along its surface there, and on the map here. The wheels are turned as commanded.
+    Frames are called `odom` and `base_link`, in the namespace `/car2` `car2/odom` and
+    `car2/base_link`.
 
     A mirror that a parameter turns off has no publisher; a topic that none needs is not heard.
     """

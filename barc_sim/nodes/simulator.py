@@ -134,6 +134,7 @@ class VehicleSimulator(Node):
         self._state_pub = publisher(self, ZDynBkMdl, topic_names.STATE)
         self._clock_pub = None
         if keeps_clock and (values['clock'] or factor != 1.0):
+            # Reliable: who asks for the best effort hears it as well, and no bag lacks a tick.
             self._clock_pub = publisher(self, ClockMessage, topic_names.CLOCK)
         group = QuickCallbackGroup()
         subscription(self, ECU, topic_names.ECU, self._on_command, group)
