@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import struct
 import time
 from contextlib import contextmanager
@@ -77,13 +78,18 @@ class Client:
                 self.times += struct.unpack_from('<Q', received, 1)
 
     def _hear(self, told: dict[str, Any]) -> None:
-        if told['op'] != 'advertise':
-            return
-        for channel in told['channels']:
-            self.channels[channel['topic']] = channel
-            self._names[channel['id']] = channel['topic']
-            self.messages[channel['topic']] = []
-        wanted = [{'id': each['id'], 'channelId': each['id']} for each in told['channels']]
+        if told['op'] == 'advertise':
+            for channel in told['channels']:
+                self.channels[channel['topic']] = channel
+                self._names[channel['id']] = channel['topic']
+                self.messages.setdefault(channel['topic'], [])
+            self._subscribe([channel['id'] for channel in told['channels']])
+        elif unknown := re.match(r'Unknown channel ID: (\d+)', told.get('message', '')):
+            # The SDK advertises a channel a moment before it takes subscriptions to it.
+            self._subscribe([int(unknown[1])])
+
+    def _subscribe(self, channels: list[int]) -> None:
+        wanted = [{'id': number, 'channelId': number} for number in channels]
         self._connection.send(json.dumps({'op': 'subscribe', 'subscriptions': wanted}))
 
     def latest(self, topic: str) -> tuple[int, bytes]:
