@@ -25,6 +25,9 @@ from barc_sim.grading.process import check
 if TYPE_CHECKING:
     from typing import Any
 
+# A class is graded in the first test's setup, a minute where other tests keep the machine busy.
+pytestmark = pytest.mark.timeout(300)
+
 _PACKAGE = Path(barc_sim.__file__).parent
 MODEL = (_PACKAGE / 'bike_model.py').read_text()
 CONTROLLER = (_PACKAGE / 'pid.py').read_text()
@@ -122,7 +125,7 @@ BROKEN = {
     'template': ('def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    pass', 'return'),
     'exits': ('import os\nos._exit(0)', 'exit code 0'),
     'raises': ('raise SystemExit(0)', 'SystemExit'),
-    'eats_memory': ('x = [bytearray(1 << 26) for _ in range(1 << 20)]', 'MemoryError'),
+    'eats_memory': ('x = bytearray(1 << 40)', 'MemoryError'),
     'writes_everywhere': (_WRITE_EVERYWHERE, 'files that are not its own'),
     'syntax': ('def bikeFE(:', 'line 1'),
 }

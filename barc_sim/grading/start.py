@@ -29,7 +29,8 @@ class Limits(NamedTuple):
     memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
     cpu: int = 30  #: [s] of processor time, over all calls
     start: float = 60.0  #: [s] until it is confined; nothing of the submission runs before
-    call: float = 5.0  #: [s] for one request, of up to thousands of calls
+    call: float = 5.0  #: [s] of processor time for one request, of up to thousands of calls
+    wait: float = 20.0  #: [s] for it on a busy machine, or to one who sleeps
     output: int = 16_384  #: bytes of what it prints are kept
 
 
