@@ -1,0 +1,124 @@
+"""Bags made of logs, without ROS."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.samples import TOPICS
+from barc_sim.bags.schemas import definition
+from barc_sim.bags.writer import BagWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from barc_sim.log import Log
+
+PERIOD = 20_000_000
+TYPES = get_typestore(Stores.EMPTY)
+for _name in [topic.type for topic in TOPICS.values()]:
+    TYPES.register(get_types_from_msg(definition(_name), _name))
+GRAPH = json.dumps(
+    {
+        'nodes': ['/controller', '/vehicle_simulator'],
+        'topics': {'/ecu': 'barc_interfaces/msg/ECU', '/z_vhcl': 'barc_interfaces/msg/ZDynBkMdl'},
+        'publications': [['/controller', '/ecu'], ['/vehicle_simulator', '/z_vhcl']],
+        'subscriptions': [['/ecu', '/vehicle_simulator'], ['/z_vhcl', '/controller']],
+    }
+)
+SIMULATOR: dict[str, Any] = {
+    'mass': 2000.0,
+    'air_drag_coeff': 0.01308,
+    'friction': 0.01711,
+    'l_f': 1.5,
+    'l_r': 1.5,
+    'gravity': 9.8,
+    'rate': 50.0,
+    'road': 'lab',
+    'command_timeout': 0.0,
+    'timeout_braking': 8.0,
+    'seed': 0,
+    'integrator': 'euler',
+    'dynamics': 'kinematic',
+    'yaw_inertia': 2500.0,
+    'front_stiffness': 60000.0,
+    'rear_stiffness': 60000.0,
+    'dynamic_above': 1.0,
+    **{f'noise_{name}': 0.0 for name in ('s', 'ey', 'epsi', 'v_x', 'v_y', 'psi_dot')},
+    **{
+        f'{name}_{part}': 0.0
+        for name in ('motor', 'servo')
+        for part in ('delay', 'lag', 'rate_limit', 'limit')
+    },
+}
+CONTROLLER: dict[str, Any] = {
+    'kp': 30.0,
+    'ki': 200.0,
+    'kd': 0.1,
+    'speed_reference': 8.0,
+    'acceleration_limit': 8.0,
+    'subtract_error': False,
+}
+
+
+def parameters(
+    simulator: Mapping[str, Any] | None = None, controller: Mapping[str, Any] | None = CONTROLLER
+) -> str:
+    """Return the parameters of a run, with what `simulator` changes, as its bag has them."""
+    nodes = {'/vehicle_simulator': {'ros__parameters': SIMULATOR | dict(simulator or {})}}
+    if controller is not None:
+        nodes['/controller'] = {'ros__parameters': dict(controller)}
+    return yaml.safe_dump(nodes)
+
+
+def encoded(log: Log, k: int, topic: str) -> bytes:
+    """Return the message of a topic that belongs to state `k`, in CDR."""
+    name, types = TOPICS[topic].type, TYPES
+    sec, nanosec = divmod(10**18 + k * PERIOD, 10**9)
+    stamp = types.types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
+    values = {
+        field: getattr(log, column)[k].item() for field, column in TOPICS[topic].fields.items()
+    }
+    if topic == 'pid_state':
+        values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
+    header = types.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
+    return bytes(types.serialize_cdr(types.types[name](header=header, **values), name))
+
+
+def fill(writer: BagWriter, log: Log) -> None:
+    """Write the messages of a log, some at a time."""
+    for k in range(len(log)):
+        for name in TOPICS:
+            topic = Topic(
+                name=f'/{name}',
+                type=TOPICS[name].type,
+                definition=definition(TOPICS[name].type),
+                type_hash='',
+                offered_qos=[],
+            )
+            now = 10**18 + k * PERIOD
+            writer.write(topic, encoded(log, k, name), received=now, published=now, sequence=k)
+        if k % 8 == 0:
+            writer.flush()
+
+
+def make(
+    directory: Path,
+    log: Log,
+    metadata: Mapping[str, str] | None = None,
+    attachments: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Make the bag of a run; return its directory."""
+    directory.mkdir()
+    writer = BagWriter(
+        directory, metadata={'parameters': parameters(), 'graph': GRAPH} | dict(metadata or {})
+    )
+    writer.attach(attachments or {})
+    fill(writer, log)
+    writer.close()
+    return directory
