@@ -28,6 +28,7 @@ LOOK: list[str | dict[str, Any]] = [
     'default',
     {
         'font.size': 10,
+        'text.parse_math': False,  # a dollar in the name of a bag is a dollar
         'text.color': INK,
         'axes.edgecolor': GREY,
         'axes.labelcolor': INK,

@@ -26,7 +26,8 @@ def target(name: str, formats: Sequence[str]) -> Path:
     path = Path(name)
     if path.suffix.lower().lstrip('.') not in formats:
         *others, last = (f'.{suffix}' for suffix in formats)
-        raise UserError(f'cannot save {name!r}: the name must end in {", ".join(others)} or {last}')
+        wanted = f'{", ".join(others)} or {last}' if others else last
+        raise UserError(f'cannot save {name!r}: the name must end in {wanted}')
     if path.is_dir():
         raise UserError(f'cannot save {name!r}: there is a directory of that name')
     return path

@@ -85,10 +85,10 @@ def graph(nodes: NodeGraph) -> str:
 
 @contextmanager
 def _as_written() -> Iterator[None]:
-    """Draw text as it is written, whatever a bag has in it, and the same each time."""
+    """Draw the same each time, whatever a bag has in it."""
     with warnings.catch_warnings(), style.context(LOOK):
         warnings.simplefilter('ignore')  # characters that the font has not
-        with rc_context({'text.parse_math': False, 'svg.hashsalt': 'barc_sim'}):
+        with rc_context({'svg.hashsalt': 'barc_sim'}):
             yield
 
 
