@@ -29,6 +29,13 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
     )
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
     parser.add_argument('--json', action='store_true', help='print all that was found as JSON')
+    parser.add_argument(
+        '--no-sandbox',
+        dest='sandbox',
+        action='store_false',
+        help='run the attached code with only its time and memory limited: it may read and write '
+        'your files',
+    )
     return parser.parse_args(argv)
 
 
@@ -67,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def run() -> int:
         from barc_sim.regrading.judging import judge  # noqa: PLC0415 (--help need not wait for it)
 
-        judgement = judge(options.bag)
+        judgement = judge(options.bag, sandbox=options.sandbox)
         if options.json:
             whole = asdict(judgement) | {'possible': judgement.possible}
             print(json.dumps(whole, indent=2))  # noqa: T201

@@ -1,4 +1,4 @@
-"""A student's code that is attached to a bag, at work."""
+"""A student's code that is attached to a bag, at work in a confined process."""
 
 from __future__ import annotations
 
@@ -8,28 +8,29 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
-from barc_sim.student.code import FILES, load_lab
+from barc_sim.grading.code import ConfinedCode
+from barc_sim.student.code import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from barc_sim.regrading.recorded import Recorded
-    from barc_sim.student.code import Lab
 
 
 @contextmanager
-def attached(recorded: Recorded, part: str) -> Iterator[Lab]:
-    """Load a part of the attached code, and no other.
+def attached(recorded: Recorded, part: str, *, sandbox: bool = True) -> Iterator[ConfinedCode]:
+    """Have a part of the attached code, and no other, ready to be called.
 
     Raises
     ------
     UserError
-        where it can't be loaded.
+        where there is something wrong with the files, or nothing here can confine them.
     """
     with tempfile.TemporaryDirectory(prefix='barc_sim_') as name:
         folder = Path(name)
         _unpack(recorded, part, folder)
-        yield load_lab(folder, [part], output=_nowhere)
+        with ConfinedCode(folder, sandbox=sandbox) as code:
+            yield code
 
 
 def _unpack(recorded: Recorded, part: str, folder: Path) -> None:
@@ -44,7 +45,3 @@ def _unpack(recorded: Recorded, part: str, folder: Path) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
     (folder / FILES[part]).write_bytes(recorded.sources[recorded.files[part]])
-
-
-def _nowhere(_: str) -> None:
-    """Print nothing."""

@@ -7,7 +7,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from barc_sim.bike_model import bikeFE
+from barc_sim.checking.code import Row
 from barc_sim.errors import UserError
+from barc_sim.grading.process import check
 from barc_sim.pid import speed_controller
 from barc_sim.plant_values import plant
 from barc_sim.regrading import commands, states
@@ -16,10 +18,12 @@ from barc_sim.regrading.recorded import read
 from barc_sim.regrading.verdict import Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
     from pathlib import Path
 
     from barc_sim.bike_model import Model
+    from barc_sim.checking.code import Next
+    from barc_sim.grading.code import ConfinedCode
     from barc_sim.regrading.recorded import Recorded
 
 _OWN = 'barc_sim'
@@ -44,17 +48,19 @@ class Judgement:
         return not self.changed and all(found[claim] for claim in self.claimed.items())
 
 
-def judge(path: Path) -> Judgement:
-    """Judge the bag at `path`.
+def judge(path: Path, *, sandbox: bool = True) -> Judgement:
+    """Judge the bag at `path`; its attached code runs in a sandbox.
 
     Raises
     ------
     UserError
-        where there is none, or it does not tell what it takes.
+        where there is none, it does not tell what it takes, or nothing here confines its code.
     """
     recorded = read(path)
+    if recorded.files:
+        check(sandbox=sandbox)
     try:
-        verdicts = _verdicts(recorded)
+        verdicts = _verdicts(recorded, sandbox=sandbox)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, UserError):
             raise
@@ -74,33 +80,33 @@ def judge(path: Path) -> Judgement:
     )
 
 
-def _verdicts(recorded: Recorded) -> list[Verdict]:
+def _verdicts(recorded: Recorded, *, sandbox: bool) -> list[Verdict]:
     own, resets = _judge_states(recorded, bikeFE, _OWN)
     verdicts = [own]
     if name := recorded.files.get('model'):
         try:
-            with attached(recorded, 'model') as lab:
-                assert lab.model  # noqa: S101 (it was loaded)
-                verdict, resets = _judge_states(recorded, lab.model, name)
+            with attached(recorded, 'model', sandbox=sandbox) as code:
+                verdict, resets = _judge_states(recorded, _model(code), name)
         except UserError as error:
             verdict = Verdict('model', name, first=str(error))
         verdicts.append(verdict)
     if recorded.controller is not None:
-        verdicts += _judge_commands(recorded, recorded.controller, resets)
+        verdicts += _judge_commands(recorded, recorded.controller, resets, sandbox=sandbox)
     return verdicts
+
+
+def _model(code: ConfinedCode) -> Model:
+    def step(*row: float, l_f: float, l_r: float, **_: float) -> Next:
+        return code.bike_fe([Row(*row)], l_f=l_f, l_r=l_r)[0]
+
+    return step
 
 
 def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict, set[int]]:
     values = recorded.simulator
-
-    def step(
-        *row: float, **vehicle: float
-    ) -> Sequence[float]:  # a function: a plant's copy shares it
-        return model(*row, **vehicle)
-
     return states.judge(
         recorded.log,
-        partial(plant, values, bikeFE if model is bikeFE else step),
+        partial(plant, values, model),
         code,
         placements=recorded.placements,
         braking=values['timeout_braking'] if values['command_timeout'] else None,
@@ -108,7 +114,7 @@ def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict,
 
 
 def _judge_commands(
-    recorded: Recorded, values: Mapping[str, float], resets: set[int]
+    recorded: Recorded, values: Mapping[str, float], resets: set[int], *, sandbox: bool
 ) -> list[Verdict]:
     gains = values['kp'], values['ki'], values['kd']
     limit = values['acceleration_limit']
@@ -122,10 +128,8 @@ def _judge_commands(
     verdicts = [show(partial(speed_controller, *gains, limit), _OWN)]
     if name := recorded.files.get('controller'):
         try:
-            with attached(recorded, 'controller') as lab:
-                assert lab.controller  # noqa: S101 (it was loaded)
-                new = partial(lab.controller, *gains, output_min=-limit, output_max=limit)
-                verdicts.append(show(new, name))
+            with attached(recorded, 'controller', sandbox=sandbox) as code:
+                verdicts.append(show(partial(code.new_pid, *gains), name))
         except UserError as error:
             verdicts.append(Verdict('controller', name, first=str(error)))
     return verdicts
