@@ -6,6 +6,8 @@ import zlib
 from typing import TYPE_CHECKING
 
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -65,7 +67,7 @@ def _check_data(data: list[tuple[int, int, McapRecord]]) -> list[Message]:
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     found: list[Message] = []
-    allowed = (Header, Chunk, MessageIndex, Metadata)
+    allowed = (Header, Attachment, Chunk, MessageIndex, Metadata)
     assert all(isinstance(record, allowed) for _, _, record in data)
     for number, (_, _, chunk) in enumerate(data):
         if not isinstance(chunk, Chunk):
@@ -131,6 +133,11 @@ def _check_summary(
             length, metadata = at[record.offset]
             assert isinstance(metadata, Metadata)
             assert (record.length, record.name) == (length, metadata.name)
+        elif isinstance(record, AttachmentIndex):
+            length, file = at[record.offset]
+            assert isinstance(file, Attachment)
+            assert (record.length, record.name) == (length, file.name)
+            assert (record.media_type, record.data_size) == (file.media_type, len(file.data))
         elif isinstance(record, SummaryOffset) and record.group_length:
             assert content[record.group_start] == record.group_opcode
     (statistics,) = (record for record in records if isinstance(record, Statistics))
@@ -142,3 +149,6 @@ def _check_summary(
     assert statistics.channel_count == len(channels)
     assert statistics.schema_count == len(schemas)
     assert statistics.chunk_count == len(chunks)
+    attachments = [record for _, _, record in data if isinstance(record, Attachment)]
+    assert statistics.attachment_count == len(attachments)
+    assert len(attachments) == sum(isinstance(record, AttachmentIndex) for record in records)

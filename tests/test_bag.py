@@ -226,3 +226,18 @@ def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
     (tmp_path / 'folder.mcap').mkdir()
     with pytest.raises(UserError, match=r"folder\.mcap' cannot be read \(Is a directory\)"):
         bag.read(tmp_path)
+
+
+def test_files_of_a_bag_are_found_by_name(tmp_path: Path) -> None:
+    writer = start(tmp_path / 'run')
+    writer.attach({'student/a.py': b'x = 1\n'})
+    writer.close()
+    assert bag.attachments(tmp_path / 'run') == {'student/a.py': b'x = 1\n'}
+
+
+def test_messages_are_counted_by_topic(tmp_path: Path) -> None:
+    log = rollout(distance=1.0)
+    writer = start(tmp_path / 'run')
+    drive(writer, log, '/car1')
+    writer.close()
+    assert bag.counts(tmp_path / 'run') == dict.fromkeys(TOPICS, len(log))

@@ -178,3 +178,18 @@ def test_the_command_names_what_is_no_bag(capsys: pytest.CaptureFixture[str]) ->
     assert capsys.readouterr().err == (
         "barc_sim.recover: error: there is no bag '/nowhere': name the directory of a bag\n"
     )
+
+
+def test_attached_files_are_kept(tmp_path: Path) -> None:
+    directory = tmp_path / 'run'
+    directory.mkdir()
+    writer = BagWriter(directory)
+    writer.attach({'student/a.py': b'x = 1\n'})
+    writer.write(TOPIC, bytes(12), received=1, published=1, sequence=0)
+    writer.flush()
+    for file in writer._files:  # noqa: SLF001 (what a kill would do)
+        file.pieces.close()
+    make_whole(directory)
+    mcap_doctor.check(writer.file)
+    assert bag.attachments(directory) == {'student/a.py': b'x = 1\n'}
+    assert len(messages(directory)) == 1

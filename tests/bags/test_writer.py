@@ -358,3 +358,25 @@ def test_a_clock_that_jumps_backwards_is_taken_as_it_is(writer: BagWriter, direc
     mcap_doctor.check(directory / 'run_0.mcap')
     assert metadata(writer)['starting_time'] == {'nanoseconds_since_epoch': 1001}
     assert metadata(writer)['duration'] == {'nanoseconds': 5}
+
+
+# Attachments
+
+
+def attachments(path: Path) -> dict[str, bytes]:
+    with path.open('rb') as stream:
+        found = SeekingReader(stream, validate_crcs=True).iter_attachments()
+        return {attachment.name: attachment.data for attachment in found}
+
+
+def test_files_are_attached_before_the_first_message(writer: BagWriter) -> None:
+    files = {'a.py': b'x = 1\n', 'empty': b''}
+    writer.attach(files)
+    killed = writer.file.read_bytes()
+    for k in range(100):
+        write(writer, VALUE, k)
+    writer.close()
+    mcap_doctor.check(writer.file)
+    assert attachments(writer.file) == files
+    assert b'x = 1\n' in killed
+    assert writer.file.read_bytes().startswith(killed)

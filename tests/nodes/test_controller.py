@@ -22,12 +22,17 @@ from barc_sim import topic_names
 from barc_sim.convert import to_header, to_nanoseconds
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
+from barc_sim.own_code import StudentPid
 from barc_sim.pid import speed_controller
+from barc_sim.student.code import load_controller
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from rclpy.context import Context
+
+    from barc_sim.pid import SpeedController
 
 MS = 1_000_000
 
@@ -36,10 +41,14 @@ class Bench:
     """A controller, and a node that sends it states and hears its answers."""
 
     def __init__(
-        self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
+        self,
+        context: Context,
+        spin_until: Callable[..., None],
+        pid: SpeedController | None = None,
+        **parameters: float | bool,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.controller = CruiseController(context=context, parameter_overrides=overrides)
+        self.controller = CruiseController(pid=pid, context=context, parameter_overrides=overrides)
         self.peer = Node('peer', context=context)
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.controller)
@@ -86,8 +95,8 @@ class Bench:
 def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
     made: list[Bench] = []
 
-    def make(**parameters: float | bool) -> Bench:
-        made.append(Bench(ros, spin_until, **parameters))
+    def make(pid: SpeedController | None = None, **parameters: float | bool) -> Bench:
+        made.append(Bench(ros, spin_until, pid, **parameters))
         return made[-1]
 
     yield make
@@ -247,3 +256,24 @@ def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
 def test_bad_gain_at_the_start_is_refused(bench: Callable[..., Bench], value: object) -> None:
     with pytest.raises(UserError, match='parameter kp of controller must'):
         bench(kp=value)
+
+
+def test_another_controller_answers_with_the_nodes_gains_and_limit(
+    bench: Callable[..., Bench], tmp_path: Path
+) -> None:
+    (tmp_path / 'controller.py').write_text(
+        'class PID:\n'
+        '    def __init__(self, kp, ki, kd):\n        self.kp = kp\n        self.calls = 0\n'
+        '    def acc_calculate(self, speed_reference, speed_current, dt):\n'
+        '        self.calls += 1\n'
+        '        self.integral = dt\n'
+        '        return self.kp * (speed_reference - speed_current) + 0.25 * self.calls\n'
+    )
+    one = bench(pid=StudentPid(load_controller(tmp_path / 'controller.py')), kp=2.0)
+    assert one.answers([(20 * MS, 8.0), (40 * MS, 7.0), (60 * MS, 0.0)]) == [0.25, 2.5, 8.0]
+    one.until(lambda: len(one.told) == 3)
+    assert [told.integral for told in one.told] == [0.0, 0.02, 0.02]
+    assert all(math.isnan(told.derivative) for told in one.told)
+    assert [told.saturated for told in one.told] == [False, False, True]
+    one.set(kp=3.0)
+    assert one.answers([(80 * MS, 7.0)]) == [4.0]
