@@ -13,9 +13,9 @@ from rosbags.highlevel import AnyReader
 from barc_sim import bag, recover
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.records import files, records
+from barc_sim.bags.recovery import recover as make_whole
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
-from barc_sim.bags.recovery import recover as make_whole
 
 if TYPE_CHECKING:
     from pathlib import Path
