@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf, radians, sin
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.bike_model import Input, Motion, Vehicle
+from barc_sim.actuators import Actuator
+from barc_sim.bike_model import Motion, Vehicle
 from barc_sim.metrics import RUN_UP
 from barc_sim.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
 from barc_sim.plant import Plant
@@ -18,7 +18,7 @@ from barc_sim.sensor import Deviation, Sensor
 
 if TYPE_CHECKING:
     from barc_sim.log import Log
-    from barc_sim.pid import PID
+    from barc_sim.pid import SpeedController
 
 #: A loop that takes longer than this many times what it should counts as one that never arrives.
 _PATIENCE = 3.0
@@ -82,15 +82,15 @@ class Course:
         """The greatest number of steps, as `rollout` counts them."""
         return round(self.max_duration / self.ts)
 
-    def drive(self, pid: PID) -> Log:
+    def drive(self, pid: SpeedController) -> Log:
         """Return the run of `pid` over the course, by `rollout`."""
-        plant = DelayedPlant(
-            self.delay,
+        plant = Plant(
             road=self.road,
             vehicle=self.vehicle,
             ts=self.ts,
             noise=Deviation(v_x=self.noise),
             seed=self.seed,
+            motor=Actuator(delay=self.delay * self.ts),
         )
         return rollout(
             plant,
@@ -143,19 +143,3 @@ class Course:
         sensor = Sensor(Deviation(v_x=self.noise), self.seed)
         still = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         return tuple(sensor.measure(still)[1].v_x for _ in range(self.steps + 1))
-
-
-class DelayedPlant(Plant):
-    """A plant whose commands take `delay` steps to act; until the first does, none acts."""
-
-    def __init__(self, delay: int, **options: Any) -> None:  # noqa: ANN401 (Plant's own)
-        """Start at rest."""
-        super().__init__(**options)
-        self._waiting = deque([Input()] * delay)
-
-    def advance(self, command: Input | None = None) -> None:
-        """Go one step with the command given `delay` steps ago."""
-        if command is not None:
-            self._waiting.append(command)
-            command = self._waiting.popleft()
-        super().advance(command)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 #: By gain, where a search begins, and the end of the range from zero that it searches.
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
 _ROAD, _DISTANCE = 'lab', 180.0
+_PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
 _MAX_SEED = 2**53
 
@@ -65,10 +66,10 @@ def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
     )
     parser.add_argument(
         '--delay',
-        type=_whole(1000),
+        type=_whole(500),
         default=0,
         metavar='STEPS',
-        help='of 20 ms, from a command to its effect (0; a run has none)',
+        help='of 20 ms, from a command to its effect (0)',
     )
     _add_gains(parser)
     parser.add_argument(
@@ -170,8 +171,12 @@ def commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
         ):
             if value != default:
                 words += [f'--{name}', value]
-        if options.noise:
-            words += ['--ros-args', '-p', f'vehicle_simulator:noise_v_x:={options.noise!r}']
+        parameters = {'noise_v_x': options.noise, 'motor_delay': options.delay * _PERIOD}
+        if any(parameters.values()):
+            words.append('--ros-args')
+        for name, value in parameters.items():
+            if value:
+                words += ['-p', f'vehicle_simulator:{name}:={float(typed(value))}']
         yield shlex.join(words)
 
 

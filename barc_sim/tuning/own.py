@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from barc_sim.metrics import summary
-from barc_sim.pid import PID
+from barc_sim.own_code import StudentPid
 from barc_sim.tuning.cost import Scores
 
 if TYPE_CHECKING:
@@ -17,28 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.log import Log
-    from barc_sim.student.code import Controller, Controllers
+    from barc_sim.student.code import Controllers
     from barc_sim.tuning.course import Course
-
-
-class LimitedController(PID):
-    """Somebody's controller in place of the PID; its output is limited as the PID's."""
-
-    def __init__(self, controller: Controller, limit: float) -> None:
-        """Limit the output of `controller`, whose terms nobody knows, to ±`limit` [m/s²]."""
-        super().__init__(nan, nan, nan, output_min=-limit, output_max=limit)
-        self._controller = controller
-        self.proportional = self.integral = self.derivative = nan
-
-    def acc_calculate(
-        self, speed_reference: float, speed_current: float, dt: float | None = None
-    ) -> float:
-        """Return the limited acceleration [m/s²]."""
-        interval = self.dt if dt is None else dt
-        wanted = self._controller.acc_calculate(speed_reference, speed_current, interval)
-        output = min(max(wanted, self.output_min), self.output_max)
-        self.saturated = wanted != output
-        return output
 
 
 def scores(course: Course, path: Path, gains: NDArray[np.float64]) -> Scores:
@@ -67,9 +46,11 @@ def scored(course: Course, log: Log) -> tuple[float, float, float, float]:
 
 
 def _driven(course: Course, controllers: Controllers, gains: NDArray[np.float64]) -> Log:
-    limit = course.limit
-    controller = controllers(*gains.tolist(), output_min=-limit, output_max=limit)
-    return course.drive(LimitedController(controller, limit))
+    pid = StudentPid(controllers)
+    pid.kp, pid.ki, pid.kd = gains.tolist()
+    pid.output_min, pid.output_max = -course.limit, course.limit
+    pid.reset()
+    return course.drive(pid)
 
 
 def _loaded(path: Path) -> Controllers:

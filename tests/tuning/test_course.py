@@ -7,37 +7,17 @@ import pickle
 import numpy as np
 import pytest
 
-from barc_sim.bike_model import Input
 from barc_sim.pid import speed_controller
 from barc_sim.plant import Plant
 from barc_sim.rollout import rollout
 from barc_sim.sensor import Deviation
-from barc_sim.tuning.course import Course, DelayedPlant
+from barc_sim.tuning.course import Course
 
 
 def test_the_default_course_is_the_run() -> None:
     ours, run = Course().drive(speed_controller()), rollout()
     assert ours.x.tobytes() == run.x.tobytes()
     assert ours.motor.tobytes() == run.motor.tobytes()
-
-
-def test_a_command_acts_its_delay_later() -> None:
-    plant, prompt = DelayedPlant(2), Plant()
-    for motor in (1.0, 2.0, 3.0, 4.0):
-        plant.advance(Input(motor))
-    for motor in (0.0, 0.0, 1.0, 2.0):
-        prompt.advance(Input(motor))
-    assert plant.state == prompt.state
-
-
-def test_without_a_new_command_the_last_that_acted_holds() -> None:
-    plant, prompt = DelayedPlant(1), Plant()
-    plant.advance(Input(1.0))
-    plant.advance(Input(2.0))
-    plant.advance()
-    for motor in (0.0, 1.0, 1.0):
-        prompt.advance(Input(motor))
-    assert plant.state == prompt.state
 
 
 def test_the_noise_is_that_of_a_run_with_the_seed() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,6 +16,8 @@ from barc_sim.tuning import batch, compiled, single
 from barc_sim.tuning.course import Course, Result
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from barc_sim.log import Log
 
 HILLS = Road((0.0, 4.0, 9.0, 20.0, 30.0), (0.0, 35.0, -50.0, 12.0, -3.0))
@@ -59,7 +61,7 @@ def assert_same(ours: Result, theirs: Result) -> None:
         np.testing.assert_array_equal(np.where(arrived, left, 0), np.where(arrived, right, 0), name)
 
 
-def one_by_one(course: Course, gains: Any) -> Result:
+def one_by_one(course: Course, gains: NDArray[np.float64]) -> Result:
     rows = [single.drive(course, *each) for each in gains.tolist()]
     return Result(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -103,7 +105,7 @@ def test_compiled_loops_are_the_plain_ones(name: str) -> None:
 grades = st.floats(-50.0, 50.0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     road=st.lists(st.tuples(st.floats(0.5, 20.0), grades), min_size=1, max_size=5),
     speed=st.floats(1.0, 15.0),
