@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -13,13 +11,14 @@ pytest.importorskip('rclpy')
 
 import yaml
 from barc_interfaces.msg import ECU
-from command_line import ENVIRONMENT, call, spinning, started
+from command_line import call, spinning, started
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from rclpy.context import Context
 
@@ -81,25 +80,26 @@ def test_ctrl_c_and_termination_end_it_in_order() -> None:
 
 @pytest.mark.usefixtures('talker')
 def test_reader_that_goes_away_ends_it_silently() -> None:
-    done = subprocess.run(
-        f'{sys.executable} -m barc_sim.echo /car/ecu | head -n 1',
-        shell=True,  # noqa: S602 (a pipe is what is tested)
-        env=__import__('os').environ | ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    assert (done.stdout, done.stderr) == ('header:\n', '')
-
-
-@pytest.mark.usefixtures('ros_domain')
-def test_ctrl_c_while_it_waits_for_the_topic_is_silent() -> None:
-    with started('echo', 'nothing') as process:
+    with started('echo', '/car/ecu') as process:
+        assert process.stdout
         assert process.stderr
-        pytest.importorskip('psutil', reason='tells when the command has begun')
-        process.send_signal(signal.SIGTERM)
-        assert process.communicate(timeout=20)[1] == ''
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(timeout=20) == 0
+        assert process.stderr.read() == ''
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_it_waits_for_the_topic_is_silent(
+    ros: Context, spin_until: Callable[..., None], number: signal.Signals
+) -> None:
+    here = Node('here', context=ros)
+    with started('echo', 'nothing') as process:
+        spin_until(SingleThreadedExecutor(context=ros), lambda: '_echo' in here.get_node_names())
+        process.send_signal(number)
+        assert process.communicate(timeout=20) == ('', '')
+        assert process.returncode == 130
+    here.destroy_node()
 
 
 def test_latched_message_is_seen_by_who_comes_late(ros: Context) -> None:

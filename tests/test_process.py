@@ -158,6 +158,6 @@ def test_security_without_keys_for_the_run_is_refused(
     monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
     monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
     monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
-    with pytest.raises(UserError, match='ROS_SECURITY_ENABLE is true|SECURITY ERROR'), ros([]):
+    with pytest.raises(UserError, match=r'ROS_SECURITY_ENABLE is true|SECURITY ERROR'), ros([]):
         pass
     assert not rclpy.ok()

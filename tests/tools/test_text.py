@@ -43,7 +43,7 @@ def test_field_may_be_an_element() -> None:
     message = Float64MultiArray()
     message.layout.dim = [MultiArrayDimension(label='a'), MultiArrayDimension(label='b')]
     assert field_of(message, 'layout.dim.1.label') == 'b'
-    with pytest.raises(UserError, match="no field 'layout.dim.2': '2' is not an index below 2"):
+    with pytest.raises(UserError, match=r"no field 'layout\.dim\.2': '2' is not an index below 2"):
         field_of(message, 'layout.dim.2')
 
 

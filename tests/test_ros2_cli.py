@@ -1,0 +1,172 @@
+"""The stock `ros2` command against a run, where it is installed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+ROS2 = shutil.which('ros2')
+if ROS2 is None:
+    pytest.skip('ros2 is not on the PATH', allow_module_level=True)
+
+import yaml
+from command_line import call, started
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+NODES = ('/vehicle_simulator', '/controller')
+TOPICS = {
+    '/ecu': 'ECU',
+    '/z_vhcl': 'ZDynBkMdl',
+    '/ez_vhcl': 'EZDynBkMdl',
+    '/environment': 'Environment',
+    '/pid_state': 'PidState',
+}
+pytestmark = pytest.mark.usefixtures('run')
+
+
+@pytest.fixture
+def run(ros_domain: int) -> Iterator[None]:
+    """Drive for as long as the test needs it; end the daemon of its domain, too."""
+    assert ros_domain
+    with started('run', 'acc', '--distance', '0', '--no-bag') as process:
+        assert process.stdout
+        process.stdout.readline()  # it drives
+        end = time.monotonic() + 40.0
+        while not set(NODES) <= set(ros2('node', 'list').split()):  # the daemon sees it
+            assert time.monotonic() < end
+        yield
+    subprocess.run([str(ROS2), 'daemon', 'stop'], capture_output=True, check=False, timeout=30)
+
+
+def ros2(*words: str, seconds: float = 40.0) -> str:
+    """Return what `ros2` prints, of which it must think well."""
+    done = subprocess.run(
+        [str(ROS2), *words],
+        env=os.environ | {'PYTHONUNBUFFERED': '1'},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=seconds,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'failed' not in done.stderr
+    return done.stdout
+
+
+def until(word: str, *words: str) -> str:
+    """Return the line with `word` in it of a command that goes on for ever."""
+    with subprocess.Popen(
+        [str(ROS2), *words],
+        env=os.environ | {'PYTHONUNBUFFERED': '1'},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            assert process.stdout
+            return next(line for line in process.stdout if word in line)
+        finally:
+            process.kill()
+
+
+def test_topics_are_listed_with_their_types() -> None:
+    listed = ros2('topic', 'list', '-t').splitlines()
+    assert {f'{topic} [barc_interfaces/msg/{kind}]' for topic, kind in TOPICS.items()} <= set(
+        listed
+    )
+
+
+def test_topic_info_tells_our_nodes_and_their_quality_of_service() -> None:
+    told = ros2('topic', 'info', '-v', '/ecu')
+    assert 'Node name: controller\n' in told
+    assert 'Node name: vehicle_simulator\n' in told
+    assert told.count('Reliability: RELIABLE\n') == 2
+
+
+def test_messages_are_echoed_as_by_our_command() -> None:
+    theirs = next(yaml.safe_load_all(ros2('topic', 'echo', '--once', '/z_vhcl')))
+    ours = next(yaml.safe_load_all(call('echo', '/z_vhcl', '--once').stdout))
+    assert theirs.keys() == ours.keys()
+    assert theirs['x'] < ours['x']
+
+
+def test_rate_and_delay_are_measured() -> None:
+    rate = float(until('average rate', 'topic', 'hz', '/z_vhcl').split()[-1])
+    assert rate == pytest.approx(50.0, rel=0.3)
+    assert float(until('average delay', 'topic', 'delay', '/z_vhcl').split()[-1]) < 5.0
+
+
+def test_command_is_published() -> None:
+    assert 'publishing #1' in ros2(
+        'topic', 'pub', '--once', '/ecu', 'barc_interfaces/msg/ECU', '{motor: 1.0}'
+    )
+
+
+def test_node_info_tells_topics_and_services() -> None:
+    told = ros2('node', 'info', '/vehicle_simulator')
+    assert '    /ecu: barc_interfaces/msg/ECU\n' in told
+    assert '    /vehicle_simulator/reset: std_srvs/srv/Trigger\n' in told
+
+
+def test_every_parameter_has_a_description() -> None:
+    for node in NODES:
+        names = ros2('param', 'list', node).split()
+        own = [name for name in names if name != 'use_sim_time']
+        described = ros2('param', 'describe', node, *own)
+        assert described.count('Parameter name:') == len(own)
+        assert described.count('  Description: ') == len(own)
+
+
+def test_parameter_is_set_and_read() -> None:
+    assert ros2('param', 'set', '/controller', 'kp', '20.0') == 'Set parameter successful\n'
+    assert ros2('param', 'get', '/controller', 'kp') == 'Double value is: 20.0\n'
+
+
+def test_dump_is_ours_and_is_loaded(tmp_path: Path) -> None:
+    dump = ros2('param', 'dump', '/controller')
+    assert yaml.safe_load(dump) == yaml.safe_load(call('param', 'dump', '/controller').stdout)
+    values = yaml.safe_load(dump)
+    parameters = values['/controller']['ros__parameters']
+    del parameters['start_type_description_service']  # read-only
+    parameters['kp'] = 12.5
+    path = tmp_path / 'controller.yaml'
+    path.write_text(yaml.safe_dump(values))
+    assert 'Set parameter kp successful' in ros2('param', 'load', '/controller', str(path))
+    assert ros2('param', 'get', '/controller', 'kp', '--hide-type') == '12.5\n'
+
+
+def test_services_are_called() -> None:
+    for service, kind, request in (
+        ('pause', 'SetBool', '{data: true}'),
+        ('pause', 'SetBool', '{data: false}'),
+        ('reset', 'Trigger', '{}'),
+    ):
+        told = ros2(
+            'service', 'call', f'/vehicle_simulator/{service}', f'std_srvs/srv/{kind}', request
+        )
+        assert 'success=True' in told
+
+
+@pytest.mark.parametrize('kind', TOPICS.values())
+def test_every_field_of_an_interface_has_its_unit(kind: str) -> None:
+    shown = ros2('interface', 'show', f'barc_interfaces/msg/{kind}')
+    fields = [line for line in shown.splitlines() if line.startswith(('float64', 'bool'))]
+    assert fields
+    assert all('# ' in line for line in fields)
+
+
+@pytest.mark.skipif(
+    'barc_sim' not in os.environ.get('AMENT_PREFIX_PATH', '')
+    and not os.environ.get('COLCON_PREFIX_PATH'),
+    reason='barc_sim is not built with colcon here',
+)
+def test_package_is_run() -> None:
+    assert 'usage: ' in ros2('run', 'barc_sim', 'acc', '--help')
