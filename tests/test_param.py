@@ -89,8 +89,10 @@ def test_description_and_bounds_are_told() -> None:
         ),
         (
             'set /one/car gain 1e-7',
-            'parameter gain of /one/car is of type double, and 1e-7 is of type string: write '
-            + '1.0e-07',
+            (
+                'parameter gain of /one/car is of type double, and 1e-7 is of type string: write '
+                '1.0e-07'
+            ),
         ),
         (
             'set /one/car road 7',
@@ -98,13 +100,17 @@ def test_description_and_bounds_are_told() -> None:
         ),
         (
             'set /one/car gain 101.0',
-            '/one/car refused the value of gain: Parameter gain out of range Min: 0.0, '
-            + 'Max: 100.0, value: 101.0',
+            (
+                '/one/car refused the value of gain: Parameter gain out of range Min: 0.0, '
+                'Max: 100.0, value: 101.0'
+            ),
         ),
         (
             'set /one/car mass 1000.0',
-            'parameter mass of /one/car is read-only: give it at the start '
-            + '(--ros-args -p car:mass:=1000.0)',
+            (
+                'parameter mass of /one/car is read-only: give it at the start '
+                '(--ros-args -p car:mass:=1000.0)'
+            ),
         ),
     ],
 )

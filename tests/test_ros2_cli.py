@@ -11,9 +11,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 pytest.importorskip('rclpy')
-ROS2 = shutil.which('ros2')
-if ROS2 is None:
-    pytest.skip('ros2 is not on the PATH', allow_module_level=True)
 
 import yaml
 from command_line import call, started
@@ -30,7 +27,11 @@ TOPICS = {
     '/environment': 'Environment',
     '/pid_state': 'PidState',
 }
-pytestmark = pytest.mark.usefixtures('run')
+ROS2 = shutil.which('ros2')
+pytestmark = [
+    pytest.mark.skipif(ROS2 is None, reason='ros2 is not on the PATH'),
+    pytest.mark.usefixtures('run'),
+]
 
 
 @pytest.fixture

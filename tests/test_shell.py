@@ -26,6 +26,7 @@ HINT = 'ros2 is not installed: use python -m barc_sim.echo TOPIC'
 START_UP = {
     '.bashrc': 'export MINE=own PATH=/usr/bin:/bin',
     '.zshrc': 'export MINE=own PATH=/usr/bin:/bin',
+    '.zshenv': 'export PATH=/usr/bin:/bin',
     '.config/fish/config.fish': 'set -gx MINE own; set -gx PATH /usr/bin /bin',
     '.shrc': 'export MINE=own PATH=/usr/bin:/bin',
 }
@@ -93,6 +94,7 @@ class Session:
         return before + text
 
     def type(self, line: str) -> None:
+        """Press the keys of a line, and Enter."""
         os.write(self.terminal, f'{line}\r'.encode())
 
 
