@@ -86,7 +86,8 @@ def param(options: Namespace) -> int:
 
 
 def _list(look: Look, options: Namespace) -> None:
-    from barc_sim.tools.parameters import Parameters, type_name  # noqa: PLC0415
+    from barc_sim.tools.parameter_text import type_name  # noqa: PLC0415
+    from barc_sim.tools.parameters import Parameters  # noqa: PLC0415
 
     if options.node:
         nodes = [look.peer(options.node)]
@@ -117,14 +118,16 @@ def _list(look: Look, options: Namespace) -> None:
 def _get(look: Look, options: Namespace) -> None:
     from rclpy.parameter import parameter_value_to_python  # noqa: PLC0415
 
-    from barc_sim.tools.parameters import Parameters, labelled  # noqa: PLC0415
+    from barc_sim.tools.parameter_text import labelled  # noqa: PLC0415
+    from barc_sim.tools.parameters import Parameters  # noqa: PLC0415
 
     (value,) = Parameters(look, options.node).values([options.name])
     print(parameter_value_to_python(value) if options.hide_type else labelled(value))  # noqa: T201
 
 
 def _set(look: Look, options: Namespace) -> None:
-    from barc_sim.tools.parameters import Parameters, parsed  # noqa: PLC0415
+    from barc_sim.tools.parameter_text import parsed  # noqa: PLC0415
+    from barc_sim.tools.parameters import Parameters  # noqa: PLC0415
 
     value = parsed(options.value)
     (verdict,) = Parameters(look, options.node).set({options.name: value})
@@ -134,7 +137,8 @@ def _set(look: Look, options: Namespace) -> None:
 
 
 def _describe(look: Look, options: Namespace) -> None:
-    from barc_sim.tools.parameters import Parameters, described  # noqa: PLC0415
+    from barc_sim.tools.parameter_text import described  # noqa: PLC0415
+    from barc_sim.tools.parameters import Parameters  # noqa: PLC0415
 
     for descriptor in Parameters(look, options.node).descriptors(options.names):
         print('\n'.join(described(descriptor)))  # noqa: T201
@@ -155,7 +159,8 @@ def _dump(look: Look, options: Namespace) -> None:
 
 def _load(look: Look, options: Namespace) -> int:
     from barc_sim.tools import parameter_file  # noqa: PLC0415
-    from barc_sim.tools.parameters import Parameters, as_value  # noqa: PLC0415
+    from barc_sim.tools.parameter_text import as_value  # noqa: PLC0415
+    from barc_sim.tools.parameters import Parameters  # noqa: PLC0415
 
     parameters = Parameters(look, options.node)
     values = parameter_file.read(

@@ -39,6 +39,7 @@ ROS_MODULES = {
         'teleop',
         'tools.looking',
         'tools.messages',
+        'tools.parameter_text',
         'tools.parameters',
         'topic_names',
     )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import yaml
-from rcl_interfaces.msg import ParameterType
-from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
 from barc_sim.errors import UserError
+from barc_sim.tools.parameter_text import TYPES, in_yaml, instead
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,20 +17,6 @@ if TYPE_CHECKING:
     from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 
     from barc_sim.tools.looking import Look
-
-#: As `ros2 param describe` has them.
-_TYPES = {
-    ParameterType.PARAMETER_NOT_SET: 'not set',
-    ParameterType.PARAMETER_BOOL: 'boolean',
-    ParameterType.PARAMETER_INTEGER: 'integer',
-    ParameterType.PARAMETER_DOUBLE: 'double',
-    ParameterType.PARAMETER_STRING: 'string',
-    ParameterType.PARAMETER_BYTE_ARRAY: 'byte array',
-    ParameterType.PARAMETER_BOOL_ARRAY: 'boolean array',
-    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer array',
-    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double array',
-    ParameterType.PARAMETER_STRING_ARRAY: 'string array',
-}
 
 
 class Verdict(NamedTuple):
@@ -129,8 +114,8 @@ class Parameters:
         given = parameter_value_to_python(value)
         if value.type != descriptor.type and not descriptor.dynamic_typing:
             return (
-                f'{owner} is of type {_TYPES[descriptor.type]}, and {in_yaml(given)} is of type '
-                f'{_TYPES[value.type]}{_instead(descriptor.type, given)}'
+                f'{owner} is of type {TYPES[descriptor.type]}, and {in_yaml(given)} is of type '
+                f'{TYPES[value.type]}{instead(descriptor.type, given)}'
             )
         if descriptor.read_only:
             setting = f'{self.node.rpartition("/")[2]}:{descriptor.name}:={in_yaml(given)}'
@@ -147,82 +132,3 @@ class Parameters:
         close = get_close_matches(name, declared)
         hint = f'did you mean {" or ".join(close)}?' if close else f'it has {", ".join(declared)}'
         return f'{self.node} has no parameter {name}: {hint}'
-
-
-def described(descriptor: ParameterDescriptor) -> list[str]:
-    """Return the lines of `ros2 param describe`."""
-    lines = [f'Parameter name: {descriptor.name}', f'  Type: {_TYPES[descriptor.type]}']
-    if descriptor.description:
-        lines.append(f'  Description: {descriptor.description}')
-    lines.append('  Constraints:')
-    if descriptor.read_only:
-        lines.append('    Read only: true')
-    for span in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
-        lines += [f'    Min value: {span.from_value}', f'    Max value: {span.to_value}']
-        lines += [f'    Step: {span.step}'] if span.step else []
-    if descriptor.additional_constraints:
-        lines.append(f'    Additional constraints: {descriptor.additional_constraints}')
-    return lines
-
-
-def labelled(value: ParameterValue) -> str:
-    """Return the line of `ros2 param get`."""
-    if value.type == ParameterType.PARAMETER_NOT_SET:
-        return 'Parameter not set.'
-    label = _TYPES[value.type].replace('array', 'values are').capitalize()
-    if 'values' not in label:
-        label += ' value is'
-    return f'{label}: {parameter_value_to_python(value)}'
-
-
-def type_name(descriptor: ParameterDescriptor) -> str:
-    """Return the name of the parameter's type."""
-    return _TYPES[descriptor.type]
-
-
-def parsed(text: str) -> ParameterValue:
-    """Return the value that `text` is in YAML, as `ros2 param set` takes it.
-
-    Raises
-    ------
-    UserError
-        where it is not YAML.
-    """
-    try:
-        return get_parameter_value(text)
-    except yaml.YAMLError:
-        raise UserError(f'{text!r} is not a value in YAML: a string may need quotes') from None
-
-
-def as_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401 (whatever YAML has)
-    """Return the value of a parameter for what stands in a file.
-
-    Raises
-    ------
-    UserError
-        where no type of parameter fits.
-    """
-    try:
-        return Parameter(name, value=given).get_parameter_value()
-    except (TypeError, AssertionError, OverflowError):
-        raise UserError(
-            f'parameter {name} cannot be {given!r}: a boolean, a number, a string, or a list of '
-            'one of these is needed'
-        ) from None
-
-
-def in_yaml(value: Any) -> str:  # noqa: ANN401
-    """Return a value as it is to be written, such as 1.0e-07."""
-    return yaml.safe_dump(value, default_flow_style=True, width=2**30).partition('\n')[0]
-
-
-def _instead(wanted: int, given: Any) -> str:  # noqa: ANN401
-    """Return what to write for `given` where a parameter of another type is wanted."""
-    if wanted == ParameterType.PARAMETER_STRING:
-        return f': write "\'{given}\'"'
-    if wanted == ParameterType.PARAMETER_DOUBLE and not isinstance(given, (bool, list)):
-        try:
-            return f': write {in_yaml(float(given))}'
-        except ValueError:
-            return ''
-    return ''

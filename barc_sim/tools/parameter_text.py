@@ -1,0 +1,107 @@
+"""Parameters as text: in the words of `ros2 param`, and as YAML."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rcl_interfaces.msg import ParameterType
+from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
+
+#: As `ros2 param describe` has them.
+TYPES = {
+    ParameterType.PARAMETER_NOT_SET: 'not set',
+    ParameterType.PARAMETER_BOOL: 'boolean',
+    ParameterType.PARAMETER_INTEGER: 'integer',
+    ParameterType.PARAMETER_DOUBLE: 'double',
+    ParameterType.PARAMETER_STRING: 'string',
+    ParameterType.PARAMETER_BYTE_ARRAY: 'byte array',
+    ParameterType.PARAMETER_BOOL_ARRAY: 'boolean array',
+    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer array',
+    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double array',
+    ParameterType.PARAMETER_STRING_ARRAY: 'string array',
+}
+
+
+def described(descriptor: ParameterDescriptor) -> list[str]:
+    """Return the lines of `ros2 param describe`."""
+    lines = [f'Parameter name: {descriptor.name}', f'  Type: {TYPES[descriptor.type]}']
+    if descriptor.description:
+        lines.append(f'  Description: {descriptor.description}')
+    lines.append('  Constraints:')
+    if descriptor.read_only:
+        lines.append('    Read only: true')
+    for span in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
+        lines += [f'    Min value: {span.from_value}', f'    Max value: {span.to_value}']
+        lines += [f'    Step: {span.step}'] if span.step else []
+    if descriptor.additional_constraints:
+        lines.append(f'    Additional constraints: {descriptor.additional_constraints}')
+    return lines
+
+
+def labelled(value: ParameterValue) -> str:
+    """Return the line of `ros2 param get`."""
+    if value.type == ParameterType.PARAMETER_NOT_SET:
+        return 'Parameter not set.'
+    label = TYPES[value.type].replace('array', 'values are').capitalize()
+    if 'values' not in label:
+        label += ' value is'
+    return f'{label}: {parameter_value_to_python(value)}'
+
+
+def type_name(descriptor: ParameterDescriptor) -> str:
+    """Return the name of the parameter's type."""
+    return TYPES[descriptor.type]
+
+
+def parsed(text: str) -> ParameterValue:
+    """Return the value that `text` is in YAML, as `ros2 param set` takes it.
+
+    Raises
+    ------
+    UserError
+        where it is not YAML.
+    """
+    try:
+        return get_parameter_value(text)
+    except yaml.YAMLError:
+        raise UserError(f'{text!r} is not a value in YAML: a string may need quotes') from None
+
+
+def as_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401 (whatever YAML has)
+    """Return the value of a parameter for what stands in a file.
+
+    Raises
+    ------
+    UserError
+        where no type of parameter fits.
+    """
+    try:
+        return Parameter(name, value=given).get_parameter_value()
+    except (TypeError, AssertionError, OverflowError):
+        raise UserError(
+            f'parameter {name} cannot be {given!r}: a boolean, a number, a string, or a list of '
+            'one of these is needed'
+        ) from None
+
+
+def in_yaml(value: Any) -> str:  # noqa: ANN401
+    """Return a value as it is to be written, such as 1.0e-07."""
+    return yaml.safe_dump(value, default_flow_style=True, width=2**30).partition('\n')[0]
+
+
+def instead(wanted: int, given: Any) -> str:  # noqa: ANN401
+    """Return what to write for `given` where a parameter of another type is wanted."""
+    if wanted == ParameterType.PARAMETER_STRING:
+        return f': write "\'{given}\'"'
+    if wanted == ParameterType.PARAMETER_DOUBLE and not isinstance(given, (bool, list)):
+        try:
+            return f': write {in_yaml(float(given))}'
+        except ValueError:
+            return ''
+    return ''
