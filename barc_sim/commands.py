@@ -12,6 +12,10 @@ if TYPE_CHECKING:
 class Commands:
     """The commands that a simulator has heard since its start.
 
+    A command answers the state whose stamp it bears. It takes the place of the one that holds
+    unless it is older, or the present state has its answer. So neither what comes out of order nor
+    what bears a stamp of the future can keep the answer out.
+
     Attributes
     ----------
     latest
@@ -31,17 +35,32 @@ class Commands:
         self.timeout = timeout or inf
         self.latest: Input | None = None
         self.answered = self._as_they_please = bool(timeout)
+        self._exactly = False  # answered by the present state's stamp
+        self._order = 0  # [ns] the state that `latest` belongs to
         self._heard = -inf
 
-    def hear(self, command: Input, stamp: int, present: int, t: float) -> None:
-        """Take a `command` with its `stamp` [ns], at `t` [s], in the state stamped `present`."""
-        self.latest, self._heard = command, t
+    def hear(self, command: Input, stamp: int, present: int, t: float) -> bool:
+        """Take a `command` with its `stamp` [ns], at `t` [s], in the state stamped `present`.
+
+        Returns
+        -------
+        bool
+            Whether it holds from now on.
+        """
+        # One of the future counts as of now, that it may be followed.
+        order = min(stamp, present) if stamp else present
+        if order < self._order or (self._exactly and stamp not in (0, present)):
+            return False
+        self.latest, self._order, self._heard = command, order, t
         self._as_they_please = stamp == 0
-        self.answered = stamp in (0, present)
+        self._exactly = stamp == present
+        self.answered = self._as_they_please or self._exactly
+        return True
 
     def expect(self) -> None:
         """Go on to the next state."""
         self.answered = self._as_they_please
+        self._exactly = False
 
     def wait(self, t: float) -> None:
         """Count silence from `t` [s] on."""

@@ -73,7 +73,7 @@ def conduct(
     lab = load_own_code(options, printed)
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
-    with ros(ros_args):
+    with ros(ros_args, network=options.network):
         run = create(lab, printed)
         try:
             run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))

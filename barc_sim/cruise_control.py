@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 from barc_sim.bike_model import bikeFE
 from barc_sim.composition import Run, conduct, overrides
 from barc_sim.console.display import display, print_summaries, print_summary
+from barc_sim.errors import UserError
 from barc_sim.metrics import SpeedErrors
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.own_code import StudentPid
+from barc_sim.pid import SPEED_REFERENCE
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -40,10 +42,18 @@ def cruise_control(
 
 
 class CruiseControl(Run):
-    """Recorder, and of each car controller and simulator."""
+    """Recorder, and of each car controller, unless another takes its place, and simulator."""
 
     def compose(self, options: Namespace) -> list[VehicleSimulator]:
-        """Return the simulators, each of a car on a road of its own."""
+        """Return the simulators, each of a car on a road of its own.
+
+        Raises
+        ------
+        UserError
+            where a controller is left out that is to be told something.
+        """
+        if options.no_controller:
+            _check_that_none_is_told(options)
         namespaces = [f'car{number + 1}' for number in range(options.cars)]
         # A car that is alone needs none.
         self._cars = [
@@ -58,16 +68,7 @@ class CruiseControl(Run):
         return [car.simulator for car in self._cars]
 
     def _car(self, options: Namespace, namespace: str, number: int) -> Car:
-        controller = self.add(
-            CruiseController(
-                pid=StudentPid(self.lab.controller) if self.lab.controller else None,
-                namespace=namespace,
-                parameter_overrides=overrides(
-                    speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
-                ),
-            )
-        )
-        car = Car(namespace, controller)
+        car = Car(namespace, self._controller(options, namespace))
         car.simulator = self.add(
             VehicleSimulator(
                 distance=_DISTANCE,
@@ -89,6 +90,22 @@ class CruiseControl(Run):
         )
         return car
 
+    def _controller(self, options: Namespace, namespace: str) -> Callable[[], float]:
+        """Add a controller, or none; return what tells the speed to hold [m/s]."""
+        if options.no_controller:
+            speed = SPEED_REFERENCE if options.speed is None else options.speed
+            return lambda: speed
+        controller: CruiseController = self.add(
+            CruiseController(
+                pid=StudentPid(self.lab.controller) if self.lab.controller else None,
+                namespace=namespace,
+                parameter_overrides=overrides(
+                    speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
+                ),
+            )
+        )
+        return lambda: controller.speed_reference
+
     def close_display(self) -> None:
         """Leave the terminal's line in order."""
         self._display.close()
@@ -102,15 +119,24 @@ class CruiseControl(Run):
             print_summaries({car.name: car.summary() for car in self._cars}, self.slipped)
 
 
+def _check_that_none_is_told(options: Namespace) -> None:
+    for name in ('kp', 'ki', 'kd', 'controller'):
+        if (value := getattr(options, name)) is not None:
+            raise UserError(
+                f'--{name} {value} is for the controller that --no-controller leaves out: give one '
+                'of the two only'
+            )
+
+
 class Car:
-    """A controller, the simulator that it drives, and how well."""
+    """A simulator, and how well it is driven."""
 
     simulator: VehicleSimulator
 
-    def __init__(self, name: str, controller: CruiseController) -> None:
-        """Not yet driven."""
+    def __init__(self, name: str, reference: Callable[[], float]) -> None:
+        """Not yet driven; `reference` tells the speed to hold [m/s]."""
         self.name = name
-        self._controller = controller
+        self._reference = reference
         self._errors = SpeedErrors()
         #: Shows a state: its time, distance, speed, speed error and grade.
         self.show: Callable[[float, float, float, float, float], None] = lambda *_: None
@@ -119,7 +145,7 @@ class Car:
         """Count the speed's error, from the start or the latest reset on, and show it."""
         if t == 0.0:
             self._errors = SpeedErrors()
-        reference = self._controller.speed_reference
+        reference = self._reference()
         self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
         self.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from std_srvs.srv import Trigger
 
 from barc_sim import service_names, topic_names
+from barc_sim.peers import living_publishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,6 +29,8 @@ _RESET_TIMEOUT = 0.5
 
 class Gate:
     """Looks for a publisher of `ecu`, and calls `begin` once there has been one for a while.
+
+    The nodes that command reset themselves before: they may have driven another run.
 
     Parameters
     ----------
@@ -61,6 +64,7 @@ class Gate:
         ]
         self._resetting: list[Future] = []
         self._patient_until = 0.0
+        self._fresh = False
         self._ready_for = 0
         self._timer = node.create_timer(_PERIOD, self._look, group, clock)
 
@@ -70,6 +74,7 @@ class Gate:
         self._resetting = [reset.call_async(Trigger.Request()) for reset in ready]
         self._patient_until = time.monotonic() + _RESET_TIMEOUT
         self._ready_for = min(self._ready_for, _COUNT - 1)  # they know one another
+        self._fresh = True
         self._timer.reset()
 
     def _look(self) -> None:
@@ -77,8 +82,12 @@ class Gate:
             if time.monotonic() < self._patient_until:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
-        ready = self._node.count_publishers(topic_names.ECU) or not self._wait
+        ready = not self._wait or living_publishers(self._node, topic_names.ECU)
         self._ready_for = self._ready_for + 1 if ready else 0
-        if self._ready_for >= _COUNT:
-            self._timer.cancel()
-            self._begin()
+        if self._ready_for < _COUNT:
+            return
+        if not self._fresh:
+            self.close()
+            return
+        self._timer.cancel()
+        self._begin()

@@ -16,6 +16,7 @@ from rclpy.task import Future
 
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
+from barc_sim.shared_memory import sweep
 from barc_sim.signals import StopSignals
 
 if TYPE_CHECKING:
@@ -32,8 +33,10 @@ _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
 
 @contextmanager
-def ros(args: list[str] | None) -> Iterator[None]:
+def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     """Initialise ROS with `args`, seen on this machine only unless the user has set it otherwise.
+
+    With `network` it is seen in its whole subnet. What killed processes have left is cleared away.
 
     Raises
     ------
@@ -49,7 +52,10 @@ def ros(args: list[str] | None) -> Iterator[None]:
             f'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE, {str(keystore)!r}, is no '
             'keystore: set it to one that `ros2 security create_keystore` has made, or unset both'
         )
+    if network:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    sweep()
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
     # What rcl logs of its arguments is what it raises, too.

@@ -49,7 +49,7 @@ def teleop() -> int:
 
 def _main(argv: list[str]) -> int:
     cut = argv.index('--ros-args') if '--ros-args' in argv else len(argv)
-    options = _parser().parse_args(argv[:cut])
+    options = parser().parse_args(argv[:cut])
     with StopSignals() as stop:
         return _run(options.mode)(options, argv, argv[cut:], stop)
 
@@ -65,7 +65,8 @@ def _run(mode: str) -> Callable[..., int]:
     return cruise_control
 
 
-def _parser() -> Parser:
+def parser() -> Parser:
+    """Return the parser of the command line, up to `--ros-args`."""
     parser = Parser(prog=f'python -m {_PROG}', description='Run the simulator.', epilog=_EPILOG)
     modes = parser.add_subparsers(dest='mode', required=True, metavar='MODE')
     _add_acc(modes)
@@ -115,6 +116,11 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
         help='so many cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
     )
     _add_own_code(mode, 'model', 'controller')
+    mode.add_argument(
+        '--no-controller',
+        action='store_true',
+        help='leave ours out, and wait for another that publishes ecu',
+    )
     add_view_options(mode, on=False)
     _add_common(mode)
 
@@ -175,6 +181,11 @@ def _add_common(mode: Parser) -> None:
     mode.add_argument('--dynamics', choices=('kinematic', 'dynamic'), help='bicycle (kinematic)')
     mode.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
+    )
+    mode.add_argument(
+        '--network',
+        action='store_true',
+        help='seen by other machines, too: sets ROS_AUTOMATIC_DISCOVERY_RANGE to SUBNET',
     )
     mode.add_argument(
         '--clock',

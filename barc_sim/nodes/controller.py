@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from barc_sim.pid import SpeedController
 
 _SPEEDS = (-100.0, 100.0)  #: [m/s]
+_FASTEST = 1e6  #: [m/s] A state beyond is none.
 _PARAMETERS = [
     Parameter('kp', KP, 'proportional gain [1/s]', (0.0, 1e6)),
     Parameter('ki', KI, 'integral gain [1/s²]', (0.0, 1e6)),
@@ -72,7 +73,7 @@ class CruiseController(Node):
         self._pid.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
         self._previous: int | None = None
-        self.refused = 0  #: references out of range
+        self.refused = 0  #: references out of range, and states
         self._state: ZDynBkMdl | None = None
         self._error: EZDynBkMdl | None = None
 
@@ -91,11 +92,14 @@ class CruiseController(Node):
         if low <= message.data <= high:
             self._values['speed_reference'] = message.data
             return
+        self._refuse(
+            f'a speed_reference of {message.data}: it must lie between {low:g} and {high:g} m/s'
+        )
+
+    def _refuse(self, what: str) -> None:
         self.refused += 1
         self.get_logger().warning(
-            f'refused a speed_reference of {message.data}: it must lie between {low:g} and '
-            f'{high:g} m/s ({self.refused} refused up to now)',
-            throttle_duration_sec=1.0,
+            f'refused {what} ({self.refused} refused up to now)', throttle_duration_sec=1.0
         )
 
     @property
@@ -139,6 +143,9 @@ class CruiseController(Node):
             self._answer(state, state.v_x - error.v_x)
 
     def _answer(self, state: ZDynBkMdl, speed: float) -> None:
+        if not abs(speed) <= _FASTEST:  # NaN, too
+            self._refuse(f'a state whose speed is {speed} m/s')
+            return
         stamp = to_nanoseconds(state.header.stamp)
         dt = 0.0
         if self._previous is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
@@ -103,7 +104,8 @@ class Relay(Node):
         self.driver.stale_after = self._values['stale_after']
 
     def _on_state(self, state: ZDynBkMdl) -> None:
-        self._speed = state.v_x
+        if isfinite(state.v_x):
+            self._speed = state.v_x
 
     def _on_twist(self, twist: Twist) -> None:
         wish = to_drive(twist, self._values['linear_scale'], self._values['angular_scale'])

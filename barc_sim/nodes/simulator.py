@@ -21,6 +21,7 @@ from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
 from barc_sim.convert import (
+    NANOSECONDS,
     to_environment,
     to_header,
     to_input,
@@ -35,6 +36,7 @@ from barc_sim.executor import QuickCallbackGroup
 from barc_sim.gate import Gate
 from barc_sim.pacing import Pace
 from barc_sim.parameters import Parameter, declare
+from barc_sim.peers import living_publishers
 from barc_sim.plant_values import period_ns, plant
 from barc_sim.process import spin
 from barc_sim.simulator_parameters import PARAMETERS
@@ -85,7 +87,7 @@ class VehicleSimulator(Node):
     missed
         Commands that were not there when they were due.
     refused
-        Messages that were not finite or out of range.
+        Messages that were not finite, out of range, or commands that came out of order.
     """
 
     def __init__(
@@ -128,6 +130,7 @@ class VehicleSimulator(Node):
         self._running = self._paused = self._reset_due = self._step_due = False
         self._place: State | None = None  # to be put there
         self._warned: set[str] = set()
+        self._asked: set[bytes] = set()  # who commanded when the present state was published
 
         self._state_error_pub = publisher(self, EZDynBkMdl, topic_names.STATE_ERROR)
         self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
@@ -175,7 +178,7 @@ class VehicleSimulator(Node):
         self.finished.set_result(None)
 
     def _begin(self) -> None:
-        if self.count_publishers(topic_names.STATE) > 1:
+        if len(living_publishers(self, topic_names.STATE)) > 1:
             raise UserError(taken(self._state_pub.topic_name, self.context.get_domain_id()))
         self._running = True
         self._stamp = max(time.time_ns(), self._stamp + self._period_ns)
@@ -199,11 +202,16 @@ class VehicleSimulator(Node):
         header = to_header(self._stamp)
         self._publish_clock(header.stamp)
         self._environment_pub.publish(to_environment(seen, header))
-        self._state_error_pub.publish(to_state_error(seen, header))
-        self._state_pub.publish(to_state(seen, header))
+        self._to_answer = to_state_error(seen, header), to_state(seen, header)
+        self._ask_for_command()
         if self._on_step:
             self._on_step((self.steps - self._first_step) * self._plant.ts, seen)
         self.steps += 1
+
+    def _ask_for_command(self) -> None:
+        error, state = self._to_answer
+        self._state_error_pub.publish(error)
+        self._state_pub.publish(state)
 
     def _publish_clock(self, now: Time) -> None:
         if self._clock_pub:
@@ -219,7 +227,13 @@ class VehicleSimulator(Node):
             )
             return
         stamp = to_nanoseconds(message.header.stamp)
-        self._commands.hear(command, stamp, self._stamp, time.monotonic())
+        if not self._commands.hear(command, stamp, self._stamp, time.monotonic()):
+            away = (stamp - self._stamp) / NANOSECONDS
+            self._refuse(
+                f'a command stamped {away:+g} s from the present state: a newer one or its answer '
+                'holds'
+            )
+            return
         if self._running and self._commands.answered:
             if self._reset_due:
                 self._reset()
@@ -341,11 +355,18 @@ class VehicleSimulator(Node):
             self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
         elif not (self._pace or self._paused) and self.steps == self._steps_checked:
             self._warn(f'waiting for the command that answers state {self.steps - 1}')
+            if self._commanders() - self._asked:  # who has come since has not heard it
+                self._ask_for_command()
+        else:
+            self._asked = self._commanders()
         if self.steps and self.steps == self._steps_checked:
             self._publish_clock(to_header(self._stamp).stamp)  # for who has come meanwhile
         self._steps_checked = self.steps
         for sentence in incompatible_peers(self):
             self._warn(sentence)
+
+    def _commanders(self) -> set[bytes]:
+        return {bytes(end.endpoint_gid) for end in living_publishers(self, topic_names.ECU)}
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warned:
