@@ -1,0 +1,41 @@
+"""Put barc_sim through faults, and hold it to what it promises; the exit code is 1 where it fails.
+
+Without options each takes as long as the promise says, with --short a few seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+from _figures import table
+
+from barc_sim.cli import Parser, call
+
+#: Modules of this folder with `add_arguments` and `soak`.
+_NAMES = sorted(
+    file.stem for file in Path(__file__).parent.glob('*.py') if not file.stem.startswith('_')
+)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Do it, and print the figures."""
+    parser = Parser('soak', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    commands = parser.add_subparsers(metavar='NAME', required=True)
+    for name in _NAMES:
+        module: Any = importlib.import_module(name)
+        about = module.__doc__
+        command = commands.add_parser(name, help=about.splitlines()[0], description=about)
+        module.add_arguments(command)
+        command.set_defaults(module=module)
+    options = parser.parse_args(args)
+    figures = options.module.soak(options)
+    print(table(figures))
+    return 0 if all(figure.kept for figure in figures) else 1
+
+
+if __name__ == '__main__':
+    sys.exit(call('soak', main))

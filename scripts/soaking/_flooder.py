@@ -1,0 +1,93 @@
+"""Floods the topics of a run; prints, as JSON, how many messages it sent in which time."""
+
+from __future__ import annotations
+
+import json
+import random
+import sys
+import time
+from itertools import cycle
+from typing import Any
+
+import rclpy
+from _garbage import Garbage
+from barc_interfaces.msg import ZDynBkMdl
+from rclpy.serialization import serialize_message
+
+from barc_sim import topic_names
+from barc_sim.process import ros
+from barc_sim.tools.messages import message_class
+
+#: By mode what a node of the run other than the recorder listens to, and its type.
+TOPICS = {
+    'acc': {
+        topic_names.ECU: 'barc_interfaces/msg/ECU',
+        topic_names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
+        topic_names.STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
+        topic_names.ENVIRONMENT: 'barc_interfaces/msg/Environment',
+        topic_names.PID_STATE: 'barc_interfaces/msg/PidState',
+        topic_names.SPEED_REFERENCE: 'std_msgs/msg/Float64',
+        topic_names.INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+        '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
+    },
+    'teleop': {
+        topic_names.ECU: 'barc_interfaces/msg/ECU',
+        topic_names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
+        topic_names.CMD_VEL: 'geometry_msgs/msg/Twist',
+        topic_names.INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+        '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
+    },
+}
+_POOL = 1000  #: different messages of a topic
+#: [s] between two bursts.
+_TICK = 0.002
+_FIRST_STATES = 50
+
+
+def main() -> None:
+    """Flood as the JSON on the command line says."""
+    task = json.loads(sys.argv[1])
+    chance = random.Random(task['seed'])  # noqa: S311 (no secret)
+    with ros([]):
+        node = rclpy.create_node('flooder')
+        _wait_for_states(node)
+        garbage = Garbage(chance, time.time_ns())
+        sends = []
+        for topic, kind in TOPICS[task['mode']].items():
+            publisher = node.create_publisher(message_class(kind), topic, topic_names.QOS)
+            # A pose that is right would put the car at rest in each step.
+            tame = 0.001 if topic == topic_names.INITIAL_POSE else 0.5
+            pool = [
+                serialize_message(garbage.of(kind, wild=chance.random() >= tame))
+                for _ in range(_POOL)
+            ]
+            sends.append((publisher, cycle(pool)))
+        for publisher, _ in sends:
+            while not publisher.get_subscription_count():
+                time.sleep(0.01)
+        print(json.dumps(_flood(sends, task['rate'], task['seconds'])))
+
+
+def _wait_for_states(node: rclpy.node.Node) -> None:
+    """Wait until the run drives: before, it would refuse to start beside another simulator."""
+    heard: list[Any] = []
+    subscription = node.create_subscription(ZDynBkMdl, topic_names.STATE, heard.append, 100)
+    while len(heard) < _FIRST_STATES:
+        rclpy.spin_once(node)
+    node.destroy_subscription(subscription)
+
+
+def _flood(sends: list[tuple[Any, Any]], rate: float, seconds: float) -> dict[str, float]:
+    turns = cycle(sends)
+    began, sent = time.perf_counter(), 0
+    while (passed := time.perf_counter() - began) < seconds:
+        for _ in range(int(passed * rate) - sent):
+            publisher, pool = next(turns)
+            publisher.publish(next(pool))
+            sent += 1
+        time.sleep(_TICK)
+    return {'sent': sent, 'seconds': time.perf_counter() - began}
+
+
+if __name__ == '__main__':
+    main()

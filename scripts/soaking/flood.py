@@ -1,0 +1,116 @@
+"""10,000 messages a second, well-formed and malformed, on every topic that a node listens to.
+
+From another process, once beside the cruise control and once beside a drive by hand, both with
+recorder, mirrors and live page.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from _figures import Figure, whole
+
+from barc_sim import bag
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    import argparse
+
+_HERE = Path(__file__).parent
+_MODES = ('acc', 'teleop')
+_PATIENCE = 60.0  #: [s]
+_MIB = 1 << 20
+#: Beyond, the simulator refuses a command; faster, no such command can have made the car.
+_SPEED, _MOTOR, _SERVO = 200.0, 100.0, 1.5
+#: [MiB] after the first third; the recorder's and the page's buffers breathe.
+_GROWTH = 30.0
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options."""
+    parser.add_argument('--short', action='store_true', help='3 s of it, and any speed will do')
+    parser.add_argument('--rate', type=whole, default=10_000, help='messages per second (10000)')
+    parser.add_argument('--mode', choices=_MODES, action='append', help='only beside this run')
+
+
+def soak(options: argparse.Namespace) -> list[Figure]:
+    """Return the figures of both runs."""
+    seconds = 3.0 if options.short else 60.0
+    figures = []
+    for mode in options.mode or _MODES:
+        print(f'{mode}: {seconds:g} s', file=sys.stderr)
+        figures += _figures(mode, options.rate, seconds, in_time=not options.short)
+    return figures
+
+
+def _figures(mode: str, rate: float, seconds: float, *, in_time: bool) -> list[Figure]:
+    flooded, flood = _meet(mode, rate, seconds)
+    late = 100.0 * flooded['missed'] / flooded['steps']
+    held = flooded['memory'][len(flooded['memory']) // 3 :]
+    sent = flood['sent'] / flood['seconds']
+    figures = [
+        Figure('messages sent, 1/s', sent, least=0.95 * rate if in_time else 1.0),
+        Figure('messages recorded', flooded['recorded']),
+        Figure('messages that the recorder lost and counted', flooded['lost']),
+        Figure('messages that the simulator refused', flooded['refused'], least=1),
+        Figure('steps', flooded['steps'], least=1),
+        # A machine that tests share is late for reasons of its own.
+        Figure('missed deadlines, %', late, most=1.0 if in_time else 50.0),
+        Figure('periods that the clock slipped', flooded['slipped']),
+        Figure('states that are not finite', flooded['not_finite'], most=0),
+        Figure('greatest speed, m/s', flooded['speed'], most=_SPEED),
+        Figure('greatest acceleration, m/s²', flooded['motor'], most=_MOTOR),
+        Figure('greatest steering, rad', flooded['servo'], most=_SERVO),
+        Figure('memory at the end, MiB', held[-1] / _MIB),
+        Figure('its growth in the last two thirds, MiB', (max(held) - held[0]) / _MIB, _GROWTH),
+        Figure('bags that are not whole', not flooded['whole'], most=0),
+    ]
+    return [figure._replace(name=f'{mode}: {figure.name}') for figure in figures]
+
+
+def _meet(mode: str, rate: float, seconds: float) -> tuple[dict[str, Any], dict[str, float]]:
+    """Return what became of the run, and of the flood."""
+    task = json.dumps({'mode': mode, 'rate': rate, 'seconds': seconds, 'seed': 1})
+    with tempfile.TemporaryDirectory() as folder:
+        options = ['--bag-dir', folder, '--view', 'web', '--quiet', '--mirrors', 'all']
+        if mode == 'acc':
+            options += ['--distance', '0', '--road', 'flat']
+        run = _start('_flooded.py', mode, *options)
+        flooder = _start('_flooder.py', task)
+        try:
+            flood = _answer(flooder, seconds + _PATIENCE)
+            run.send_signal(signal.SIGINT)
+            flooded = _answer(run, _PATIENCE)
+        finally:
+            for process in (run, flooder):
+                process.kill()
+                process.communicate()
+        flooded['whole'] = 'steps' in bag.info(flooded['bag'])
+    return flooded, flood
+
+
+def _start(program: str, *arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, str(_HERE / program), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def _answer(process: subprocess.Popen[str], patience: float) -> dict[str, Any]:
+    try:
+        out, err = process.communicate(timeout=patience)
+    except subprocess.TimeoutExpired:
+        raise UserError(f'{process.args} has not ended after {patience:g} s') from None
+    if process.returncode or not out:
+        raise UserError(f'{process.args} ended with code {process.returncode}: {err}')
+    found: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return found
