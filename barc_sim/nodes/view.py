@@ -6,14 +6,14 @@ import sys
 import time
 from collections import deque
 from functools import partial
+from math import isfinite
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from geometry_msgs.msg import Twist
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
 
 from barc_sim import topic_names
 from barc_sim.cli import call
@@ -181,15 +181,19 @@ class ViewNode(Node):
     def _look(self) -> bytes:
         others = {
             topic: [
-                (to_nanoseconds(message.header.stamp), _VALUES[topic](message))
+                (to_nanoseconds(message.header.stamp), values)
                 for message, _ in take(subscription, _DEPTH)
+                if all(map(isfinite, values := _VALUES[topic](message)))
             ]
             for topic, subscription in self._others.items()
         }
         states = []
         for message, info in take(self._states, _DEPTH):
+            values = _STATE_VALUES(message)
+            if not all(map(isfinite, values)):
+                continue
             stamp = to_nanoseconds(message.header.stamp)
-            states.append((stamp, _STATE_VALUES(message)))
+            states.append((stamp, values))
             self._newest = info['received_timestamp'], stamp
         self.seen += len(states)
         return self._rows.add(states, others)
@@ -251,10 +255,7 @@ class ViewNode(Node):
         controller = f'{self.get_namespace().rstrip("/")}/controller'
         for event, _ in take(self._events, _DEPTH):
             if event.node == controller:
-                changed = {
-                    p.name: parameter_value_to_python(p.value) for p in event.changed_parameters
-                }
-                self._on_parameters(self._controller, changed)
+                self._on_parameters(self._controller, dict(_tuned(event)))
 
     def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
         known.update(values)
@@ -280,6 +281,18 @@ class ViewNode(Node):
         if rows := self._look():
             self._server.send(rows)
         self._server.send(say('end', reason=reason))
+
+
+def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
+    """Yield what the page can show of an event; anybody may have sent it."""
+    for parameter in event.changed_parameters:
+        value = parameter.value
+        if (
+            parameter.name in TUNABLE
+            and value.type == ParameterType.PARAMETER_DOUBLE
+            and isfinite(value.double_value)
+        ):
+            yield parameter.name, value.double_value
 
 
 _STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)

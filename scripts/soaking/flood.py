@@ -69,6 +69,7 @@ def _figures(mode: str, rate: float, seconds: float, *, in_time: bool) -> list[F
         Figure('greatest steering, rad', flooded['servo'], most=_SERVO),
         Figure('memory at the end, MiB', held[-1] / _MIB),
         Figure('its growth in the last two thirds, MiB', (max(held) - held[0]) / _MIB, _GROWTH),
+        Figure('lines on stderr', len(flooded['stderr']), most=0),
         Figure('bags that are not whole', not flooded['whole'], most=0),
     ]
     return [figure._replace(name=f'{mode}: {figure.name}') for figure in figures]
@@ -112,5 +113,6 @@ def _answer(process: subprocess.Popen[str], patience: float) -> dict[str, Any]:
         raise UserError(f'{process.args} has not ended after {patience:g} s') from None
     if process.returncode or not out:
         raise UserError(f'{process.args} ended with code {process.returncode}: {err}')
-    found: dict[str, Any] = json.loads(out.splitlines()[-1])
-    return found
+    if err:
+        print(err, file=sys.stderr)
+    return {**json.loads(out.splitlines()[-1]), 'stderr': err.splitlines()}
