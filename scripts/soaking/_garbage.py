@@ -12,7 +12,15 @@ if TYPE_CHECKING:
     import random
 
 _FLOATS = (nan, inf, -inf, 1e308, -1e308, 5e-324, -0.0, 1e30)
-_STRINGS = ('', '/controller', '/vehicle_simulator', 'kp', 'road', '\u2603 \x00\n\x1b[2J', 'x' * 300)
+_STRINGS = (
+    '',
+    '/controller',
+    '/vehicle_simulator',
+    'kp',
+    'road',
+    '\u2603 \x00\n\x1b[2J',
+    'x' * 300,
+)
 _HUGE = 'x' * 100_000
 #: How many in a thousand strings are huge.
 _HUGE_SHARE = 2
