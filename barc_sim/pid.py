@@ -9,6 +9,8 @@ from typing import Protocol
 KP, KI, KD = 30.0, 200.0, 0.1
 SPEED_REFERENCE = 8.0
 ACCELERATION_LIMIT = 8.0
+#: [s] What a controller's first call is told as dt, which has no call before it: the lab's step.
+FIRST_DT = 0.02
 
 
 class SpeedController(Protocol):

@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.bike_model import Input
 from barc_sim.driving import Driver
 from barc_sim.log import Log
-from barc_sim.pid import SPEED_REFERENCE, speed_controller
+from barc_sim.pid import FIRST_DT, SPEED_REFERENCE, speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
 
@@ -38,7 +38,7 @@ def rollout(
     plant = plant or Plant()
     pid = pid or speed_controller()
     rows: list[tuple[float, ...]] = []
-    dt = 0.0
+    dt = FIRST_DT
     period_ns = round(plant.ts * 1e9)
     steps = round(max_duration / plant.ts)
     for k in range(steps + 1):

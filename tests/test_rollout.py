@@ -13,7 +13,7 @@ from barc_sim.bike_model import Vehicle, bikeFE
 from barc_sim.driving import COAST, FULL_BRAKE, Drive, Limits
 from barc_sim.log import Log
 from barc_sim.metrics import summary
-from barc_sim.pid import ACCELERATION_LIMIT, PID, speed_controller
+from barc_sim.pid import ACCELERATION_LIMIT, FIRST_DT, PID, speed_controller
 from barc_sim.plant import Plant
 from barc_sim.road import Road
 from barc_sim.rollout import drive, rollout
@@ -220,7 +220,7 @@ def test_interval_is_that_of_stamps_in_whole_nanoseconds() -> None:
             return super().acc_calculate(speed_reference, speed_current, dt)
 
     log = rollout(Plant(ts=1.0 / 30.0), Spy(1.0, 0.0, 0.0), max_duration=0.1)
-    assert seen == [0.0] + [33_333_333 / 1e9] * 3
+    assert seen == [FIRST_DT] + [33_333_333 / 1e9] * 3
     assert log.t[3] == 99_999_999 / 1e9
 
 

@@ -42,19 +42,19 @@ class Drive(NamedTuple):
 class _Cut(PID):
     """A student's controller whose output the motor cuts at its limits."""
 
-    def __init__(self, controller: Controller, ts: float) -> None:
+    def __init__(self, controller: Controller) -> None:
         super().__init__(
             nan, nan, nan, output_min=-ACCELERATION_LIMIT, output_max=ACCELERATION_LIMIT
         )
         self.proportional = self.integral = self.derivative = nan
         self._controller = controller
-        self._ts = ts
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
-        """Return the acceleration [m/s²]; a student's class is never told of a dt of zero."""
-        wanted = self._controller.acc_calculate(speed_reference, speed_current, dt or self._ts)
+        """Return the acceleration [m/s²]."""
+        dt = self.dt if dt is None else dt
+        wanted = self._controller.acc_calculate(speed_reference, speed_current, dt)
         output = min(max(wanted, self.output_min), self.output_max)
         self.saturated = abs(wanted) >= self.output_max
         return output
@@ -108,7 +108,7 @@ def judge_random_roads(code: Code, gains: Gains, seed: int) -> Finding:
 
 def _drive(code: Code, gains: Gains, road: Road, distance: float) -> Drive:
     plant = Plant(road=road)
-    pid = _Cut(code.new_pid(*gains), plant.ts)
+    pid = _Cut(code.new_pid(*gains))
     log = rollout(plant, pid, distance=distance, max_duration=_LONGEST)
     return Drive(road, log, bool(plant.state.x >= distance))
 

@@ -17,7 +17,7 @@ from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
 from barc_sim.endpoints import publisher, subscription
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.parameters import Parameter, declare
-from barc_sim.pid import ACCELERATION_LIMIT, KD, KI, KP, SPEED_REFERENCE, speed_controller
+from barc_sim.pid import ACCELERATION_LIMIT, FIRST_DT, KD, KI, KP, SPEED_REFERENCE, speed_controller
 from barc_sim.process import spin
 
 if TYPE_CHECKING:
@@ -147,16 +147,17 @@ class CruiseController(Node):
             self._refuse(f'a state whose speed is {speed} m/s')
             return
         stamp = to_nanoseconds(state.header.stamp)
-        dt = 0.0
+        dt = FIRST_DT
         if self._previous is not None:
             dt = (stamp - self._previous) / NANOSECONDS
             if dt < 0.0:
                 self.get_logger().warning(f'time has gone back by {-dt:g} s: the PID is reset')
                 self._pid.reset()
+                dt = FIRST_DT
         self._previous = stamp
 
         reference = self.speed_reference
-        acceleration = self._pid.acc_calculate(reference, speed, max(dt, 0.0))
+        acceleration = self._pid.acc_calculate(reference, speed, dt)
         self._ecu_pub.publish(to_ecu(Input(motor=acceleration), state.header))
         self._pid_state_pub.publish(
             to_pid_state(self._pid, reference, speed, acceleration, state.header)

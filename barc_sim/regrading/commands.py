@@ -6,6 +6,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Protocol
 
 from barc_sim.errors import UserError
+from barc_sim.pid import FIRST_DT
 from barc_sim.regrading.verdict import Verdict, deviation
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def judge(
             if not (isfinite(reference) and isfinite(motor)):
                 continue  # it was not asked, or what it said is not known
             # As the node takes it from stamps, which are whole nanoseconds.
-            dt = 0.0 if previous is None else (round(t * 1e9) - round(previous * 1e9)) / 1e9
+            dt = FIRST_DT if previous is None else (round(t * 1e9) - round(previous * 1e9)) / 1e9
             previous = t
             made = min(max(controller.acc_calculate(reference, speed, dt), -limit), limit)
             verdict.add(

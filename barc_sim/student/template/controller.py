@@ -29,7 +29,7 @@ class PID:
         speed_current    [m/s]  the measured speed
 
         With a third argument, named dt, it is also told the time since the last call [s],
-        0 at the first. Terms that are kept as self.proportional, self.integral and
+        0.02 at the first. Terms that are kept as self.proportional, self.integral and
         self.derivative [m/s^2] are recorded, and drawn beside the speed.
         """
         # TODO: the error, and the three terms
