@@ -20,6 +20,7 @@ _COMMAND = ('motor', 'servo')
 _GAINS = ('kp', 'ki', 'kd')
 _SPEEDS = ('speed_reference', 'speed_current')
 _TWIST = ('linear_x', 'angular_z')
+_FLOAT = {float}
 _EVERY_KIND = inspect.Parameter.VAR_KEYWORD
 
 
@@ -210,7 +211,10 @@ class Relay:
 
 
 def _numbers(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a student's)
-    """Return `result` as a new list of `count` finite floats; None where it is none."""
+    """Return `result` as a list of `count` finite floats; None where it is none."""
+    # Most often it is one already, and is asked for in each step.
+    if type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT:
+        return result if isfinite(sum(result)) or all(map(isfinite, result)) else None
     if hasattr(result, 'ravel'):
         result = list(result.ravel())
     if not isinstance(result, (list, tuple)) or len(result) != count:
@@ -284,4 +288,6 @@ def _options(
     if any(parameter.kind is _EVERY_KIND for parameter in parameters):
         return lambda options: options
     taken = {parameter.name for parameter in parameters[len(names) :]}
+    if not taken:
+        return lambda _: {}
     return lambda options: {name: options[name] for name in options if name in taken}
