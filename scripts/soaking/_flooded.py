@@ -1,4 +1,4 @@
-"""A run that watches itself until SIGINT; prints, as JSON, what became of it."""
+"""A run that watches its car until SIGINT; prints its bag's path and, as JSON, what it saw."""
 
 from __future__ import annotations
 
@@ -10,82 +10,44 @@ from typing import TYPE_CHECKING
 from _memory import memory
 
 from barc_sim import run
-from barc_sim.cruise_control import CruiseControl
-from barc_sim.executor import QuickExecutor
-from barc_sim.process import NUM_THREADS, ros
-from barc_sim.signals import StopSignals
-from barc_sim.teleop import Teleop
+from barc_sim.plant import Plant
 
 if TYPE_CHECKING:
-    from argparse import Namespace
-
-    from barc_sim.composition import Run
     from barc_sim.plant import Observation
 
-_EVERY = 25  #: steps from one look at the memory to the next
+_EVERY = 25  #: states from one look at the memory to the next
 
 
-class _Watch:
-    """What is kept of all states."""
+class _Watched(Plant):
+    """Keeps what is to be told of all states."""
 
-    def __init__(self) -> None:
-        self.steps = self.not_finite = 0
-        self.speed = self.motor = self.servo = 0.0
-        self.memory: list[int] = []
+    not_finite = 0
+    speed = motor = servo = 0.0
+    seen = 0
+    memory: tuple[int, ...] = ()
 
-    def see(self, seen: Observation) -> None:
-        self.steps += 1
-        self.not_finite += not all(map(isfinite, (*seen.true, *seen.acting)))
-        self.speed = max(self.speed, abs(seen.true.v_x))
-        self.motor = max(self.motor, abs(seen.acting.motor))
-        self.servo = max(self.servo, abs(seen.acting.servo))
-        if self.steps % _EVERY == 0:
-            self.memory.append(memory())
-
-
-class _CruiseControl(CruiseControl):
-    def __init__(self, options: Namespace, argv: list[str]) -> None:
-        self.watch = _Watch()
-        super().__init__(options, argv)
-
-    def on_step(self, t: float, seen: Observation) -> None:
-        super().on_step(t, seen)
-        self.watch.see(seen)
+    def observe(self) -> Observation:
+        seen, kind = super().observe(), type(self)
+        kind.seen += 1
+        kind.not_finite += not all(map(isfinite, (*seen.true, *seen.acting)))
+        kind.speed = max(kind.speed, abs(seen.true.v_x))
+        kind.motor = max(kind.motor, abs(seen.acting.motor))
+        kind.servo = max(kind.servo, abs(seen.acting.servo))
+        if kind.seen % _EVERY == 0:
+            kind.memory += (memory(),)
+        return seen
 
 
-class _Teleop(Teleop):
-    def __init__(self, options: Namespace, argv: list[str]) -> None:
-        self.watch = _Watch()
-        super().__init__(options, argv, None)
-
-    def on_step(self, t: float, seen: Observation) -> None:
-        super().on_step(t, seen)
-        self.watch.see(seen)
-
-
-def main() -> None:
+def main() -> int:
     """Run the command line."""
-    argv = sys.argv[1:]
-    options = run.parser().parse_args(argv)
-    with StopSignals() as stop, ros(['--ros-args', '--log-level', 'error']):
-        drive = (_Teleop if options.mode == 'teleop' else _CruiseControl)(options, argv)
-        drive.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
-        drive.close()
-    print(json.dumps(_figures(drive, drive.watch)))
+    from barc_sim import plant_values  # noqa: PLC0415
 
-
-def _figures(drive: Run, watch: _Watch) -> dict[str, object]:
-    assert drive.recorder  # noqa: S101 (no --no-bag)
-    return {
-        **vars(watch),
-        'missed': drive.missed,
-        'slipped': drive.slipped,
-        'refused': drive.simulator.refused,
-        'recorded': sum(drive.recorder.counts.values()),
-        'lost': sum(sum(by.values()) for by in drive.recorder.lost.values() if by),
-        'bag': str(drive.recorder.path),
-    }
+    plant_values.Plant = _Watched
+    code = run.main()
+    names = ('not_finite', 'speed', 'motor', 'servo', 'seen', 'memory')
+    print(json.dumps({name: getattr(_Watched, name) for name in names}))
+    return code
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())
