@@ -129,6 +129,8 @@ class Run(ABC):
         self._views: list[ViewNode] = []
         try:
             self.simulators = self.compose(options)
+            if self.recorder:
+                self.recorder.use_sim_time = any(each.keeps_clock for each in self.simulators)
             for node in mirrors(options, self.simulators, self.recorder):
                 self.add(node)
             if wanted(options):

@@ -39,6 +39,11 @@ def parser() -> Parser:
         metavar='DIR',
         help='directory of the bag, to be made (bags/<date>_<time>)',
     )
+    parser.add_argument(
+        '--use-sim-time',
+        action='store_true',
+        help='messages are received at the time that /clock tells, once it is heard',
+    )
     recorder_options.add_arguments(parser)
     return parser
 

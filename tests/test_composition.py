@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
@@ -284,6 +285,26 @@ VehicleSimulator.{moment} = refuse
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == 'barc_sim.run: error: not here\n'
     assert list(folder.rglob('*')) == ([folder / 'bags'] if folder_exists else [])
+
+
+@pytest.mark.parametrize('factor', ['max', '4'])
+def test_bags_time_is_the_simulated_one(tmp_path: Path, factor: str) -> None:
+    path = bag_of(tmp_path, '--realtime-factor', factor, '--distance', '20')
+    with AnyReader([path]) as reader:
+        state = [
+            (time, reader.deserialize(data, connection.msgtype).header.stamp)
+            for connection, time, data in reader.messages(reader.topics['/z_vhcl'].connections)
+        ]
+    assert [time for time, _ in state] == [s.sec * 10**9 + s.nanosec for _, s in state]
+
+
+def test_bags_time_is_the_walls_where_time_is_not_simulated(tmp_path: Path) -> None:
+    before = time.time_ns()
+    path = bag_of(tmp_path, '--distance', '1')
+    with AnyReader([path]) as reader:
+        times = [time for _, time, _ in reader.messages(reader.topics['/z_vhcl'].connections)]
+        assert '/clock' not in reader.topics
+    assert before < times[0] < times[-1] < time.time_ns()
 
 
 def test_nodes_of_one_name_make_a_whole_bag(tmp_path: Path) -> None:

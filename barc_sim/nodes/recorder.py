@@ -83,6 +83,7 @@ class BagRecorder(Node):
         self.finished: Future = Future()
         self.failure: str | None = None  #: what went wrong first, in a sentence
         self._recording = recording or Recording()
+        self._use_sim_time = self._recording.use_sim_time
         self._metadata = dict(metadata or {})
         self._attachments = dict(attachments or {})
         self._listen()  # before the parameters are declared, to record their events
@@ -116,6 +117,7 @@ class BagRecorder(Node):
         self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
         self._pump = Pump(self._writer, self._listener.take, reserve, self._on_failure)
         self._pump.attach(self._attachments)
+        self._pump.use_sim_time = self.use_sim_time
         self._pump.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
 
@@ -146,6 +148,15 @@ class BagRecorder(Node):
     @paused.setter
     def paused(self, paused: bool) -> None:
         self._pump.paused = paused
+
+    @property
+    def use_sim_time(self) -> bool:
+        """Whether the bag's time is that of `/clock`, as soon as it is heard."""
+        return self._use_sim_time
+
+    @use_sim_time.setter
+    def use_sim_time(self, use: bool) -> None:
+        self._use_sim_time = self._pump.use_sim_time = use
 
     @property
     def stopped(self) -> bool:

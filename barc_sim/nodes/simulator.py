@@ -164,6 +164,11 @@ class VehicleSimulator(Node):
         super().destroy_node()
 
     @property
+    def keeps_clock(self) -> bool:
+        """Whether it publishes `/clock`."""
+        return self._clock_pub is not None
+
+    @property
     def paused(self) -> bool:
         """Whether time stands still because somebody asked for it."""
         return self._paused

@@ -25,6 +25,7 @@ class Recording:
     max_bag_duration: float = inf  #: [s] of a file
     on_write_error: str = 'stop'  #: or `continue`
     min_free_space: float = 64.0  #: [MiB] that recording leaves free
+    use_sim_time: bool = False  #: whether the bag's time is that of `/clock`
 
     def wants(self, topic: str) -> bool:
         """Return whether a topic is to be recorded, by its full name."""

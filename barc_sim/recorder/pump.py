@@ -6,9 +6,11 @@ import errno
 import threading
 import time
 from collections import deque
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.recorder import disk_space
+from barc_sim.recorder.sim_time import SimulatedTime
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -60,6 +62,9 @@ class Pump:
     ) -> None:
         self._lock = threading.Lock()
         self.paused = False
+        self.use_sim_time = False  #: whether the bag's time is `/clock`'s, as soon as it is heard
+        self._clock = SimulatedTime()
+        self._late: list[Message] = []
         self.failure: str | None = None  #: the first one
         self._writer = writer
         self._source = source
@@ -100,7 +105,7 @@ class Pump:
 
     def _move(self) -> None:
         if not self._waiting:
-            messages = self._source()
+            messages = self._take_simulated() if self.use_sim_time else self._source()
             if self.paused:
                 return
             # In order of reception, as they would be read.
@@ -108,6 +113,18 @@ class Pump:
         while self._waiting:
             topic, data, received, published, number = self._waiting.popleft()
             self._writer.write(topic, data, received=received, published=published, sequence=number)
+
+    def _take_simulated(self) -> Iterable[Message]:
+        """Return what waits, as received at the simulated time.
+
+        Topics are taken one by one: what came since the first was begun with waits for the next
+        turn, as a clock that came before it may.
+        """
+        begun = inf if self._closing.is_set() else time.time_ns()
+        messages, self._late = [*self._late], []
+        for message in self._source():
+            (messages if message.received < begun else self._late).append(message)
+        return self._clock.stamped(sorted(messages, key=_received))
 
     def _check(self) -> None:
         """Notice what the system would not tell, or too late.
