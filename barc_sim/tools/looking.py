@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 #: [s] for which something that is not there is waited for.
 PATIENCE = 3.0
+#: [s] while nobody at all is seen: a busy machine may take so long to see the first.
+_ALONE = 8.0
 #: [s] The system is looked at until it has stayed the same for so long.
 _STEADY = 0.5
 _LOOK_PERIOD = 0.02  #: [s]
@@ -76,8 +78,8 @@ class Look:
         """Return what `look` returns once it is something, and the same for a while."""
         seen, begin = look(), time.monotonic()
         changed = begin
-        while (now := time.monotonic()) - changed < (_STEADY if seen else PATIENCE):
-            if now - begin > PATIENCE:
+        while (now := time.monotonic()) - changed < (_STEADY if seen else _ALONE):
+            if now - begin > _ALONE:
                 break
             self.pause(_LOOK_PERIOD)
             new = look()
@@ -106,7 +108,7 @@ class Look:
             validate_full_topic_name(full)
         except (InvalidTopicNameException, ValueError) as error:
             raise UserError(f'{name!r} cannot be a topic: {_first_words(error)}') from None
-        if not self.until(lambda: full in self.topics(hidden=True)):
+        if not self._appears(lambda: full in self.topics(hidden=True)):
             raise UserError(f'there is no topic {full}{self._instead(full, self.topics())}')
         return str(full)
 
@@ -142,7 +144,7 @@ class Look:
             validate_full_topic_name(full)  # which tells more than the check of a node's name
         except InvalidTopicNameException as error:
             raise UserError(f'{name!r} cannot be a node: {_first_words(error)}') from None
-        if not self.until(lambda: full in self.nodes(hidden=True)):
+        if not self._appears(lambda: full in self.nodes(hidden=True)):
             raise UserError(f'there is no node {full}{self._instead(full, self.nodes())}')
         return full
 
@@ -165,6 +167,11 @@ class Look:
         raise UserError(
             f'{whom} does not answer: it is busy or stands still; look at it, and try again'
         )
+
+    def _appears(self, condition: Callable[[], object]) -> bool:
+        """Wait for `condition`, for longer while there is nobody."""
+        self.until(lambda: condition() or self.nodes(hidden=True), _ALONE)
+        return self.until(condition)
 
     def _instead(self, name: str, names: Iterable[str]) -> str:
         """Say, after a name that isn't there, which are."""
