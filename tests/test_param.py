@@ -228,15 +228,15 @@ def test_dump_loaded_into_a_controller_that_runs_is_the_same_run(
 ) -> None:
     expected = drive(tmp_path / 'first', '--params-file', str(dumped))
     controller = CruiseController(context=ros)
-    recorder = BagRecorder(tmp_path / 'loaded', context=ros)
     arrived = threading.Event()
-    with spinning(ros, recorder, controller):
+    with spinning(ros, controller):
         assert call('param', 'load', 'controller', str(dumped)).returncode == 0
         simulator = VehicleSimulator(
             context=ros, cli_args=['--ros-args', '--params-file', str(dumped)]
         )
         simulator.finished.add_done_callback(lambda _: arrived.set())
-        with spinning(ros, simulator):
+        recorder = BagRecorder(tmp_path / 'loaded', context=ros)  # hears all that there are now
+        with spinning(ros, recorder, simulator):
             assert arrived.wait(60.0)
-    recorder.close()
+            recorder.close()
     assert states(recorder.path) == expected
