@@ -27,7 +27,12 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
         "the controller, of barc_sim and of the student's code that is attached to the bag.",
         epilog='Exit code 0: the bag could have come from the code that it claims to come from.',
     )
-    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
+    parser.add_argument(
+        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
+    )
     parser.add_argument('--json', action='store_true', help='print all that was found as JSON')
     parser.add_argument(
         '--no-sandbox',
@@ -72,9 +77,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parse(argv)
 
     def run() -> int:
-        from barc_sim.regrading.judging import judge  # noqa: PLC0415 (--help need not wait for it)
+        from barc_sim import bag  # noqa: PLC0415 (--help need not wait for it)
+        from barc_sim.regrading.judging import judge  # noqa: PLC0415
 
-        judgement = judge(options.bag, sandbox=options.sandbox)
+        source = options.bag or bag.newest()
+        judgement = judge(source, options.namespace, sandbox=options.sandbox)
         if options.json:
             whole = asdict(judgement) | {'possible': judgement.possible}
             print(json.dumps(whole, indent=2))  # noqa: T201

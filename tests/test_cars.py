@@ -17,7 +17,7 @@ pytest.importorskip('rclpy')
 from rosbags.highlevel import AnyReader
 
 import barc_sim
-from barc_sim import bag
+from barc_sim import bag, regrade
 from barc_sim.errors import UserError
 from barc_sim.log import Log
 from barc_sim.plant import Plant
@@ -99,3 +99,14 @@ def test_a_count_that_is_none_is_refused(tmp_path: Path, count: str) -> None:
     assert done.returncode == 2
     assert done.stderr.count('\n') == 1
     assert f'{count!r} is not a whole number from 1 to 100' in done.stderr
+
+
+def test_each_car_is_regraded_by_its_own_parameters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ['--cars', '2', '--realtime-factor', 'max', '--distance', '10', '--ros-args']
+    path = bag_of(tmp_path, [*options, '-p', 'noise_v_x:=0.1'])
+    for namespace in ('/car1', '/car2'):
+        assert regrade.main([str(path), '--namespace', namespace]) == 0
+        assert 'could have come from' in capsys.readouterr().out
+    assert regrade.main([str(path)]) == 2

@@ -48,7 +48,7 @@ class Judgement:
         return not self.changed and all(found[claim] for claim in self.claimed.items())
 
 
-def judge(path: Path, *, sandbox: bool = True) -> Judgement:
+def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> Judgement:
     """Judge the bag at `path`; its attached code runs in a sandbox.
 
     Raises
@@ -56,7 +56,7 @@ def judge(path: Path, *, sandbox: bool = True) -> Judgement:
     UserError
         where there is none, it does not tell what it takes, or nothing here confines its code.
     """
-    recorded = read(path)
+    recorded = read(path, namespace)
     if recorded.files:
         check(sandbox=sandbox)
     try:

@@ -37,16 +37,17 @@ class Recorded:
     changed: tuple[str, ...]  #: those that are not what the run's hashes say
 
 
-def read(path: Path) -> Recorded:
-    """Read the bag at `path`.
+def read(path: Path, namespace: str | None = None) -> Recorded:
+    """Read the bag at `path`; `namespace` is needed only where it has several cars.
 
     Raises
     ------
     UserError
         There is none, or it does not tell of the parameters of its run.
     """
-    log, info = bag.read(path), bag.info(path)
-    nodes = _parameters(info.get('parameters', ''))
+    log, info = bag.read(path, namespace), bag.info(path)
+    car = f'/{(namespace or "").strip("/")}/'.replace('//', '/')
+    nodes = _parameters(info.get('parameters', ''), car)
     simulator = next((node for node in nodes if _SIMULATOR in node), None)
     if simulator is None:
         raise UserError(
@@ -76,10 +77,13 @@ def read(path: Path) -> Recorded:
     )
 
 
-def _parameters(text: str) -> list[dict[str, Any]]:
+def _parameters(text: str, car: str) -> list[dict[str, Any]]:
+    """Return the parameters of the nodes in a car's namespace."""
     try:
         nodes = yaml.safe_load(text)
-        return [dict(node['ros__parameters']) for node in nodes.values()]
+        return [
+            dict(node['ros__parameters']) for name, node in nodes.items() if name.startswith(car)
+        ]
     except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
         return []
 
