@@ -39,23 +39,18 @@ class Commands:
         self._order = 0  # [ns] the state that `latest` belongs to
         self._heard = -inf
 
-    def hear(self, command: Input, stamp: int, present: int, t: float) -> bool:
-        """Take a `command` with its `stamp` [ns], at `t` [s], in the state stamped `present`.
-
-        Returns
-        -------
-        bool
-            Whether it holds from now on.
-        """
-        # One of the future counts as of now, that it may be followed.
-        order = min(stamp, present) if stamp else present
-        if order < self._order or (self._exactly and stamp not in (0, present)):
+    def usable(self, stamp: int, present: int) -> bool:
+        """Return whether one with this `stamp` [ns] may hold in the state stamped `present`."""
+        if self._exactly and stamp not in (0, present):
             return False
-        self.latest, self._order, self._heard = command, order, t
+        return _order(stamp, present) >= self._order
+
+    def hear(self, command: Input, stamp: int, present: int, t: float) -> None:
+        """Take a usable `command`, at `t` [s]."""
+        self.latest, self._order, self._heard = command, _order(stamp, present), t
         self._as_they_please = stamp == 0
         self._exactly = stamp == present
         self.answered = self._as_they_please or self._exactly
-        return True
 
     def expect(self) -> None:
         """Go on to the next state."""
@@ -69,3 +64,8 @@ class Commands:
     def lost(self, t: float) -> bool:
         """Return whether the commands have been silent for too long at `t` [s]."""
         return t - self._heard > self.timeout
+
+
+def _order(stamp: int, present: int) -> int:
+    """Return which state [ns] a command belongs to; one of the future counts as of now."""
+    return min(stamp, present) if stamp else present

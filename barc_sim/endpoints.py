@@ -6,11 +6,13 @@ would wait for; an incompatible peer is looked for with `incompatible_peers` ins
 
 from __future__ import annotations
 
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
+from barc_sim.recorder.taking import Taker
 from barc_sim.topic_names import QOS
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
     from rclpy.publisher import Publisher
+    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
 
 
@@ -34,12 +37,39 @@ def subscription(
     topic: str,
     callback: Callable[[Any], None],
     group: CallbackGroup,
+    *,
+    qos: QoSProfile = QOS,
 ) -> Subscription:
     """Return a subscription of `node` to `topic`, called back in `group`."""
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(
-        message_type, topic, callback, QOS, callback_group=group, event_callbacks=events
+        message_type, topic, callback, qos, callback_group=group, event_callbacks=events
     )
+
+
+def drained_subscription(
+    node: Node,
+    message_type: type[Any],
+    topic: str,
+    callback: Callable[[bytes], None],
+    group: CallbackGroup,
+) -> Subscription:
+    """Return a subscription whose `callback` is given all serialized messages that wait, in turn.
+
+    Who is sent more messages than it can take one by one still finds the one that it waits for.
+    """
+    taker = Taker()
+
+    def drain(first: bytes) -> None:
+        callback(first)
+        for taken in islice(taker.take(made), QOS.depth):
+            callback(taken.data)
+
+    events = SubscriptionEventCallbacks(use_default_callbacks=False)
+    made = node.create_subscription(
+        message_type, topic, drain, QOS, callback_group=group, event_callbacks=events, raw=True
+    )
+    return made
 
 
 def incompatible_peers(node: Node) -> Iterator[str]:

@@ -26,3 +26,5 @@ CLOCK = '/clock'
 
 #: Every topic of a run: reliable, with room for a second of 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+#: To listen where only the newest counts.
+QOS_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from barc_sim.bike_model import Input
 from barc_sim.commands import Commands
 
@@ -32,6 +34,34 @@ def test_a_command_without_a_stamp_answers_every_state_until_one_with_a_stamp_co
     commands.hear(GO, stamp=20, present=20, t=0.0)
     commands.expect()
     assert not commands.answered
+
+
+def test_a_command_that_is_older_than_the_one_that_holds_is_not_usable() -> None:
+    commands = Commands()
+    commands.hear(GO, stamp=20, present=20, t=0.0)
+    commands.expect()
+    assert not commands.usable(10, present=40)
+    assert commands.usable(20, present=40)  # late, but the newest
+    assert commands.usable(40, present=40)
+
+
+@pytest.mark.parametrize('stamp', [-5, 10, 19, 21, 10**18])
+def test_what_came_before_it_or_comes_after_it_cannot_keep_the_answer_out(stamp: int) -> None:
+    commands = Commands()
+    commands.hear(STOP, stamp=20, present=20, t=0.0)
+    assert not commands.usable(stamp, present=20)
+    commands = Commands()
+    if commands.usable(stamp, present=20):
+        commands.hear(STOP, stamp, present=20, t=0.0)
+    assert commands.usable(20, present=20)
+    commands.hear(GO, stamp=20, present=20, t=0.0)
+    assert (commands.latest, commands.answered) == (GO, True)
+
+
+def test_a_command_without_a_stamp_is_usable_at_any_time() -> None:
+    commands = Commands()
+    commands.hear(GO, stamp=20, present=20, t=0.0)
+    assert commands.usable(0, present=20)
 
 
 def test_with_a_timeout_no_state_waits_for_the_first_command() -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
@@ -14,11 +15,12 @@ from barc_sim import service_names, topic_names
 from barc_sim.bike_model import Input
 from barc_sim.cli import call
 from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
-from barc_sim.endpoints import publisher, subscription
+from barc_sim.endpoints import drained_subscription, publisher, subscription
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.parameters import Parameter, declare
 from barc_sim.pid import ACCELERATION_LIMIT, FIRST_DT, KD, KI, KP, SPEED_REFERENCE, speed_controller
 from barc_sim.process import spin
+from barc_sim.refusals import Refusals, SeldomWarning
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
@@ -73,16 +75,27 @@ class CruiseController(Node):
         self._pid.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
         self._previous: int | None = None
-        self.refused = 0  #: references out of range, and states
+        self._refusals = Refusals(self)
+        self._gone_back = SeldomWarning(self)
         self._state: ZDynBkMdl | None = None
         self._error: EZDynBkMdl | None = None
 
         self._ecu_pub = publisher(self, ECU, topic_names.ECU)
         self._pid_state_pub = publisher(self, PidState, topic_names.PID_STATE)
         group = QuickCallbackGroup()
-        subscription(self, EZDynBkMdl, topic_names.STATE_ERROR, self._on_state_error, group)
-        subscription(self, ZDynBkMdl, topic_names.STATE, self._on_state, group)
-        subscription(self, Float64, topic_names.SPEED_REFERENCE, self._on_speed_reference, group)
+        for kind, topic, callback in (
+            (EZDynBkMdl, topic_names.STATE_ERROR, self._on_state_error),
+            (ZDynBkMdl, topic_names.STATE, self._on_state),
+        ):
+            drained_subscription(self, kind, topic, callback, group)
+        subscription(
+            self,
+            Float64,
+            topic_names.SPEED_REFERENCE,
+            self._on_speed_reference,
+            group,
+            qos=topic_names.QOS_NEWEST,
+        )
         self.create_service(
             Trigger, service_names.RESET_CONTROLLER, self._on_reset, callback_group=group
         )
@@ -92,15 +105,16 @@ class CruiseController(Node):
         if low <= message.data <= high:
             self._values['speed_reference'] = message.data
             return
-        self._refuse(
-            f'a speed_reference of {message.data}: it must lie between {low:g} and {high:g} m/s'
+        self._refusals.add(
+            lambda: (
+                f'a speed_reference of {message.data}: it must lie between {low:g} and {high:g} m/s'
+            )
         )
 
-    def _refuse(self, what: str) -> None:
-        self.refused += 1
-        self.get_logger().warning(
-            f'refused {what} ({self.refused} refused up to now)', throttle_duration_sec=1.0
-        )
+    @property
+    def refused(self) -> int:
+        """References and states that were out of range."""
+        return self._refusals.count
 
     @property
     def speed_reference(self) -> float:
@@ -124,16 +138,17 @@ class CruiseController(Node):
         self.get_logger().debug('reset')
         return response
 
-    def _on_state(self, state: ZDynBkMdl) -> None:
+    def _on_state(self, data: bytes) -> None:
+        state = deserialize_message(data, ZDynBkMdl)
         if self._values['subtract_error']:
             self._state = state
             self._join()
         else:
             self._answer(state, state.v_x)
 
-    def _on_state_error(self, error: EZDynBkMdl) -> None:
+    def _on_state_error(self, data: bytes) -> None:
         if self._values['subtract_error']:
-            self._error = error
+            self._error = deserialize_message(data, EZDynBkMdl)
             self._join()
 
     def _join(self) -> None:
@@ -144,14 +159,16 @@ class CruiseController(Node):
 
     def _answer(self, state: ZDynBkMdl, speed: float) -> None:
         if not abs(speed) <= _FASTEST:  # NaN, too
-            self._refuse(f'a state whose speed is {speed} m/s')
+            self._refusals.add(lambda: f'a state whose speed is {speed} m/s')
             return
         stamp = to_nanoseconds(state.header.stamp)
         dt = FIRST_DT
         if self._previous is not None:
             dt = (stamp - self._previous) / NANOSECONDS
             if dt < 0.0:
-                self.get_logger().warning(f'time has gone back by {-dt:g} s: the PID is reset')
+                self._gone_back.warn(
+                    lambda back=-dt: f'time has gone back by {back:g} s: the PID is reset'
+                )
                 self._pid.reset()
                 dt = FIRST_DT
         self._previous = stamp

@@ -11,6 +11,7 @@ from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
@@ -22,15 +23,20 @@ from barc_sim.cli import call
 from barc_sim.commands import Commands
 from barc_sim.convert import (
     NANOSECONDS,
+    stamp_of,
     to_environment,
     to_header,
     to_input,
-    to_nanoseconds,
     to_state,
     to_state_at_rest,
     to_state_error,
 )
-from barc_sim.endpoints import incompatible_peers, publisher, subscription
+from barc_sim.endpoints import (
+    drained_subscription,
+    incompatible_peers,
+    publisher,
+    subscription,
+)
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.gate import Gate
@@ -39,6 +45,7 @@ from barc_sim.parameters import Parameter, declare
 from barc_sim.peers import living_publishers
 from barc_sim.plant_values import period_ns, plant
 from barc_sim.process import spin
+from barc_sim.refusals import Refusals
 from barc_sim.simulator_parameters import PARAMETERS
 
 if TYPE_CHECKING:
@@ -86,8 +93,6 @@ class VehicleSimulator(Node):
         States published.
     missed
         Commands that were not there when they were due.
-    refused
-        Messages that were not finite, out of range, or commands that came out of order.
     """
 
     def __init__(
@@ -125,7 +130,8 @@ class VehicleSimulator(Node):
         self._on_step = on_step
         self._claim = claim(self, topic_names.STATE)
         self.finished: Future = Future()
-        self.steps = self.missed = self.refused = 0
+        self.steps = self.missed = 0
+        self._refusals = Refusals(self)
         self._first_step = self._stamp = self._steps_checked = 0
         self._running = self._paused = self._reset_due = self._step_due = False
         self._place: State | None = None  # to be put there
@@ -140,9 +146,14 @@ class VehicleSimulator(Node):
             # Reliable: who asks for the best effort hears it as well, and no bag lacks a tick.
             self._clock_pub = publisher(self, ClockMessage, topic_names.CLOCK)
         group = QuickCallbackGroup()
-        subscription(self, ECU, topic_names.ECU, self._on_command, group)
+        drained_subscription(self, ECU, topic_names.ECU, self._on_command, group)
         subscription(
-            self, PoseWithCovarianceStamped, topic_names.INITIAL_POSE, self._on_initial_pose, group
+            self,
+            PoseWithCovarianceStamped,
+            topic_names.INITIAL_POSE,
+            self._on_initial_pose,
+            group,
+            qos=topic_names.QOS_NEWEST,
         )
         for kind, name, callback in (
             (Trigger, service_names.RESET, self._on_reset),
@@ -177,6 +188,11 @@ class VehicleSimulator(Node):
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock."""
         return self._pace.slipped if self._pace else 0
+
+    @property
+    def refused(self) -> int:
+        """Messages that were not finite or out of range, and commands that came out of order."""
+        return self._refusals.count
 
     def finish(self) -> None:
         """End the run; may be called from any thread."""
@@ -222,23 +238,28 @@ class VehicleSimulator(Node):
         if self._clock_pub:
             self._clock_pub.publish(ClockMessage(clock=now))
 
-    def _on_command(self, message: ECU) -> None:
-        command, limits = to_input(message), self._greatest
+    def _on_command(self, data: bytes) -> None:
+        stamp = stamp_of(data)
+        if not self._commands.usable(stamp, self._stamp):
+            away = (stamp - self._stamp) / NANOSECONDS
+            self._refusals.add(
+                lambda: (
+                    f'a command stamped {away:+g} s from the present state: a newer one or '
+                    'its answer holds'
+                )
+            )
+            return
+        command, limits = to_input(deserialize_message(data, ECU)), self._greatest
         # Written so that NaN is out of range, too.
         if not (abs(command.motor) <= limits.motor and abs(command.servo) <= limits.servo):
-            self._refuse(
-                f'a command beyond ±{limits.motor:g} m/s² or ±{limits.servo:g} rad: '
-                f'{command.motor}, {command.servo}'
+            self._refusals.add(
+                lambda: (
+                    f'a command beyond ±{limits.motor:g} m/s² or ±{limits.servo:g} rad: '
+                    f'{command.motor}, {command.servo}'
+                )
             )
             return
-        stamp = to_nanoseconds(message.header.stamp)
-        if not self._commands.hear(command, stamp, self._stamp, time.monotonic()):
-            away = (stamp - self._stamp) / NANOSECONDS
-            self._refuse(
-                f'a command stamped {away:+g} s from the present state: a newer one or its answer '
-                'holds'
-            )
-            return
+        self._commands.hear(command, stamp, self._stamp, time.monotonic())
         if self._running and self._commands.answered:
             if self._reset_due:
                 self._reset()
@@ -248,18 +269,14 @@ class VehicleSimulator(Node):
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         place = to_state_at_rest(message.pose.pose)
         if place is None:
-            self._refuse(f'an initial pose that is not finite, or not one: {message.pose.pose}')
+            self._refusals.add(
+                lambda: f'an initial pose that is not finite, or not one: {message.pose.pose}'
+            )
             return
         self._place = place
         if self._paused and self._running:
             self._step_due = True
             self._advance_if_answered()
-
-    def _refuse(self, what: str) -> None:
-        self.refused += 1
-        self.get_logger().warning(
-            f'refused {what} ({self.refused} refused up to now)', throttle_duration_sec=1.0
-        )
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._reset_due = True
