@@ -1,0 +1,97 @@
+"""Drives in lock-step and resets, again and again; prints, as JSON, what each drive was."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import sys
+import time
+from typing import TYPE_CHECKING
+
+from _memory import memory
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from barc_sim import service_names
+from barc_sim.executor import QuickExecutor
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.process import NUM_THREADS, ros
+
+if TYPE_CHECKING:
+    from barc_sim.plant import Observation
+
+_STATES = 100  #: of a drive
+#: All that has a memory is in it: noise, lags and delays, the integrator.
+_PARAMETERS = {
+    'realtime_factor': 0.0,
+    'seed': 3,
+    'noise_v_x': 0.05,
+    'noise_psi_dot': 0.01,
+    'motor_lag': 0.1,
+    'servo_delay': 0.05,
+}
+
+
+class _Drives(Node):
+    """Asks for a reset after so many states."""
+
+    def __init__(self, resets: int) -> None:
+        super().__init__('drives')
+        self.simulator = VehicleSimulator(
+            on_step=self._on_step,
+            parameter_overrides=[
+                Parameter(name, value=value) for name, value in _PARAMETERS.items()
+            ],
+        )
+        self._reset = self.create_client(Trigger, service_names.RESET)
+        self._left = resets
+        self.digests: list[str] = []
+        self.seconds: list[float] = []
+        self.memory: list[int] = []
+        self._asked = time.perf_counter()
+
+    def _on_step(self, t: float, seen: Observation) -> None:
+        if t == 0.0:
+            self._count, self._hash = 0, hashlib.sha256()
+        self._count += 1
+        if self._count > _STATES:  # until the reset is done
+            return
+        values = (*seen.true, *seen.measured, *seen.acting)
+        self._hash.update(struct.pack(f'{len(values)}d', *values))
+        if self._count == _STATES:
+            self._end()
+
+    def _end(self) -> None:
+        now = time.perf_counter()
+        self.digests.append(self._hash.hexdigest())
+        self.seconds.append(now - self._asked)
+        self.memory.append(memory())
+        if not self._left:
+            self.simulator.finish()
+            return
+        self._left -= 1
+        self._asked = now
+        self._reset.call_async(Trigger.Request())
+
+
+def main() -> None:
+    """Reset as often as the command line says."""
+    with ros([]):
+        drives = _Drives(int(sys.argv[1]))
+        nodes = drives, drives.simulator, CruiseController()
+        executor = QuickExecutor(num_threads=NUM_THREADS)
+        for node in nodes:
+            executor.add_node(node)
+        executor.spin_until_future_complete(drives.simulator.finished)
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()
+    kept = {name: getattr(drives, name) for name in ('digests', 'seconds', 'memory')}
+    print(json.dumps(kept))
+
+
+if __name__ == '__main__':
+    main()
