@@ -58,6 +58,8 @@ class StopSignals:
         for number in self._taken:
             signal.signal(number, lambda *_: None)
         threading.Thread(target=self._listen, name='stop signals', daemon=True).start()
+        # Whoever started the process may have held them back until now, as scripts/run does.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._taken)
         return self
 
     def __exit__(

@@ -94,7 +94,7 @@ def _meet(mode: str, rate: float, seconds: float) -> tuple[dict[str, Any], dict[
 
 
 def _start(program: str, *arguments: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+    return subprocess.Popen(  # noqa: S603 (our own)
         [sys.executable, str(_HERE / program), *arguments],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
