@@ -53,23 +53,27 @@ def drained_subscription(
     topic: str,
     callback: Callable[[bytes], None],
     group: CallbackGroup,
-) -> Subscription:
-    """Return a subscription whose `callback` is given all serialized messages that wait, in turn.
+) -> Callable[[], None]:
+    """Subscribe `node` to `topic`; `callback` is given all serialized messages that wait, in turn.
 
     Who is sent more messages than it can take one by one still finds the one that it waits for.
+    The result does the same at once, for who cannot wait until `group` is called back.
     """
     taker = Taker()
 
-    def drain(first: bytes) -> None:
-        callback(first)
+    def drain() -> None:
         for taken in islice(taker.take(made), QOS.depth):
             callback(taken.data)
 
+    def on_message(data: bytes) -> None:
+        callback(data)
+        drain()
+
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     made = node.create_subscription(
-        message_type, topic, drain, QOS, callback_group=group, event_callbacks=events, raw=True
+        message_type, topic, on_message, QOS, callback_group=group, event_callbacks=events, raw=True
     )
-    return made
+    return drain
 
 
 def incompatible_peers(node: Node) -> Iterator[str]:

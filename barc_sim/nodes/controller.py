@@ -166,9 +166,8 @@ class CruiseController(Node):
         if self._previous is not None:
             dt = (stamp - self._previous) / NANOSECONDS
             if dt < 0.0:
-                self._gone_back.warn(
-                    lambda back=-dt: f'time has gone back by {back:g} s: the PID is reset'
-                )
+                back = -dt
+                self._gone_back.warn(lambda: f'time has gone back by {back:g} s: the PID is reset')
                 self._pid.reset()
                 dt = FIRST_DT
         self._previous = stamp

@@ -146,7 +146,7 @@ class VehicleSimulator(Node):
             # Reliable: who asks for the best effort hears it as well, and no bag lacks a tick.
             self._clock_pub = publisher(self, ClockMessage, topic_names.CLOCK)
         group = QuickCallbackGroup()
-        drained_subscription(self, ECU, topic_names.ECU, self._on_command, group)
+        self._hear = drained_subscription(self, ECU, topic_names.ECU, self._on_command, group)
         subscription(
             self,
             PoseWithCovarianceStamped,
@@ -330,6 +330,10 @@ class VehicleSimulator(Node):
     def _on_deadline(self) -> None:
         assert self._pace  # noqa: S101 (its timer runs)
         punctual = self._pace.pass_deadline(time.monotonic())
+        if not self._commands.answered:
+            self._hear()  # it may be there, but not in the order in which callbacks come
+            if not self._running:  # a reset was due, and is done
+                return
         if not (self._commands.answered or punctual):
             # The machine held up the whole process, maybe the controller in it, too: the state
             # gets another period to be answered in.

@@ -1,0 +1,106 @@
+"""The nodes, each in a process of its own, that may be killed and started again."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+from barc_interfaces.msg import ZDynBkMdl
+from geometry_msgs.msg import Twist, Vector3
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from barc_sim import topic_names
+from barc_sim.convert import to_nanoseconds
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_PARAMETERS = {
+    'simulator': ('-p', 'command_timeout:=0.5', '-p', 'road:=flat'),
+    'recorder': ('-p', 'bag_dir:=bags'),
+}
+_END = 20.0  #: [s] for a node to end in order
+
+
+class Nodes:
+    """Processes by the name of the node's module."""
+
+    def __init__(self, folder: Path) -> None:
+        """Run them in `folder`, and write there what they say."""
+        self._folder = folder
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str) -> None:
+        """Start a node."""
+        with (self._folder / f'{name}.log').open('ab') as log:
+            self._running[name] = subprocess.Popen(  # noqa: S603 (our own)
+                [
+                    sys.executable,
+                    '-m',
+                    f'barc_sim.nodes.{name}',
+                    '--ros-args',
+                    *_PARAMETERS.get(name, ()),
+                ],
+                cwd=self._folder,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+            )
+
+    def kill(self, name: str) -> None:
+        """Kill a node."""
+        process = self._running.pop(name)
+        process.kill()
+        process.wait()
+
+    def alive(self, name: str) -> bool:
+        """Return whether a node has not ended by itself."""
+        return self._running[name].poll() is None
+
+    def end(self) -> list[int]:
+        """End all in order; return their exit codes."""
+        for process in self._running.values():
+            process.send_signal(signal.SIGINT)
+        codes = [_end_of(process) for process in self._running.values()]
+        self._running.clear()
+        return codes
+
+    def logs(self) -> str:
+        """Return all that they have said."""
+        return '\n'.join(log.read_text(errors='replace') for log in self._folder.glob('*.log'))
+
+
+def _end_of(process: subprocess.Popen[bytes]) -> int:
+    try:
+        return process.wait(_END)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+class Witness(Node):
+    """Hears the states, and wishes to drive ahead all the time."""
+
+    def __init__(self) -> None:
+        """Listen."""
+        super().__init__('witness')
+        self.speed, self.stamp, self.states = 0.0, 0, 0
+        self.create_subscription(ZDynBkMdl, topic_names.STATE, self._on_state, topic_names.QOS)
+        self._twist_pub = self.create_publisher(Twist, topic_names.CMD_VEL, topic_names.QOS)
+        self.create_timer(0.1, self._wish)
+        self._executor: Any = SingleThreadedExecutor()
+        self._executor.add_node(self)
+
+    def _on_state(self, state: ZDynBkMdl) -> None:
+        self.states += 1
+        self.speed, self.stamp = state.v_x, to_nanoseconds(state.header.stamp)
+
+    def _wish(self) -> None:
+        self._twist_pub.publish(Twist(linear=Vector3(x=1.0)))
+
+    def turn(self) -> None:
+        """Take what has come."""
+        self._executor.spin_once(timeout_sec=0.05)
