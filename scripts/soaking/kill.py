@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 from _figures import Figure, spread
 from _nodes import Nodes, Witness
+from rosbags.highlevel import AnyReader, AnyReaderError
 
-from barc_sim import bag
 from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
 from barc_sim.process import ros
@@ -168,7 +168,9 @@ class _Ordeal:
             try:
                 if not (path / 'metadata.yaml').exists():
                     recover(path)
-                bag.read(path)
-            except UserError as error:
+                with AnyReader([path]) as reader:
+                    held = sum(1 for _ in reader.messages())
+                    self.bad_bags += held != reader.message_count
+            except (UserError, AnyReaderError) as error:
                 self.bad_bags += 1
-                print(error, file=sys.stderr)
+                print(f'{path}: {error}', file=sys.stderr)

@@ -1,0 +1,63 @@
+"""What must hold under faults, in the short forms of `scripts/soak`.
+
+`BARC_SIM_SOAK=1 pytest tests/test_soak.py` goes through the long ones.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import barc_sim
+
+ROOT = Path(barc_sim.__file__).parents[1]
+LENGTH = [] if 'BARC_SIM_SOAK' in os.environ else ['--short']
+
+
+@pytest.mark.timeout(1800)
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals'])
+def test_ordeal_is_gone_through_within_its_bounds(ordeal: str) -> None:
+    done = subprocess.run(
+        [sys.executable, str(ROOT / 'scripts' / 'soaking'), ordeal, *LENGTH],
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    print(done.stdout, done.stderr)  # shown where it fails
+    assert done.returncode == 0, done.stdout
+    assert 'BROKEN' not in done.stdout
+
+
+def test_a_bound_that_is_broken_ends_it_with_code_1(tmp_path: Path) -> None:
+    (tmp_path / 'broken.py').write_text(
+        'from _figures import Figure\n'
+        'def add_arguments(parser):\n'
+        '    """None."""\n'
+        'def soak(options):\n'
+        '    return [Figure("kept", 1.0, most=1.0), Figure("not kept", float("nan"), most=1.0)]\n'
+    )
+    for file in ('__main__.py', '_figures.py'):
+        (tmp_path / file).write_text((ROOT / 'scripts' / 'soaking' / file).read_text())
+    (tmp_path / 'broken.py').write_text('"""Broken."""\n' + (tmp_path / 'broken.py').read_text())
+    done = subprocess.run(
+        [sys.executable, str(tmp_path), 'broken'],
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 1, done.stderr
+    kept, broken = done.stdout.splitlines()
+    assert 'BROKEN' not in kept
+    assert broken.startswith('not kept')
+    assert broken.endswith('at most 1   BROKEN')
