@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from std_srvs.srv import Trigger
 
 from barc_sim import service_names, topic_names
-from barc_sim.peers import living_publishers
+from barc_sim.peers import is_own, living_publishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +23,8 @@ _PERIOD = 0.01
 #: Periods from seeing a controller to the first state. The controller sees this node a little
 #: sooner or later than it is seen; a message that it is sent or sends meanwhile would be lost.
 _COUNT = 10
+#: The same where it is in another process: our recorder looks for it every 0.2 s.
+_COUNT_APART = 40
 #: [s] So long a node that commands is waited for to reset itself.
 _RESET_TIMEOUT = 0.5
 
@@ -65,7 +67,7 @@ class Gate:
         self._resetting: list[Future] = []
         self._patient_until = 0.0
         self._fresh = False
-        self._ready_for = 0
+        self._ready_for, self._needed = 0, _COUNT
         self._timer = node.create_timer(_PERIOD, self._look, group, clock)
 
     def close(self) -> None:
@@ -73,7 +75,7 @@ class Gate:
         ready = [reset for reset in self._resets if reset.service_is_ready()]
         self._resetting = [reset.call_async(Trigger.Request()) for reset in ready]
         self._patient_until = time.monotonic() + _RESET_TIMEOUT
-        self._ready_for = min(self._ready_for, _COUNT - 1)  # they know one another
+        self._ready_for = min(self._ready_for, self._needed - 1)  # they know one another
         self._fresh = True
         self._timer.reset()
 
@@ -82,9 +84,10 @@ class Gate:
             if time.monotonic() < self._patient_until:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
-        ready = not self._wait or living_publishers(self._node, topic_names.ECU)
-        self._ready_for = self._ready_for + 1 if ready else 0
-        if self._ready_for < _COUNT:
+        ends = living_publishers(self._node, topic_names.ECU)
+        self._needed = _COUNT if all(map(is_own, ends)) else _COUNT_APART
+        self._ready_for = self._ready_for + 1 if ends or not self._wait else 0
+        if self._ready_for < self._needed:
             return
         if not self._fresh:
             self.close()

@@ -27,6 +27,11 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
     return [end for end in ends if host is None or not _is_gone(bytes(end.endpoint_gid), host)]
 
 
+def is_own(end: TopicEndpointInfo) -> bool:
+    """Return whether `end` is of this process, as far as its identifier tells."""
+    return _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
+
+
 def _host(node: Node) -> bytes | None:
     """Return what identifiers of this machine begin with; None where they don't tell."""
     own = os.getpid() % _HALF
