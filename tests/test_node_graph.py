@@ -30,7 +30,8 @@ def test_table_tells_source_and_purpose_of_our_own_nodes() -> None:
 def test_every_node_of_the_package_is_in_the_table() -> None:
     package = Path(barc_sim.__file__).parent
     sources = {str(path.relative_to(package.parent)) for path in package.glob('nodes/[a-z]*.py')}
-    names = ('vehicle_simulator', 'controller', 'bag_recorder', 'relay', 'keyboard', 'view')
+    drive = ('vehicle_simulator', 'controller', 'relay', 'keyboard')
+    names = (*drive, 'bag_recorder', 'view', 'mirror', 'foxglove')
     rows = table(NodeGraph(tuple(f'/{name}' for name in names), {}, (), ()))
     assert {row.source for row in rows} - {''} == sources
     assert all(row.purpose for row in rows if row.source)

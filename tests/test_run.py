@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import barc_sim
@@ -181,7 +182,7 @@ def test_namespace_moves_every_topic_of_the_run(run: Run, here: Path) -> None:
     code, out, _ = run('acc', '-q', *SHORT, '--ros-args', '-r', '__ns:=/car2')
     assert code == 0
     with AnyReader([here / out.strip()]) as reader:
-        moved = set(reader.topics) - {'/rosout', '/parameter_events'}
+        moved = set(reader.topics) - {'/rosout', '/parameter_events', '/clock'}
     names = ('z_vhcl', 'ez_vhcl', 'environment', 'ecu', 'pid_state')
     assert moved == {f'/car2/{name}' for name in names}
     assert bag.read(here / out.strip()).x[-1] >= 1.0
@@ -199,9 +200,10 @@ def test_bag_goes_where_it_is_told_or_nowhere(run: Run, here: Path) -> None:
 def test_factor_scales_the_wall_clock(run: Run, here: Path) -> None:
     code, out, _ = run('acc', '-q', '--distance', '1', '--realtime-factor', '0.5')
     assert code == 0
-    with AnyReader([here / out.strip()]) as reader:
-        connections = [c for c in reader.connections if c.topic == '/z_vhcl']
-        times = [time for _, time, _ in reader.messages(connections)]
+    (file,) = (here / out.strip()).glob('*.mcap')
+    with file.open('rb') as stream:
+        messages = make_reader(stream).iter_messages(['/z_vhcl'])
+        times = [message.publish_time for _, _, message in messages]
     # 40 ms for a step of 20 ms; a machine that stalls makes it longer, none makes it shorter.
     assert (times[-1] - times[0]) / (len(times) - 1) > 35e6
 

@@ -52,7 +52,7 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: pytest.CaptureFi
     assert tune.main(['--seed', '3']) == 0
     captured = capsys.readouterr()
     assert captured.err == ''
-    options = run._parser().parse_args(command_of(captured.out))  # noqa: SLF001
+    options = run.parser().parse_args(command_of(captured.out))
     log = rollout(pid=speed_controller(options.kp, options.ki, options.kd))
     rms = summary(log).rms_error_after_run_up
     (cost,) = [line.split() for line in captured.out.splitlines() if line.startswith('cost: rms')]
