@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,13 +11,22 @@ pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from barc_sim.endpoints import incompatible_peers, publisher, subscription
+from barc_sim.convert import stamp_of, to_header
+from barc_sim.endpoints import (
+    drained_subscription,
+    incompatible_peers,
+    publisher,
+    subscription,
+)
 from barc_sim.topic_names import QOS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.context import Context
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -69,3 +79,29 @@ def test_peers_that_fit_and_topics_of_others_are_not_named(node: Node, ros: Cont
     peer.create_publisher(ECU, 'elsewhere', BEST_EFFORT)
     peer.create_subscription(ECU, 'elsewhere', lambda _: None, LATCHED)
     assert list(incompatible_peers(node)) == []
+
+
+def test_all_that_waits_is_handed_over_at_once_and_in_order(
+    node: Node, ros: Context, spin_until: Callable[..., None]
+) -> None:
+    heard: list[int] = []
+    drain = drained_subscription(
+        node,
+        ECU,
+        'ecu',
+        lambda data: heard.append(stamp_of(data)),
+        MutuallyExclusiveCallbackGroup(),
+    )
+    sends = publisher(node, ECU, 'ecu')
+    for stamp in range(50):
+        sends.publish(ECU(header=to_header(stamp)))
+    end = time.monotonic() + 20.0
+    while len(heard) < 50:
+        drain()
+        assert time.monotonic() < end
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(node)
+    sends.publish(ECU(header=to_header(50)))
+    spin_until(executor, lambda: len(heard) > 50)
+    executor.shutdown()
+    assert heard == list(range(51))

@@ -96,6 +96,25 @@ with StopSignals() as stop:
 
 
 @pytest.mark.parametrize('number', SIGNALS)
+def test_signal_that_was_held_back_from_the_start_is_heard(
+    processes: list[Process], number: signal.Signals
+) -> None:
+    processes.append(
+        Process(f"""
+held = {list(map(int, SIGNALS))}
+signal.pthread_sigmask(signal.SIG_BLOCK, held)
+os.kill(os.getpid(), {int(number)})
+with StopSignals() as stop:
+    stop.requested.wait()
+    ready()
+    sys.stdin.read()
+    print('asked')
+""")
+    )
+    assert processes[0].end() == (0, 'asked\n', '')
+
+
+@pytest.mark.parametrize('number', SIGNALS)
 def test_second_signal_ends_a_process_that_hangs(
     processes: list[Process], number: signal.Signals
 ) -> None:

@@ -136,7 +136,9 @@ class VehicleSimulator(Node):
         self._running = self._paused = self._reset_due = self._step_due = False
         self._place: State | None = None  # to be put there
         self._warned: set[str] = set()
-        self._asked: set[bytes] = set()  # who commanded when the present state was published
+        # Who commands, as of the latest look, and as of the one before the present state.
+        self._commanders: set[bytes] = set()
+        self._asked: set[bytes] = set()
 
         self._state_error_pub = publisher(self, EZDynBkMdl, topic_names.STATE_ERROR)
         self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
@@ -375,24 +377,24 @@ class VehicleSimulator(Node):
 
     def _check_peers(self) -> None:
         """Say once what keeps this node from hearing or being heard."""
+        ends = living_publishers(self, topic_names.ECU)
+        commanders = {bytes(end.endpoint_gid) for end in ends}
         if self._reset_due:  # nobody answers the present state
             self._reset()
         if not self.steps:
             self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
         elif not (self._pace or self._paused) and self.steps == self._steps_checked:
             self._warn(f'waiting for the command that answers state {self.steps - 1}')
-            if self._commanders() - self._asked:  # who has come since has not heard it
+            if commanders - self._asked:  # who has come since may not have heard it
                 self._ask_for_command()
         else:
-            self._asked = self._commanders()
+            self._asked = self._commanders
+        self._commanders = commanders
         if self.steps and self.steps == self._steps_checked:
             self._publish_clock(to_header(self._stamp).stamp)  # for who has come meanwhile
         self._steps_checked = self.steps
         for sentence in incompatible_peers(self):
             self._warn(sentence)
-
-    def _commanders(self) -> set[bytes]:
-        return {bytes(end.endpoint_gid) for end in living_publishers(self, topic_names.ECU)}
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warned:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from barc_sim import topic_names
 from barc_sim.convert import to_nanoseconds
+from barc_sim.peers import living_publishers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -100,6 +101,10 @@ class Witness(Node):
 
     def _wish(self) -> None:
         self._twist_pub.publish(Twist(linear=Vector3(x=1.0)))
+
+    def commanded(self) -> bool:
+        """Return whether there is a node that commands."""
+        return bool(living_publishers(self, topic_names.ECU))
 
     def turn(self) -> None:
         """Take what has come."""

@@ -118,7 +118,9 @@ class _Ordeal:
         began, signs = self._witness.stamp, self._signs(name)
         self._nodes.start(name)
         if name in _COMMANDERS:
-            self.driving.append(self._expect('drives again', self._drives))
+            self.driving.append(
+                self._expect('drives again', lambda: self._witness.commanded() and self._drives())
+            )
         elif name == 'simulator':
             self.driving.append(
                 self._expect('drives anew', lambda: self._witness.stamp > began and self._drives())

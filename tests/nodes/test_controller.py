@@ -199,6 +199,18 @@ def test_gains_and_reference_take_effect_while_it_runs(bench: Callable[..., Benc
     assert one.answers([(40 * MS, 7.0), (60 * MS, 10.0)]) == [0.5, -0.5]
 
 
+@pytest.mark.parametrize('speed', [math.nan, math.inf, -1e300])
+def test_state_that_is_none_is_refused_and_spoils_nothing(
+    bench: Callable[..., Bench], speed: float
+) -> None:
+    one = bench()
+    answers = one.answers([(0, 7.9)])
+    one.send_state(20 * MS, speed)
+    answers += one.answers([(40 * MS, 7.95)])
+    assert answers == expected([(0.0, 7.9), (0.04, 7.95)])
+    assert one.controller.refused == 1
+
+
 def test_reference_may_come_from_an_outer_loop(bench: Callable[..., Bench]) -> None:
     one = bench(kp=1.0, ki=0.0, kd=0.0)
     outer = one.peer.create_publisher(Float64, 'speed_reference', 1)

@@ -139,6 +139,20 @@ def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
     assert capfd.readouterr().err.count('refused a Twist') == 1
 
 
+def test_speed_that_is_not_finite_is_not_heard(bench: Callable[..., Bench]) -> None:
+    one = bench()
+    one.send(forward=1.0)
+    one.until_motor(4.0)
+    one.states.publish(ZDynBkMdl(v_x=float('nan')))
+    one.states.publish(ZDynBkMdl(v_x=20.0))
+    one.send(forward=1.0)
+    one.until_motor(0.0)
+    one.states.publish(ZDynBkMdl(v_x=float('nan')))
+    one.send(forward=1.0)
+    one.until_motor(0.0)
+    assert min(command.motor for command in one.commands) >= 0.0
+
+
 def test_reset_forgets_wish_and_wheel(bench: Callable[..., Bench]) -> None:
     b = bench(stale_after=60.0)
     b.send(forward=1.0, turn=1.0)

@@ -293,6 +293,35 @@ def test_lock_step_says_which_answer_it_waits_for(
 
 
 @pytest.mark.usefixtures('looks_often')
+def test_who_commands_anew_is_sent_the_state_that_waits_for_its_answer(world: World) -> None:
+    world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: simulator.steps == 1)
+    world.driver(partial(command, 1.0))
+    world.until(lambda: simulator.steps > 3)
+    waited = stamps(world.states)[0]
+    world.until(lambda: stamps(world.states).count(waited) >= 2)
+    assert simulator.missed == 0
+
+
+def test_command_that_comes_out_of_order_is_refused(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    commands.publish(command(1.0, world.states[0]))
+    world.until(lambda: len(world.states) == 2)
+    present = to_nanoseconds(world.states[1].header.stamp)
+    commands.publish(ECU(header=to_header(present - 40_000_000), motor=99.0))
+    commands.publish(command(1.0, world.states[1]))
+    world.until(lambda: len(world.states) == 3)
+    assert world.states[2].v_x == pytest.approx(0.04, rel=1e-3)
+    assert simulator.refused == 1
+    assert 'refused a command stamped -0.04 s from the present state' in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures('looks_often')
 def test_publisher_that_cannot_be_heard_is_named_once(
     world: World, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from barc_interfaces.msg import ECU, Environment, PidState, ZDynBkMdl
 from geometry_msgs.msg import Twist
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
@@ -167,6 +169,38 @@ def test_every_state_reaches_the_page_with_what_belongs_to_it(view: ViewNode, pe
     # A command is there a moment later than its state.
     assert np.all(client.column('motor')[1:] == 1.5)
     assert np.all(client.column('reference')[1:] == 8.0)
+
+
+@pytest.mark.parametrize('x', [float('nan'), float('inf')])
+def test_states_that_are_none_are_left_out(view: ViewNode, peer: Peer, x: float) -> None:
+    with page(view) as client:
+        client.hear('status')
+        for place in (1.0, x, 2.0):
+            peer.step(place)
+        until(lambda: view.seen == 2)
+        view.end('over')
+        client.hear('end')
+    np.testing.assert_array_equal(client.column('x'), [1.0, 2.0])
+
+
+def test_parameter_events_that_are_none_are_left_out(view: ViewNode, peer: Peer) -> None:
+    events = peer.create_publisher(ParameterEvent, '/parameter_events', 10)
+    until(lambda: events.get_subscription_count())
+    odd = [
+        ParameterValue(type=99),
+        ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='high'),
+        ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=float('nan')),
+        ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=7.0),
+    ]
+    with page(view) as client:
+        client.hear('hello')
+        for value in odd:
+            changed = [ParameterMessage(name=name, value=value) for name in ('kp', 'other')]
+            events.publish(ParameterEvent(node='/controller', changed_parameters=changed))
+        tuned: dict[str, float] = {}
+        while not tuned:
+            tuned = client.hear('facts')['tuning']
+    assert tuned == {'kp': 7.0}
 
 
 def test_a_page_that_opens_late_sees_what_was(view: ViewNode, peer: Peer) -> None:
