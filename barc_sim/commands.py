@@ -30,7 +30,7 @@ class Commands:
         """Begin before the first state.
 
         With a `timeout` [s] other than 0, commands come as they please: none is due for a state
-        until one bears a stamp.
+        until one answers it exactly.
         """
         self.timeout = timeout or inf
         self.latest: Input | None = None
@@ -48,8 +48,9 @@ class Commands:
     def hear(self, command: Input, stamp: int, present: int, t: float) -> None:
         """Take a usable `command`, at `t` [s]."""
         self.latest, self._order, self._heard = command, _order(stamp, present), t
-        self._as_they_please = stamp == 0
         self._exactly = stamp == present
+        if self._exactly or stamp == 0:
+            self._as_they_please = stamp == 0
         self.answered = self._as_they_please or self._exactly
 
     def expect(self) -> None:

@@ -64,6 +64,14 @@ def test_a_command_without_a_stamp_is_usable_at_any_time() -> None:
     assert commands.usable(0, present=20)
 
 
+def test_what_answers_no_state_makes_none_due_where_commands_come_as_they_please() -> None:
+    commands = Commands()
+    commands.hear(GO, stamp=0, present=20, t=0.0)
+    commands.hear(STOP, stamp=99, present=20, t=0.0)
+    commands.expect()
+    assert (commands.latest, commands.answered) == (STOP, True)
+
+
 def test_with_a_timeout_no_state_waits_for_the_first_command() -> None:
     commands = Commands(timeout=0.5)
     commands.expect()

@@ -11,6 +11,7 @@ from barc_interfaces.msg import ECU, ZDynBkMdl
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -18,7 +19,7 @@ from barc_sim import service_names, topic_names
 from barc_sim.cli import call
 from barc_sim.convert import to_drive, to_ecu
 from barc_sim.driving import STALE_AFTER, Driver, Limits
-from barc_sim.endpoints import publisher, subscription
+from barc_sim.endpoints import drained_subscription, publisher, subscription
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.parameters import Parameter, declare
 from barc_sim.process import spin
@@ -87,8 +88,10 @@ class Relay(Node):
 
         self._ecu_pub = publisher(self, ECU, topic_names.ECU)
         group = QuickCallbackGroup()
-        subscription(self, ZDynBkMdl, topic_names.STATE, self._on_state, group)
-        subscription(self, Twist, topic_names.CMD_VEL, self._on_twist, group)
+        subscription(
+            self, ZDynBkMdl, topic_names.STATE, self._on_state, group, qos=topic_names.QOS_NEWEST
+        )
+        drained_subscription(self, Twist, topic_names.CMD_VEL, self._on_twist, group)
         self.create_service(
             Trigger, service_names.RESET_RELAY, self._on_reset, callback_group=group
         )
@@ -107,7 +110,8 @@ class Relay(Node):
         if isfinite(state.v_x):
             self._speed = state.v_x
 
-    def _on_twist(self, twist: Twist) -> None:
+    def _on_twist(self, data: bytes) -> None:
+        twist = deserialize_message(data, Twist)
         wish = to_drive(twist, self._values['linear_scale'], self._values['angular_scale'])
         if wish.usable:
             self.driver.hear(wish, time.monotonic())

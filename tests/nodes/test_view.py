@@ -185,7 +185,7 @@ def test_states_that_are_none_are_left_out(view: ViewNode, peer: Peer, x: float)
 
 def test_parameter_events_that_are_none_are_left_out(view: ViewNode, peer: Peer) -> None:
     events = peer.create_publisher(ParameterEvent, '/parameter_events', 10)
-    until(lambda: events.get_subscription_count())
+    until(events.get_subscription_count)
     odd = [
         ParameterValue(type=99),
         ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='high'),
