@@ -63,6 +63,7 @@ class Budget:
         """Allow `seconds` to each call."""
         self.seconds = seconds
         self._caller = 0
+        self._trace = sys.gettrace()
         self._turn = self._seen = self._polls = 0
         self._busy = self._fired = False
         self._lock = threading.RLock()
@@ -71,6 +72,7 @@ class Budget:
     def call(self, function: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
         """Return what `function` returns, raise what it raises, or OutOfTime."""
         self._caller = get_ident()
+        self._trace = sys.gettrace()
         self._turn += 1
         self._busy = True
         try:
@@ -90,8 +92,7 @@ class Budget:
         with self._lock:
             _raise_in_thread(ctypes.c_ulong(self._caller), None)
             self._fired = False
-            if sys.gettrace() is _ignore:
-                sys.settrace(None)
+            sys.settrace(self._trace)
 
     def _look(self) -> None:
         if not self._busy or self._turn != self._seen:
