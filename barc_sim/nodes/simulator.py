@@ -7,13 +7,12 @@ import time
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from barc_interfaces.msg import ECU
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
-from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import service_names, topic_names
@@ -21,27 +20,15 @@ from barc_sim.bike_model import Input, bikeFE
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
-from barc_sim.convert import (
-    NANOSECONDS,
-    stamp_of,
-    to_environment,
-    to_header,
-    to_input,
-    to_state,
-    to_state_at_rest,
-    to_state_error,
-)
-from barc_sim.endpoints import (
-    drained_subscription,
-    incompatible_peers,
-    publisher,
-    subscription,
-)
+from barc_sim.convert import NANOSECONDS, stamp_of, to_input, to_state_at_rest
+from barc_sim.endpoints import drained_subscription, subscription
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickCallbackGroup
 from barc_sim.gate import Gate
+from barc_sim.outlet import StateOutlet
 from barc_sim.pacing import Pace
 from barc_sim.parameters import Parameter, declare
+from barc_sim.peer_watch import PeerWatch
 from barc_sim.peers import living_publishers
 from barc_sim.plant_values import period_ns, plant
 from barc_sim.process import spin
@@ -50,8 +37,6 @@ from barc_sim.simulator_parameters import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from builtin_interfaces.msg import Time
 
     from barc_sim.bike_model import Model, State
     from barc_sim.plant import Observation
@@ -132,21 +117,13 @@ class VehicleSimulator(Node):
         self.finished: Future = Future()
         self.steps = self.missed = 0
         self._refusals = Refusals(self)
-        self._first_step = self._stamp = self._steps_checked = 0
+        self._first_step = self._stamp = 0
         self._running = self._paused = self._reset_due = self._step_due = False
         self._place: State | None = None  # to be put there
-        self._warned: set[str] = set()
-        # Who commands, as of the latest look, and as of the one before the present state.
-        self._commanders: set[bytes] = set()
-        self._asked: set[bytes] = set()
 
-        self._state_error_pub = publisher(self, EZDynBkMdl, topic_names.STATE_ERROR)
-        self._environment_pub = publisher(self, Environment, topic_names.ENVIRONMENT)
-        self._state_pub = publisher(self, ZDynBkMdl, topic_names.STATE)
-        self._clock_pub = None
-        if keeps_clock and (values['clock'] or factor != 1.0):
-            # Reliable: who asks for the best effort hears it as well, and no bag lacks a tick.
-            self._clock_pub = publisher(self, ClockMessage, topic_names.CLOCK)
+        clock = keeps_clock and (bool(values['clock']) or factor != 1.0)
+        self._outlet = StateOutlet(self, clock=clock)
+        self._watch = PeerWatch(self, self._outlet)
         group = QuickCallbackGroup()
         self._hear = drained_subscription(self, ECU, topic_names.ECU, self._on_command, group)
         subscription(
@@ -179,7 +156,7 @@ class VehicleSimulator(Node):
     @property
     def keeps_clock(self) -> bool:
         """Whether it publishes `/clock`."""
-        return self._clock_pub is not None
+        return self._outlet.keeps_clock
 
     @property
     def paused(self) -> bool:
@@ -202,7 +179,7 @@ class VehicleSimulator(Node):
 
     def _begin(self) -> None:
         if len(living_publishers(self, topic_names.STATE)) > 1:
-            raise UserError(taken(self._state_pub.topic_name, self.context.get_domain_id()))
+            raise UserError(taken(self._outlet.topic, self.context.get_domain_id()))
         self._running = True
         self._stamp = max(time.time_ns(), self._stamp + self._period_ns)
         self._commands.wait(time.monotonic())
@@ -222,23 +199,10 @@ class VehicleSimulator(Node):
 
     def _publish_state(self) -> None:
         seen = self._plant.observe()
-        header = to_header(self._stamp)
-        self._publish_clock(header.stamp)
-        self._environment_pub.publish(to_environment(seen, header))
-        self._to_answer = to_state_error(seen, header), to_state(seen, header)
-        self._ask_for_command()
+        self._outlet.publish(seen, self._stamp)
         if self._on_step:
             self._on_step((self.steps - self._first_step) * self._plant.ts, seen)
         self.steps += 1
-
-    def _ask_for_command(self) -> None:
-        error, state = self._to_answer
-        self._state_error_pub.publish(error)
-        self._state_pub.publish(state)
-
-    def _publish_clock(self, now: Time) -> None:
-        if self._clock_pub:
-            self._clock_pub.publish(ClockMessage(clock=now))
 
     def _on_command(self, data: bytes) -> None:
         stamp = stamp_of(data)
@@ -376,30 +340,9 @@ class VehicleSimulator(Node):
         self._publish_state()
 
     def _check_peers(self) -> None:
-        """Say once what keeps this node from hearing or being heard."""
-        ends = living_publishers(self, topic_names.ECU)
-        commanders = {bytes(end.endpoint_gid) for end in ends}
         if self._reset_due:  # nobody answers the present state
             self._reset()
-        if not self.steps:
-            self._warn(f'waiting for a controller that publishes {self.resolve_topic_name("ecu")}')
-        elif not (self._pace or self._paused) and self.steps == self._steps_checked:
-            self._warn(f'waiting for the command that answers state {self.steps - 1}')
-            if commanders - self._asked:  # who has come since may not have heard it
-                self._ask_for_command()
-        else:
-            self._asked = self._commanders
-        self._commanders = commanders
-        if self.steps and self.steps == self._steps_checked:
-            self._publish_clock(to_header(self._stamp).stamp)  # for who has come meanwhile
-        self._steps_checked = self.steps
-        for sentence in incompatible_peers(self):
-            self._warn(sentence)
-
-    def _warn(self, sentence: str) -> None:
-        if sentence not in self._warned:
-            self._warned.add(sentence)
-            self.get_logger().warning(sentence)
+        self._watch.look(self.steps, waits=not (self._pace or self._paused))
 
 
 def main(args: list[str] | None = None) -> int:
