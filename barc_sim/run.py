@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser, call
 from barc_sim.mirrors.options import add_mirror_options
+from barc_sim.option_types import number, whole
 from barc_sim.page.options import add_view_options
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.recorder import options as recorder_options
@@ -89,17 +90,17 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
     )
     mode.add_argument(
         '--speed',
-        type=_number(-_MAX_SPEED, _MAX_SPEED),
+        type=number(-_MAX_SPEED, _MAX_SPEED),
         metavar='M/S',
         help=f'speed to hold ({SPEED_REFERENCE:g})',
     )
     for gain, default in (('kp', KP), ('ki', KI), ('kd', KD)):
         mode.add_argument(
-            f'--{gain}', type=_number(0.0, _MAX_GAIN), metavar='GAIN', help=f'({default:g})'
+            f'--{gain}', type=number(0.0, _MAX_GAIN), metavar='GAIN', help=f'({default:g})'
         )
     mode.add_argument(
         '--distance',
-        type=_number(0.0, _MAX_DISTANCE),
+        type=number(0.0, _MAX_DISTANCE),
         metavar='M',
         help='the run ends here; 0: it goes on until Ctrl-C (180)',
     )
@@ -116,7 +117,7 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
     )
     mode.add_argument(
         '--cars',
-        type=_count,
+        type=whole(1, _MAX_CARS),
         default=1,
         metavar='N',
         help='so many cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
@@ -182,7 +183,9 @@ def _add_common(mode: Parser) -> None:
         help='where bags are kept (bags)',
     )
     bag.add_argument('--no-bag', action='store_true', help='record nothing')
-    mode.add_argument('--seed', type=_seed, metavar='N', help='seed of the measurement noise (0)')
+    mode.add_argument(
+        '--seed', type=whole(0, _MAX_SEED), metavar='N', help='seed of the measurement noise (0)'
+    )
     mode.add_argument('--integrator', choices=('euler', 'rk4'), help='how steps are made (euler)')
     mode.add_argument('--dynamics', choices=('kinematic', 'dynamic'), help='bicycle (kinematic)')
     mode.add_argument(
@@ -204,39 +207,14 @@ def _add_common(mode: Parser) -> None:
     recorder_options.add_arguments(mode)
 
 
-def _number(low: float, high: float) -> Callable[[str], float]:
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float('nan')
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text!r} is not a number from {low:g} to {high:g}')
-        return value
-
-    return convert
-
-
 def _factor(text: str) -> float:
     """Return the real-time factor; 0.0 stands for `max`."""
     if text == 'max':
         return 0.0
-    value = _number(0.0, _MAX_FACTOR)(text)
+    value = number(0.0, _MAX_FACTOR)(text)
     if value == 0.0:
         raise argparse.ArgumentTypeError("0 is not a factor above 0, nor 'max'")
     return value
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= _MAX_CARS:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 to {_MAX_CARS}')
-    return int(text)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or not int(text) <= _MAX_SEED:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {_MAX_SEED}')
-    return int(text)
 
 
 if __name__ == '__main__':

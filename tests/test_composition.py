@@ -234,8 +234,9 @@ for node in (CruiseController, VehicleSimulator):
 """
     done = drive(tmp_path, '--realtime-factor', 'max', '--distance', '1', script=talk)
     found = messages(tmp_path / done.stdout.strip())
-    said = [(entry.name, entry.msg) for entry in found['/rosout']]
-    assert said == [('controller', 'here'), ('vehicle_simulator', 'here')]
+    # A machine that is slow makes nodes say that they wait, too.
+    here = [entry.name for entry in found['/rosout'] if entry.msg == 'here']
+    assert here == ['controller', 'vehicle_simulator']
 
 
 def test_bag_says_what_run_it_holds(path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from barc_sim.page.options import port
+from barc_sim.option_types import GREATEST_PORT, whole
 
 #: By the name of the parameter of `mirror` that turns each on and off: what it publishes.
 MIRRORS = {
@@ -31,7 +31,7 @@ def add_mirror_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--foxglove',
-        type=port,
+        type=whole(0, GREATEST_PORT),
         nargs='?',
         const=FOXGLOVE_PORT,
         metavar='PORT',

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import webbrowser
 from threading import Thread
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from barc_sim.option_types import GREATEST_PORT, whole
 
-_MOST = 65535
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping
 
 
 def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
@@ -31,7 +31,7 @@ def add_address_options(parser: argparse.ArgumentParser) -> None:
     """Add `--view-port` and `--view-host`."""
     parser.add_argument(
         '--view-port',
-        type=port,
+        type=whole(0, GREATEST_PORT),
         default=0,
         metavar='PORT',
         help='port of the page (any that is free)',
@@ -63,10 +63,3 @@ def open_page(url: str) -> bool:
         return False
     Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()
     return True
-
-
-def port(text: str) -> int:
-    """Return the port that an option names."""
-    if not text.isdecimal() or not int(text) <= _MOST:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {_MOST}')
-    return int(text)

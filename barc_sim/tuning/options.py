@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli import Parser
 from barc_sim.errors import UserError
+from barc_sim.option_types import number, whole
 from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -52,21 +52,21 @@ def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
         f'cost counts ({_ROAD})',
     )
     parser.add_argument(
-        '--speed', type=_number(0.1, 100.0), default=SPEED_REFERENCE, metavar='M/S', help='(8)'
+        '--speed', type=number(0.1, 100.0), default=SPEED_REFERENCE, metavar='M/S', help='(8)'
     )
     parser.add_argument(
-        '--distance', type=_number(10.0, 1e5), default=_DISTANCE, metavar='M', help='(180)'
+        '--distance', type=number(10.0, 1e5), default=_DISTANCE, metavar='M', help='(180)'
     )
     parser.add_argument(
         '--noise',
-        type=_number(0.0, 100.0),
+        type=number(0.0, 100.0),
         default=0.0,
         metavar='M/S',
         help="standard deviation of the measured speed's noise (0)",
     )
     parser.add_argument(
         '--delay',
-        type=_whole(500),
+        type=whole(0, 500),
         default=0,
         metavar='STEPS',
         help='of 20 ms, from a command to its effect (0)',
@@ -74,7 +74,7 @@ def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
     _add_gains(parser)
     parser.add_argument(
         '--seed',
-        type=_whole(_MAX_SEED),
+        type=whole(0, _MAX_SEED),
         default=0,
         metavar='N',
         help="of the search and of the noise; the noise is then that of a run's --seed (0)",
@@ -93,17 +93,17 @@ def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
 
 def _add_gains(parser: Parser) -> None:
     for gain, (start, high) in GAINS.items():
-        number = _number(0.0, _MAX_GAIN)
+        gain_type = number(0.0, _MAX_GAIN)
         parser.add_argument(
             f'--{gain}',
-            type=number,
+            type=gain_type,
             default=start,
             metavar='GAIN',
             help=f'to begin with ({start:g})',
         )
         parser.add_argument(
             f'--{gain}-range',
-            type=number,
+            type=gain_type,
             nargs=2,
             default=(0.0, high),
             metavar=('LOW', 'HIGH'),
@@ -195,25 +195,3 @@ def settings(options: Namespace) -> str:
     if options.controller:
         parts.append(str(options.controller))
     return ' · '.join(parts)
-
-
-def _number(low: float, high: float) -> Callable[[str], float]:
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float('nan')
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text!r} is not a number from {low:g} to {high:g}')
-        return value
-
-    return convert
-
-
-def _whole(high: int) -> Callable[[str], int]:
-    def convert(text: str) -> int:
-        if not (text.isdecimal() and int(text) <= high):
-            raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {high}')
-        return int(text)
-
-    return convert
