@@ -90,9 +90,19 @@ class Budget:
     def _settle(self) -> None:
         """Take back what has been fired and has not yet hit."""
         with self._lock:
-            _raise_in_thread(ctypes.c_ulong(self._caller), None)
-            self._fired = False
+            try:
+                # In the place of the one that may be waiting. To take that back with NULL would
+                # leave the interpreter looking for it for ever, and Python 3.11 hanging where it
+                # is traced.
+                self._fire()
+                while True:
+                    pass
+            except OutOfTime:
+                self._fired = False
             sys.settrace(self._trace)
+
+    def _fire(self) -> None:
+        _raise_in_thread(ctypes.c_ulong(self._caller), ctypes.py_object(OutOfTime))
 
     def _look(self) -> None:
         if not self._busy or self._turn != self._seen:
@@ -106,7 +116,7 @@ class Budget:
             # Told before it is looked again: a call that ends in between takes it back.
             self._fired = True
             if self._busy and self._turn == self._seen:
-                _raise_in_thread(ctypes.c_ulong(self._caller), ctypes.py_object(OutOfTime))
+                self._fire()
 
     def _start(self) -> None:
         thread = threading.Thread(
