@@ -52,6 +52,7 @@ _PERIOD, _SLOW_PERIOD = 0.02, 0.1
 _AFTER = 0.006
 _STATUS_PERIOD = 0.25  #: [s]
 _PATIENCE = 1.0  #: [s] after which what was not answered is asked again
+_GREATEST = 1e12  #: in any unit: what is beyond is none, and sums of it are not finite
 _WINDOW = 4  #: status periods over which the real-time factor is measured
 
 
@@ -183,14 +184,14 @@ class ViewNode(Node):
             topic: [
                 (to_nanoseconds(message.header.stamp), values)
                 for message, _ in take(subscription, _DEPTH)
-                if all(map(isfinite, values := _VALUES[topic](message)))
+                if _usable(values := _VALUES[topic](message))
             ]
             for topic, subscription in self._others.items()
         }
         states = []
         for message, info in take(self._states, _DEPTH):
             values = _STATE_VALUES(message)
-            if not all(map(isfinite, values)):
+            if not _usable(values):
                 continue
             stamp = to_nanoseconds(message.header.stamp)
             states.append((stamp, values))
@@ -281,6 +282,10 @@ class ViewNode(Node):
         if rows := self._look():
             self._server.send(rows)
         self._server.send(say('end', reason=reason))
+
+
+def _usable(values: tuple[float, ...]) -> bool:
+    return all(abs(value) <= _GREATEST for value in values)  # NaN is not
 
 
 def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:

@@ -171,7 +171,7 @@ def test_every_state_reaches_the_page_with_what_belongs_to_it(view: ViewNode, pe
     assert np.all(client.column('reference')[1:] == 8.0)
 
 
-@pytest.mark.parametrize('x', [float('nan'), float('inf')])
+@pytest.mark.parametrize('x', [float('nan'), float('inf'), 1e308])
 def test_states_that_are_none_are_left_out(view: ViewNode, peer: Peer, x: float) -> None:
     with page(view) as client:
         client.hear('status')
