@@ -14,6 +14,7 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from barc_sim.dds_profiles import use_profiles
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickExecutor
 from barc_sim.shared_memory import sweep
@@ -55,6 +56,7 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    use_profiles()
     sweep()
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
