@@ -13,6 +13,7 @@ import random
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,7 +91,7 @@ class _Ordeal:
                 self._nodes.start(name)
             self._expect('drives', self._drives)
             for name in _OTHERS[1:]:
-                self._expect(f'{name} is there', lambda name=name: self._signs(name) > 0)
+                self._expect(f'{name} is there', partial(self._signs, name))
             # Each once, and then as it comes.
             first = (
                 [self._commander, *_OTHERS]
@@ -148,7 +149,7 @@ class _Ordeal:
     def _stands(self) -> bool:
         return abs(self._witness.speed) < _STANDING
 
-    def _expect(self, what: str, come: Callable[[], bool]) -> float:
+    def _expect(self, what: str, come: Callable[[], object]) -> float:
         """Return after how many seconds it has come; count a fault where it does not."""
         began = time.monotonic()
         while not come():
