@@ -73,6 +73,8 @@ def conduct(
     lab = load_own_code(options, printed)
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
+    if stop.requested.is_set():  # while all that was imported
+        return 0
     with ros(ros_args, network=options.network):
         run = create(lab, printed)
         try:
