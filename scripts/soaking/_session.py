@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import signal
 
-#: A participant's own; ports are all participants'.
-_SHARED = re.compile(r'/dev/shm/(fastrtps_[0-9a-f]{16})\b')  # noqa: S108 (DDS's)
+#: The lock of a participant's own segment; those of others it only maps.
+_LOCK = re.compile(r'/dev/shm/(fastrtps_[0-9a-f]{16})_el')  # noqa: S108 (DDS's)
 #: As a terminal window does it: the pseudo-terminal controls the process.
 _TAKE_TERMINAL = 'import fcntl, os, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); '
 _EXECUTE = 'os.execv(sys.executable, [sys.executable, *sys.argv[1:]])'
@@ -71,8 +71,9 @@ class Session:
 
     def _watch(self) -> None:
         with suppress(OSError):
-            maps = Path(f'/proc/{self.process.pid}/maps').read_text(encoding='utf-8')
-            self.shared.update(_SHARED.findall(maps))
+            for file in Path(f'/proc/{self.process.pid}/fd').iterdir():
+                if lock := _LOCK.fullmatch(str(file.readlink())):
+                    self.shared.add(lock[1])
         self._read(_TICK)
 
     def _read(self, seconds: float) -> bool:
