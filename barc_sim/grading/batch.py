@@ -10,7 +10,7 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.errors import UserError
+from barc_sim.cluster import client
 from barc_sim.grading.report import report
 from barc_sim.grading.submissions import read
 
@@ -48,17 +48,7 @@ def dask(address: str) -> Iterator[Executor]:
     UserError
         where `distributed` is not installed, or nobody answers there.
     """
-    try:
-        from distributed import (  # type: ignore[import-not-found,unused-ignore] # noqa: PLC0415
-            Client,
-        )
-    except ImportError:
-        raise UserError('--scheduler needs Dask: pip install "barc_sim[dask]"') from None
-    try:
-        client = Client(address, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise UserError(f'no Dask scheduler answers at {address!r}: {error}') from None
-    with client, client.get_executor(pure=False) as executor:
+    with client(address) as cluster, cluster.get_executor(pure=False) as executor:
         yield executor
 
 

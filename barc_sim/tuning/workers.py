@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
-import logging
 import multiprocessing
 import os
 import signal
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from barc_sim.cluster import client as cluster_client
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 #: Parts for each worker, so that none waits long for the slowest.
 _PARTS = 3
-_PATIENCE = 5  # s, until the cluster answers
 
 
 @contextmanager
@@ -69,29 +67,8 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
     UserError
         where Dask is not installed, or the cluster is not there or does not work.
     """
-    try:
-        distributed: Any = importlib.import_module('distributed')
-    except ImportError:
-        raise UserError(
-            f'--scheduler {address!r} needs Dask, which is not installed: pip install distributed'
-        ) from None
-    # What goes wrong is told in a sentence of ours.
-    logging.getLogger('distributed').setLevel(logging.CRITICAL)
-    try:
-        # A client with an address that is none would hang when it is taken down.
-        distributed.comm.resolve_address(address)
-        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise UserError(
-            f'no Dask scheduler answers at {address!r}: expected an address such as '
-            f'tcp://localhost:8786 ({error})'
-        ) from None
-    with client:
+    with cluster_client(address) as client:
         cores = sum(client.ncores().values())
-        if not cores:
-            raise UserError(
-                f'the Dask scheduler at {address!r} has no workers: start some, with dask worker'
-            )
 
         def shared(gains: Floats) -> Floats:
             try:
@@ -99,7 +76,7 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
                 return np.concatenate(client.gather(futures))
             except UserError:
                 raise
-            except (Exception, distributed.CancelledError) as error:
+            except Exception as error:
                 raise UserError(
                     f'the Dask cluster at {address!r} failed: {type(error).__name__}: {error}; '
                     'its workers need this version of barc_sim, and the files at the same paths'

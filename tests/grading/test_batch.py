@@ -113,7 +113,10 @@ if __name__ == '__main__':
 def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'distributed', None)
 
-    with pytest.raises(UserError, match=r'--scheduler needs Dask'), batch.dask('tcp://x:1'):
+    with (
+        pytest.raises(UserError, match=r"--scheduler 'tcp://x:1' needs Dask"),
+        batch.dask('tcp://x:1'),
+    ):
         pass
 
 
