@@ -1,0 +1,1 @@
+"""Bags: files of MCAP, read, written and made whole again."""
