@@ -56,16 +56,16 @@ class CruiseControl(Run):
             _check_that_none_is_told(options)
         namespaces = [f'car{number + 1}' for number in range(options.cars)]
         # A car that is alone needs none.
-        self._cars = [
+        self.cars = [
             self._car(options, name, number)
             for number, name in enumerate(namespaces if options.cars > 1 else [''])
         ]
-        first = self._cars[0]
+        first = self.cars[0]
         distance = first.simulator.get_parameter('distance').value
         self._display = display(distance, quiet=options.quiet)
         self._printed.show_with(self._display.say)
         first.show = self._display.show
-        return [car.simulator for car in self._cars]
+        return [car.simulator for car in self.cars]
 
     def _car(self, options: Namespace, namespace: str, number: int) -> Car:
         car = Car(namespace, self._controller(options, namespace))
@@ -112,11 +112,11 @@ class CruiseControl(Run):
 
     def print_result(self) -> None:
         """Print the table of errors."""
-        if len(self._cars) == 1:
-            (car,) = self._cars
+        if len(self.cars) == 1:
+            (car,) = self.cars
             print_summary(car.summary(), self.slipped)
         else:
-            print_summaries({car.name: car.summary() for car in self._cars}, self.slipped)
+            print_summaries({car.name: car.summary() for car in self.cars}, self.slipped)
 
 
 def _check_that_none_is_told(options: Namespace) -> None:

@@ -9,14 +9,12 @@ import sys
 import tempfile
 import threading
 import time
-from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
+from _timed import TimedRun
 
-from barc_sim.cruise_control import CruiseControl
 from barc_sim.executor import QuickExecutor
 from barc_sim.process import NUM_THREADS, ros
 from barc_sim.signals import StopSignals
@@ -54,13 +52,6 @@ def _kept(folder: Path) -> int:
 
 
 def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
-    steps: list[float] = []
-
-    class Timed(CruiseControl):
-        def on_step(self, t: float, seen: Any) -> None:  # noqa: ANN401
-            steps.append(time.perf_counter())
-            super().on_step(t, seen)
-
     sent: list[int] = []
     used: dict[str, float] = {}
 
@@ -70,7 +61,8 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         clock = next(map(time.pthread_getcpuclockid, threads), None)
         began, processor = time.perf_counter(), time.process_time()
         own = time.clock_gettime(clock) if clock else 0.0
-        steps.clear()
+        run.steps.clear()
+        run.processor.clear()
         sent.append(_flood(task))
         taken = (time.perf_counter() - began) / 100.0
         used['core, %'] = (time.process_time() - processor) / taken
@@ -78,33 +70,23 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         run.finish()
 
     with ros([]), StopSignals() as stop:
-        run = Timed(
-            Namespace(
-                **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed', 'clock')),
-                distance=0.0,
-                realtime_factor=1.0,
-                no_bag=task['recorder'] == 'no recorder',
-                bag_dir=folder,
-                quiet=True,
-            ),
-            [],
-        )
+        bag = ['--no-bag'] if task['recorder'] == 'no recorder' else ['--bag-dir', str(folder)]
+        run = TimedRun('--distance', '0', *bag)
         threading.Thread(target=publish).start()
         run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
-        missed = run.missed
+        timing = run.timing()
         run.close()
     counted = 0
     if run.recorder:
         lost = run.recorder.lost.values()
         counted = sum(sum(by_node.values()) for by_node in lost if by_node)
-    off = np.abs(np.diff(steps) - 0.02) * 1e3
     return {
         'sent': sent[0],
         'lost': sent[0] - (_kept(folder) if run.recorder else 0),
         'lost, as counted': counted,
         **used,
-        'step jitter p99, ms': float(np.percentile(off, 99)),
-        'missed': missed,
+        'step jitter p99, ms': timing['jitter p99, ms'],
+        'missed': timing['missed'],
     }
 
 

@@ -7,18 +7,19 @@ one in headless Chromium, which draws without a graphics card and so takes a cor
 
 from __future__ import annotations
 
-import argparse
 import json
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from argparse import Namespace
-from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
+
+if TYPE_CHECKING:
+    import argparse
+    from argparse import Namespace
 
 _CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
 _FLAGS = (
@@ -73,54 +74,22 @@ def _cell(values: list[float]) -> str:
 
 def _drive(case: str) -> dict[str, float]:
     """Drive once, in this process; return the figures."""
-    import numpy as np  # noqa: PLC0415 (the worker only)
+    from _timed import TimedRun  # noqa: PLC0415
 
-    from barc_sim.cruise_control import CruiseControl  # noqa: PLC0415
     from barc_sim.executor import QuickExecutor  # noqa: PLC0415
     from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
     from barc_sim.process import NUM_THREADS, ros  # noqa: PLC0415
     from barc_sim.signals import StopSignals  # noqa: PLC0415
 
-    steps: list[float] = []
-    processor: list[float] = []
-
-    class Timed(CruiseControl):
-        def compose(self, options: Namespace) -> Any:  # noqa: ANN401 (VehicleSimulator)
-            simulator = super().compose(options)
-            self.view = None if case == _CASES[0] else self.add(ViewNode())
-            return simulator
-
-        def on_step(self, t: float, seen: Any) -> None:  # noqa: ANN401 (Observation)
-            steps.append(time.perf_counter())
-            processor.append(time.process_time())
-            super().on_step(t, seen)
-
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
-        options = Namespace(
-            **dict.fromkeys(('speed', 'kp', 'ki', 'kd', 'road', 'seed', 'clock')),
-            distance=180.0,
-            realtime_factor=1.0,
-            no_bag=False,
-            bag_dir=Path(folder),
-            quiet=True,
-        )
-        run = Timed(options, [])
-        page = _open(case, run.view.url, folder) if run.view else None
+        run = TimedRun('--bag-dir', folder)
+        view = None if case == _CASES[0] else run.add(ViewNode())
+        page = _open(case, view.url, folder) if view else None
         run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
-        missed, slipped = run.missed, run.slipped
+        timing = run.timing()
         run.close()
         shown = _shown(page)
-    taken = steps[-1] - steps[0]
-    off = np.abs(np.diff(steps) - 0.02) * 1e3
-    return {
-        'jitter p99, ms': float(np.percentile(off, 99)),
-        'p50, ms': float(np.percentile(off, 50)),
-        'max, ms': float(off.max()),
-        'missed': missed,
-        'slipped': slipped,
-        'core, %': (processor[-1] - processor[0]) / taken * 100.0,
-        'states/s at the page': shown,
-    }
+    return {**timing, 'states/s at the page': shown}
 
 
 def _open(case: str, url: str, folder: str) -> subprocess.Popen[str] | None:

@@ -1,0 +1,52 @@
+"""A cruise-control run whose steps are timed."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from barc_sim.console.printed import Printed
+from barc_sim.cruise_control import CruiseControl
+from barc_sim.run import parser
+from barc_sim.student.code import Lab
+
+_PERIOD = 0.02  # s
+
+
+class TimedRun(CruiseControl):
+    """Notes when each state was published, by several clocks.
+
+    Parameters
+    ----------
+    arguments
+        Options of `python -m barc_sim.run acc`.
+    """
+
+    def __init__(self, *arguments: str) -> None:
+        self.steps: list[float] = []  #: [s]
+        self.processor: list[float] = []  #: [s] of processor time
+        self.first = 0.0  #: [s] since the epoch
+        options = parser().parse_args(['acc', '--quiet', *arguments])
+        super().__init__(options, [], Lab(), Printed(quiet=True))
+        (self._car,) = self.cars
+        self._car.show = self.note
+
+    def note(self, *_: float) -> None:
+        """Note that a state was published now."""
+        self.first = self.first or time.time()
+        self.steps.append(time.perf_counter())
+        self.processor.append(time.process_time())
+
+    def timing(self) -> dict[str, float]:
+        """Return how far steps were from their period [ms], and the share of a core [%]."""
+        off = np.abs(np.diff(self.steps) - _PERIOD) * 1e3
+        taken = self.steps[-1] - self.steps[0]
+        return {
+            'jitter p99, ms': float(np.percentile(off, 99)),
+            'p50, ms': float(np.percentile(off, 50)),
+            'max, ms': float(off.max()),
+            'missed': self.missed,
+            'slipped': self.slipped,
+            'core, %': (self.processor[-1] - self.processor[0]) / taken * 100.0,
+        }
