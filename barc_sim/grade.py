@@ -157,7 +157,7 @@ def _write(path: Path, data: bytes) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return its exit code."""
-    return call(f'python -m {PROG}', lambda: grade(parse(argv)))
+    return call(PROG, lambda: grade(parse(argv)))
 
 
 if __name__ == '__main__':
