@@ -570,8 +570,10 @@ def test_a_write_error_ends_the_run_if_asked_for(ros: Context, tmp_path: Path, p
     recorder = BagRecorder(tmp_path, Recording(on_write_error=policy), context=ros)
     shutil.rmtree(recorder.path)
     wait_for(lambda: recorder.failure is not None)
-    assert recorder.finished.done() == (policy == 'stop')
+    if policy == 'stop':
+        wait_for(recorder.finished.done)
     recorder.destroy_node()
+    assert recorder.finished.done() == (policy == 'stop')
     mcap_doctor.check(recorder.path / f'{recorder.path.name}_0.mcap')
 
 
