@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import atan2
-from struct import Struct
 from typing import TYPE_CHECKING
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from barc_sim.plant import Observation
 
 NANOSECONDS = 1_000_000_000
-_ENCAPSULATION = 4  #: [bytes] CDR's; the second tells the order of all that follow
-_STAMP = (Struct('>iI'), Struct('<iI'))
 #: [m] Farther away than any road leads.
 _FAR = 1e6
 #: By which the squared norm of a rotation's quaternion may differ from one.
@@ -31,12 +28,6 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     """Return a header stamped `stamp_ns` [ns]."""
     sec, nanosec = divmod(stamp_ns, NANOSECONDS)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
-
-
-def stamp_of(data: bytes) -> int:
-    """Return the stamp [ns] of a serialized message that begins with a header."""
-    sec, nanosec = _STAMP[data[1] & 1].unpack_from(data, _ENCAPSULATION)
-    return int(sec) * NANOSECONDS + int(nanosec)
 
 
 def to_nanoseconds(stamp: Time) -> int:

@@ -15,7 +15,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from barc_sim.convert import stamp_of, to_header
+from barc_sim.cdr import leading_time
+from barc_sim.convert import to_header
 from barc_sim.endpoints import (
     drained_subscription,
     incompatible_peers,
@@ -89,7 +90,7 @@ def test_all_that_waits_is_handed_over_at_once_and_in_order(
         node,
         ECU,
         'ecu',
-        lambda data: heard.append(stamp_of(data)),
+        lambda data: heard.append(leading_time(data)),
         MutuallyExclusiveCallbackGroup(),
     )
     sends = publisher(node, ECU, 'ecu')

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import struct
 from typing import TYPE_CHECKING
 
+from barc_sim.cdr import leading_time
 from barc_sim.errors import UserError
 
 try:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from barc_sim.recorder.pump import Message
 
 _HOST = '127.0.0.1'
-_NANOSECONDS = 1_000_000_000
 _CLOCK = '/clock'
 
 
@@ -96,8 +95,7 @@ class LiveServer:
             topic = message.topic
             self.offer(topic)
             if topic.name == _CLOCK:
-                sec, nanosec = struct.unpack_from('<iI', message.data, offset=4)
-                self._clock = sec * _NANOSECONDS + nanosec
+                self._clock = leading_time(message.data)
                 self._server.broadcast_time(self._clock)
             if any(profile['durability'] == 'transient_local' for profile in topic.offered_qos):
                 self._latched[topic.name] = message.data

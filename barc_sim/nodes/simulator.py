@@ -17,10 +17,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from barc_sim import service_names, topic_names
 from barc_sim.bike_model import Input, bikeFE
+from barc_sim.cdr import leading_time
 from barc_sim.claim import claim, taken
 from barc_sim.cli import call
 from barc_sim.commands import Commands
-from barc_sim.convert import NANOSECONDS, stamp_of, to_input, to_state_at_rest
+from barc_sim.convert import NANOSECONDS, to_input, to_state_at_rest
 from barc_sim.endpoints import drained_subscription, subscription
 from barc_sim.errors import UserError
 from barc_sim.executor import QuickCallbackGroup
@@ -205,7 +206,7 @@ class VehicleSimulator(Node):
         self.steps += 1
 
     def _on_command(self, data: bytes) -> None:
-        stamp = stamp_of(data)
+        stamp = leading_time(data)
         if not self._commands.usable(stamp, self._stamp):
             away = (stamp - self._stamp) / NANOSECONDS
             self._refusals.add(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from struct import Struct
 from typing import TYPE_CHECKING
+
+from barc_sim.cdr import leading_time
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -11,10 +12,6 @@ if TYPE_CHECKING:
     from barc_sim.recorder.pump import Message
 
 _CLOCK = '/clock'
-# By the second byte of the CDR header: big or little endian.
-_TIME = (Struct('>iI'), Struct('<iI'))
-_HEADER_SIZE = 4
-_NANOSECONDS = 1_000_000_000
 
 
 class SimulatedTime:
@@ -32,11 +29,5 @@ class SimulatedTime:
         """Yield messages, given in order of reception, as received at the simulated time."""
         for message in messages:
             if message.topic.name == _CLOCK:
-                self._now = _time(message.data)
+                self._now = leading_time(message.data)
             yield message if self._now is None else message._replace(received=self._now)
-
-
-def _time(data: bytes) -> int:
-    """Return the time [ns] in a `rosgraph_msgs/Clock` in CDR."""
-    sec, nanosec = _TIME[data[1] & 1].unpack_from(data, _HEADER_SIZE)
-    return int(sec) * _NANOSECONDS + int(nanosec)
