@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import Any
 
-    from barc_sim.recorder.taking import Taken
+    from barc_sim.taking import Taken
     from barc_sim.tools.looking import Look
     from barc_sim.tools.messages import Messages
 

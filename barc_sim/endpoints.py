@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from barc_sim.recorder.taking import Taker
+from barc_sim.taking import Taker
 from barc_sim.topic_names import QOS
 
 if TYPE_CHECKING:

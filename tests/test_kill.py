@@ -36,7 +36,7 @@ import json, time
 import rclpy
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.node import Node
-from barc_sim.recorder.taking import Taker
+from barc_sim.taking import Taker
 
 rclpy.init()
 node = Node('witness')

@@ -16,7 +16,7 @@ from barc_sim.recorder import offers
 from barc_sim.recorder.losses import Losses
 from barc_sim.recorder.polled import PolledCallbackGroup
 from barc_sim.recorder.pump import Message
-from barc_sim.recorder.taking import Taker
+from barc_sim.taking import Taker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

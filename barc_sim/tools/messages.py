@@ -12,14 +12,14 @@ from barc_sim.errors import UserError
 from barc_sim.recorder.losses import Losses
 from barc_sim.recorder.offers import fits, request
 from barc_sim.recorder.polled import PolledCallbackGroup
-from barc_sim.recorder.taking import Taker
+from barc_sim.taking import Taker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rclpy.node import Node
 
-    from barc_sim.recorder.taking import Taken
+    from barc_sim.taking import Taken
 
 #: Messages that may wait for the next look.
 DEPTH = 10_000
