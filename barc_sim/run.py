@@ -13,14 +13,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli import Parser, call
-from barc_sim.mirrors.options import add_mirror_options
-from barc_sim.option_types import number, whole
+from barc_sim.cli.option_types import number, whole
+from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.signals import StopSignals
+from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
+from barc_sim.lab.user_code.loading import FILES
+from barc_sim.nodes.mirrors.options import add_mirror_options
+from barc_sim.nodes.recorder import options as recorder_options
 from barc_sim.page.options import add_view_options
-from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
-from barc_sim.recorder import options as recorder_options
-from barc_sim.signals import StopSignals
-from barc_sim.student.code import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -64,10 +64,10 @@ def _main(argv: list[str]) -> int:
 def _run(mode: str) -> Callable[..., int]:
     # Imported here, as --help is to be quick.
     if mode == 'teleop':
-        from barc_sim.teleop import teleop  # noqa: PLC0415
+        from barc_sim.runs.teleop import teleop  # noqa: PLC0415
 
         return teleop
-    from barc_sim.cruise_control import cruise_control  # noqa: PLC0415
+    from barc_sim.runs.cruise_control import cruise_control  # noqa: PLC0415
 
     return cruise_control
 

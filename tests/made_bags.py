@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from barc_sim.log import Log
+    from barc_sim.simulation.log import Log
 
 PERIOD = 20_000_000
 TYPES = get_typestore(Stores.EMPTY)

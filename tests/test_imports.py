@@ -1,4 +1,4 @@
-"""Imports go one way: pure modules, topics and convert, nodes, run."""
+"""Imports go one way: each room from those before it, and without ROS up to `lab`."""
 
 from __future__ import annotations
 
@@ -12,40 +12,27 @@ import pytest
 import barc_sim
 
 PACKAGE = Path(barc_sim.__file__).parent
-ROS_MODULES = {
-    f'barc_sim.{name}'
-    for name in (
-        'composition',
-        'convert',
-        'cruise_control',
-        'endpoints',
-        'executor',
-        'executor_pool',
-        'executor_private',
-        'executor_wait',
-        'gate',
-        'mirrors.markers',
-        'mirrors.messages',
-        'outlet',
-        'page.peers',
-        'parameters',
-        'peer_watch',
-        'process',
-        'recorder.describing',
-        'recorder.listening',
-        'recorder.offers',
-        'recorder.polled',
-        'recorder.services',
-        'ros_graph',
-        'simulator_parameters',
-        'teleop',
-        'tools.looking',
-        'tools.messages',
-        'tools.parameter_text',
-        'tools.parameters',
-        'topic_names',
-    )
-}
+#: Each room imports those before it, and never those behind.
+ROOMS = (
+    'errors',
+    'cli',
+    'vehicle',
+    'control',
+    'simulation',
+    'tuning',
+    'bags',
+    'figures',
+    'page',
+    'lab',
+    'ros',
+    'nodes',
+    'runs',
+    'commands',
+)
+WITHOUT_ROS = ROOMS[: ROOMS.index('ros')]
+#: Rooms that a room before them in line must not see all the same.
+NOT_SEEN = {room: {'tuning', 'figures', 'lab'} for room in ('ros', 'nodes')}
+ROS = {'barc_interfaces', 'rclpy', 'rosidl_runtime_py', 'rpyutils'}
 
 
 def module_name(path: Path) -> str:
@@ -53,67 +40,61 @@ def module_name(path: Path) -> str:
     return '.'.join(part for part in parts if part != '__init__')
 
 
-NODES = sorted((PACKAGE / 'nodes').glob('*.py'))
-PURE_MODULES = sorted(
-    {module_name(path) for path in PACKAGE.rglob('*.py') if path not in NODES} - ROS_MODULES
-)
+def modules(*rooms: str) -> list[Path]:
+    return sorted(
+        path
+        for room in rooms
+        for path in (*(PACKAGE / room).rglob('*.py'), PACKAGE / f'{room}.py')
+        if path.exists() and 'templates' not in path.parts
+    )
 
 
-def imported(source: str) -> set[str]:
+def imported(source: str, package: str = 'barc_sim') -> set[str]:
     """Return the absolute names of the modules, and what may be modules, that `source` imports."""
     names = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            package = f'{"." * node.level}{node.module or ""}'
-            names |= {package} | {f'{package}.{alias.name}' for alias in node.names}
+            parents = package.split('.')[: -node.level or None] if node.level else []
+            module = '.'.join([*parents, *([node.module] if node.module else [])])
+            names |= {module} | {f'{module}.{alias.name}' for alias in node.names}
     return names
 
 
-#: One after another, in one process: what brings ROS in is the first that is seen to have.
-_IMPORT_ALL = """
-import importlib, sys
-for name in sys.argv[1:]:
-    importlib.import_module(name)
-    found = {'rclpy', 'barc_interfaces', 'std_msgs'} & set(sys.modules)
-    if found:
-        sys.exit(f'{name} imports {", ".join(sorted(found))}')
-"""
+def rooms_of(names: set[str]) -> set[str]:
+    found = {name.split('.')[1] for name in names if name.startswith('barc_sim.')}
+    return found & {*ROOMS, 'run', '__main__'}
 
 
-def test_pure_modules_import_no_ros() -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', _IMPORT_ALL, *PURE_MODULES],
-        cwd=PACKAGE.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
-
-
-def test_an_import_of_ros_is_seen() -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', _IMPORT_ALL, 'barc_sim.road', 'barc_sim.topic_names'],
-        cwd=PACKAGE.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
-    assert done.stderr.startswith('barc_sim.topic_names imports ')
-
-
-@pytest.mark.parametrize('path', NODES, ids=module_name)
-def test_node_imports_neither_another_node_nor_the_run(path: Path) -> None:
-    forbidden = {
-        name
-        for name in imported(path.read_text(encoding='utf-8'))
-        if name.startswith(('.', 'barc_sim.nodes', 'barc_sim.run'))
+@pytest.mark.parametrize('room', ROOMS)
+def test_room_imports_only_those_before_it(room: str) -> None:
+    allowed = set(ROOMS[: ROOMS.index(room) + 1]) - NOT_SEEN.get(room, set())
+    wrong = {
+        module_name(path): others
+        for path in modules(room)
+        if (others := rooms_of(imported(path.read_text('utf-8'), module_name(path))) - allowed)
     }
-    assert not forbidden
+    wrong.pop('barc_sim.tuning.user_controller', None)  # to take its controller as a value
+    assert wrong == {}
+
+
+def test_nodes_import_no_other_node() -> None:
+    def node(name: str) -> str:
+        return '.'.join(name.split('.')[:3])
+
+    wrong = {
+        module_name(path): others
+        for path in modules('nodes')
+        if (
+            others := {
+                name
+                for name in imported(path.read_text('utf-8'), module_name(path))
+                if name.startswith('barc_sim.nodes.') and node(name) != node(module_name(path))
+            }
+        )
+    }
+    assert wrong == {}
 
 
 @pytest.mark.parametrize(
@@ -123,9 +104,45 @@ def test_node_imports_neither_another_node_nor_the_run(path: Path) -> None:
         'from barc_sim.nodes import recorder',
         'from barc_sim.nodes.recorder import BagRecorder',
         'from barc_sim import nodes',
-        'if TYPE_CHECKING:\n    from . import recorder',
-        'def main():\n    from .recorder import BagRecorder',
+        'if TYPE_CHECKING:\n    from . import nodes',
+        'def main():\n    from .nodes.recorder import BagRecorder',
     ],
 )
-def test_every_way_to_import_a_node_is_seen(source: str) -> None:
-    assert any(name.startswith(('.', 'barc_sim.nodes')) for name in imported(source))
+def test_every_way_to_import_is_seen(source: str) -> None:
+    assert rooms_of(imported(source, 'barc_sim.errors')) == {'nodes'}
+
+
+#: Imports the modules in an interpreter where nothing of ROS can be imported.
+_IMPORT_ALL = """
+import importlib, sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in NAMES or name.partition('.')[0].endswith('_msgs'):
+            raise ImportError(f'{name} is of ROS')
+
+sys.meta_path.insert(0, NoRos())
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+"""
+
+
+def import_without_ros(*names: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-c', _IMPORT_ALL.replace('NAMES', repr(ROS)), *names],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+
+
+def test_rooms_up_to_lab_can_be_imported_without_ros() -> None:
+    done = import_without_ros(*map(module_name, modules(*WITHOUT_ROS)))
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_an_import_of_ros_is_seen() -> None:
+    done = import_without_ros('barc_sim.vehicle.road', 'barc_sim.ros.names')
+    assert 'is of ROS' in done.stderr

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim import topic_names
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.mirror import MirrorNode
-from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.nodes.mirrors.node import MirrorNode
+from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.ros import names as topic_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,1 +1,4 @@
-"""Bags: files of MCAP, read, written and made whole again."""
+"""Reads, writes and recovers rosbag2 directories of MCAP files, without ROS.
+
+The node that records is in `nodes.recorder`.
+"""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.log import Log
+from barc_sim.simulation.log import Log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

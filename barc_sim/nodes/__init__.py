@@ -1,1 +1,1 @@
-"""The nodes; each converts messages, calls a pure function and publishes."""
+"""The nodes. A node converts, calls and publishes; it imports no other node."""

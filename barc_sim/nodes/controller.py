@@ -11,21 +11,31 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from barc_sim import service_names, topic_names
-from barc_sim.bike_model import Input
-from barc_sim.cli import call
-from barc_sim.convert import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
-from barc_sim.endpoints import drained_subscription, publisher, subscription
-from barc_sim.executor import QuickCallbackGroup
-from barc_sim.parameters import Parameter, declare
-from barc_sim.pid import ACCELERATION_LIMIT, FIRST_DT, KD, KI, KP, SPEED_REFERENCE, speed_controller
-from barc_sim.process import spin
-from barc_sim.refusals import Refusals, SeldomWarning
+from barc_sim.cli.parser import call
+from barc_sim.control.pid import (
+    ACCELERATION_LIMIT,
+    FIRST_DT,
+    KD,
+    KI,
+    KP,
+    SPEED_REFERENCE,
+    speed_controller,
+)
+from barc_sim.ros import names as topic_names
+from barc_sim.ros import service_names
+from barc_sim.ros.conversions import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
+from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
+from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.parameters import declare
+from barc_sim.ros.process import spin
+from barc_sim.ros.warnings import Refusals, SeldomWarning
+from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.parameter import Parameter
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
-    from barc_sim.pid import SpeedController
+    from barc_sim.control.pid import SpeedController
 
 _SPEEDS = (-100.0, 100.0)  #: [m/s]
 _FASTEST = 1e6  #: [m/s] A state beyond is none.

@@ -15,14 +15,16 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from barc_sim import service_names, topic_names
-from barc_sim.cli import call
-from barc_sim.convert import to_drive, to_ecu
-from barc_sim.driving import STALE_AFTER, Driver, Limits
-from barc_sim.endpoints import drained_subscription, publisher, subscription
-from barc_sim.executor import QuickCallbackGroup
-from barc_sim.parameters import Parameter, declare
-from barc_sim.process import spin
+from barc_sim.cli.parser import call
+from barc_sim.control.driver import STALE_AFTER, Driver, Limits
+from barc_sim.ros import names as topic_names
+from barc_sim.ros import service_names
+from barc_sim.ros.conversions import to_drive, to_ecu
+from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
+from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.parameters import declare
+from barc_sim.ros.process import spin
+from barc_sim.vehicle.parameter import Parameter
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter

@@ -8,12 +8,12 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import COLUMNS, TUNABLE
-from barc_sim.road import Road
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from barc_sim.log import Log
+    from barc_sim.simulation.log import Log
 
 SIMULATOR = ('road', 'l_f', 'l_r')  #: parameters of `vehicle_simulator` that the page shows
 

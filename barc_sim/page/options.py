@@ -7,7 +7,7 @@ import webbrowser
 from threading import Thread
 from typing import TYPE_CHECKING
 
-from barc_sim.option_types import GREATEST_PORT, whole
+from barc_sim.cli.option_types import GREATEST_PORT, whole
 
 if TYPE_CHECKING:
     import argparse

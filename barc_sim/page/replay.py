@@ -15,9 +15,9 @@ from barc_sim.page.rows import rows_of
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
-    from barc_sim.log import Log
     from barc_sim.page.protocol import Request
     from barc_sim.page.server import Page
+    from barc_sim.simulation.log import Log
 
 _LONG = 3600.0
 

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.drawing.look import as_known
+from barc_sim.figures.style import as_known
 from barc_sim.page.protocol import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from barc_sim.log import Log
+    from barc_sim.simulation.log import Log
 
     #: [ns] stamp, and values in the order of `FIELDS`.
     Sample = tuple[int, tuple[float, ...]]

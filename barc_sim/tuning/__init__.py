@@ -1,1 +1,4 @@
-"""The search for gains: thousands of closed loops at once, what each costs, the best of all."""
+"""The search for gains over thousands of closed loops.
+
+Its figures are in `figures`.
+"""

@@ -7,18 +7,18 @@ from functools import cached_property
 from math import inf, radians, sin
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.actuators import Actuator
-from barc_sim.bike_model import Motion, Vehicle
-from barc_sim.metrics import RUN_UP
-from barc_sim.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.plant import Plant
-from barc_sim.road import Road
-from barc_sim.rollout import rollout
-from barc_sim.sensor import Deviation, Sensor
+from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.metrics import RUN_UP
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Motion, Vehicle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation, Sensor
 
 if TYPE_CHECKING:
-    from barc_sim.log import Log
-    from barc_sim.pid import SpeedController
+    from barc_sim.control.pid import SpeedController
+    from barc_sim.simulation.log import Log
 
 #: A loop that takes longer than this many times what it should counts as one that never arrives.
 _PATIENCE = 3.0

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.pid import speed_controller
-from barc_sim.tuning import batch, compiled, own
+from barc_sim.control.pid import speed_controller
+from barc_sim.tuning import batch, compiled, user_controller
 from barc_sim.tuning.cost import scores
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.log import Log
+    from barc_sim.simulation.log import Log
     from barc_sim.tuning.cost import Cost, Scores
     from barc_sim.tuning.course import Course
 
@@ -37,7 +37,7 @@ class Goal:
     def scores(self, course: Course, gains: Floats) -> Scores:
         """Return the scores over `course` for `gains`, shape `(n, 3)`: kp, ki, kd."""
         if self.controller:
-            return own.scores(course, self.controller, gains)
+            return user_controller.scores(course, self.controller, gains)
         drive = compiled.drive if compiled.is_available() else batch.drive
         return scores(course, drive(course, gains))
 
@@ -49,6 +49,6 @@ class Goal:
     def log(self, course: Course, gains: Floats) -> Log:
         """Return the run over `course` with `gains`, shape `(3,)`."""
         if self.controller:
-            return own.drive(course, self.controller, gains)
+            return user_controller.drive(course, self.controller, gains)
         kp, ki, kd = gains.tolist()
         return course.drive(speed_controller(kp, ki, kd, course.limit))

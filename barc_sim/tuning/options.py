@@ -6,10 +6,10 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli import Parser
+from barc_sim.cli.option_types import number, whole
+from barc_sim.cli.parser import Parser
+from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
-from barc_sim.option_types import number, whole
-from barc_sim.pid import KD, KI, KP, SPEED_REFERENCE
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -32,9 +32,7 @@ _MAX_SEED = 2**53
 
 def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
     """Return the options on the command line."""
-    parser = Parser(
-        prog=f'python -m {prog}', description='Search the gains that hold the speed best.'
-    )
+    parser = Parser(prog=prog, description='Search the gains that hold the speed best.')
     parser.add_argument(
         '--cost',
         default='rms',
@@ -119,10 +117,10 @@ def goal(options: Namespace) -> Goal:
     UserError
         where there is no such cost, or no such road.
     """
-    from barc_sim.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
     from barc_sim.tuning.cost import Cost  # noqa: PLC0415
     from barc_sim.tuning.course import Course  # noqa: PLC0415
     from barc_sim.tuning.goal import Goal  # noqa: PLC0415
+    from barc_sim.vehicle.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
 
     courses = tuple(
         Course(

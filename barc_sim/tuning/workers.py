@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.cluster import client as cluster_client
+from barc_sim.cli.dask_cluster import client as cluster_client
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from barc_sim.cli import Parser, call
+from barc_sim.cli.parser import Parser, call
 from barc_sim.errors import UserError
 
 #: Modules of this folder with `add_arguments`, `measure`, `report` and perhaps `plot`.

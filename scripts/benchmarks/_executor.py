@@ -16,8 +16,8 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from barc_sim.executor import QuickCallbackGroup, QuickExecutor
-from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable

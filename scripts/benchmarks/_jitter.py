@@ -15,8 +15,8 @@ import rclpy
 from _executor import Sleeper, Ticker
 from rclpy.executors import SingleThreadedExecutor
 
-from barc_sim.executor import QuickExecutor
-from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.ros.executor.executor import QuickExecutor
 
 _PERIOD = 0.02  # s
 _WARM_UP = 1.0  # s

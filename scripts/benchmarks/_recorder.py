@@ -15,9 +15,9 @@ from typing import Any
 import yaml
 from _timed import TimedRun
 
-from barc_sim.executor import QuickExecutor
-from barc_sim.process import NUM_THREADS, ros
-from barc_sim.signals import StopSignals
+from barc_sim.cli.signals import StopSignals
+from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.process import NUM_THREADS, ros
 
 
 def main() -> None:

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
-from barc_sim.pid import KD, KI, KP
-from barc_sim.road import Road
-from barc_sim.rollout import rollout
+from barc_sim.control.pid import KD, KI, KP
+from barc_sim.simulation.closed_loop import rollout
 from barc_sim.tuning import batch, compiled, single
 from barc_sim.tuning.course import Course
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable

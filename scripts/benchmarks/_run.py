@@ -12,9 +12,9 @@ from _timed import TimedRun
 from rclpy import executors
 from rclpy.node import Node
 
-from barc_sim.executor import QuickExecutor
-from barc_sim.process import NUM_THREADS, ros
-from barc_sim.signals import StopSignals
+from barc_sim.cli.signals import StopSignals
+from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.process import NUM_THREADS, ros
 
 #: [s] A stock executor may need minutes for a course in lock-step: it is stopped here.
 _LOCK_STEP_LIMIT = 10.0

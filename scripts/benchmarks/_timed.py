@@ -6,10 +6,10 @@ import time
 
 import numpy as np
 
-from barc_sim.console.printed import Printed
-from barc_sim.cruise_control import CruiseControl
+from barc_sim.lab.user_code.loading import Lab
 from barc_sim.run import parser
-from barc_sim.student.code import Lab
+from barc_sim.runs.cruise_control import CruiseControl
+from barc_sim.runs.terminal.printed import Printed
 
 _PERIOD = 0.02  # s
 

@@ -76,10 +76,10 @@ def _drive(case: str) -> dict[str, float]:
     """Drive once, in this process; return the figures."""
     from _timed import TimedRun  # noqa: PLC0415
 
-    from barc_sim.executor import QuickExecutor  # noqa: PLC0415
-    from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
-    from barc_sim.process import NUM_THREADS, ros  # noqa: PLC0415
-    from barc_sim.signals import StopSignals  # noqa: PLC0415
+    from barc_sim.cli.signals import StopSignals  # noqa: PLC0415
+    from barc_sim.nodes.view.node import ViewNode  # noqa: PLC0415
+    from barc_sim.ros.executor.executor import QuickExecutor  # noqa: PLC0415
+    from barc_sim.ros.process import NUM_THREADS, ros  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
         run = TimedRun('--bag-dir', folder)

@@ -13,7 +13,7 @@ from typing import Any
 
 from _figures import table
 
-from barc_sim.cli import Parser, call
+from barc_sim.cli.parser import Parser, call
 
 #: Modules of this folder with `add_arguments` and `soak`.
 _NAMES = sorted(

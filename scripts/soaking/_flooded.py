@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from _memory import memory
 
 from barc_sim import run
-from barc_sim.plant import Plant
+from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from barc_sim.plant import Observation
+    from barc_sim.vehicle.plant import Observation
 
 _EVERY = 25  #: states from one look at the memory to the next
 

@@ -14,9 +14,9 @@ from _garbage import Garbage
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.serialization import serialize_message
 
-from barc_sim import topic_names
-from barc_sim.process import ros
-from barc_sim.tools.messages import message_class
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.introspection.messages import message_class
+from barc_sim.ros.process import ros
 
 #: By mode what a node of the run other than the recorder listens to, and its type.
 TOPICS = {

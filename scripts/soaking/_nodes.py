@@ -12,16 +12,16 @@ from geometry_msgs.msg import Twist, Vector3
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from barc_sim import topic_names
-from barc_sim.convert import to_nanoseconds
-from barc_sim.peers import living_publishers
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_nanoseconds
+from barc_sim.ros.peers import living_publishers
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 _PARAMETERS = {
-    'simulator': ('-p', 'command_timeout:=0.5', '-p', 'road:=flat'),
-    'recorder': ('-p', 'bag_dir:=bags'),
+    'vehicle_simulator': ('-p', 'command_timeout:=0.5', '-p', 'road:=flat'),
+    'bag_recorder': ('-p', 'bag_dir:=bags'),
 }
 _END = 20.0  #: [s] for a node to end in order
 
@@ -41,7 +41,9 @@ class Nodes:
                 [
                     sys.executable,
                     '-m',
-                    f'barc_sim.nodes.{name}',
+                    'barc_sim',
+                    'node',
+                    name,
                     '--ros-args',
                     *_PARAMETERS.get(name, ()),
                 ],

@@ -14,14 +14,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from barc_sim import service_names
-from barc_sim.executor import QuickExecutor
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.process import NUM_THREADS, ros
+from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.ros import service_names
+from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.process import NUM_THREADS, ros
 
 if TYPE_CHECKING:
-    from barc_sim.plant import Observation
+    from barc_sim.vehicle.plant import Observation
 
 _STATES = 100  #: of a drive
 #: All that has a memory is in it: noise, lags and delays, the integrator.

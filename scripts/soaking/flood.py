@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from _figures import Figure, whole
 
-from barc_sim import bag
+from barc_sim.bags import reader as bag
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ The simulator, the controller, the relay, the recorder and the view run in proce
 half of the time with the controller, and half with the relay in its place. Without the one that
 commands the car brakes to a standstill, and drives on when it returns; a simulator that returns
 drives from the start; without the recorder or the view nothing happens to the car. All bags can be
-read at the end, those of killed recorders after `barc_sim.recover`.
+read at the end, those of killed recorders after `barc_sim.commands.recover`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 
 from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
-from barc_sim.process import ros
+from barc_sim.ros.process import ros
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
 _COMMANDERS = ('controller', 'relay')
-_OTHERS = ('simulator', 'recorder', 'view')
+_OTHERS = ('vehicle_simulator', 'bag_recorder', 'view')
 _MOVING, _STANDING = 0.5, 1e-6  #: [m/s]
 _PATIENCE = 30.0  #: [s]
 _STATES = 25  #: to hear after a kill that is not to matter
@@ -96,7 +96,7 @@ class _Ordeal:
             first = (
                 [self._commander, *_OTHERS]
                 if self._commander == _COMMANDERS[0]
-                else [self._commander, 'recorder']
+                else [self._commander, 'bag_recorder']
             )
             for number in range(kills):
                 name = first[number] if number < len(first) else self._chance.choice(names)
@@ -122,7 +122,7 @@ class _Ordeal:
             self.driving.append(
                 self._expect('drives again', lambda: self._witness.commanded() and self._drives())
             )
-        elif name == 'simulator':
+        elif name == 'vehicle_simulator':
             self.driving.append(
                 self._expect('drives anew', lambda: self._witness.stamp > began and self._drives())
             )
@@ -139,7 +139,7 @@ class _Ordeal:
 
     def _signs(self, name: str) -> int:
         """Return how often a node has shown that it is there: by a bag, or by what it says."""
-        if name == 'recorder':
+        if name == 'bag_recorder':
             return len(list(self._folder.glob('bags/*/*.mcap')))
         return self._nodes.logs().count('http://')
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from _figures import Figure, spread
 from _session import Session
 
-from barc_sim import bag
+from barc_sim.bags import reader as bag
 
 if TYPE_CHECKING:
     import argparse

@@ -10,11 +10,12 @@ import yaml
 from mcap.records import Message
 from rosbags.highlevel import AnyReader
 
-from barc_sim import bag, recover
+from barc_sim.bags import reader as bag
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.records import files, records
 from barc_sim.bags.recovery import recover as make_whole
 from barc_sim.bags.writer import BagWriter, FileLimits
+from barc_sim.commands import recover
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -176,7 +177,7 @@ def test_the_command_says_how_much_there_was(
 def test_the_command_names_what_is_no_bag(capsys: pytest.CaptureFixture[str]) -> None:
     assert recover.main(['/nowhere']) == 2
     assert capsys.readouterr().err == (
-        "barc_sim.recover: error: there is no bag '/nowhere': name the directory of a bag\n"
+        "barc recover: error: there is no bag '/nowhere': name the directory of a bag\n"
     )
 
 

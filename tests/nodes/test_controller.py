@@ -18,13 +18,13 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from barc_sim import topic_names
-from barc_sim.convert import to_header, to_nanoseconds
+from barc_sim.control.pid import speed_controller
 from barc_sim.errors import UserError
+from barc_sim.lab.user_code.adapters import StudentPid
+from barc_sim.lab.user_code.loading import load_controller
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.own_code import StudentPid
-from barc_sim.pid import speed_controller
-from barc_sim.student.code import load_controller
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_header, to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
 
-    from barc_sim.pid import SpeedController
+    from barc_sim.control.pid import SpeedController
 
 MS = 1_000_000
 

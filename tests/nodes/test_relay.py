@@ -16,9 +16,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from barc_sim import topic_names
 from barc_sim.errors import UserError
 from barc_sim.nodes.relay import Relay
+from barc_sim.ros import names as topic_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

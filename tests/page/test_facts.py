@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from barc_sim.page.facts import driven_road, facts
-from barc_sim.rollout import rollout
+from barc_sim.simulation.closed_loop import rollout
 
 
 def test_a_road_that_the_simulator_names_is_told() -> None:

@@ -7,7 +7,7 @@ from threading import Event
 
 import pytest
 
-from barc_sim.cli import Parser
+from barc_sim.cli.parser import Parser
 from barc_sim.page import options as view_options
 from barc_sim.page.options import add_view_options, has_desktop, open_page, wanted
 

@@ -15,20 +15,21 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser, wait_until
 
-from barc_sim import bag, replay
+from barc_sim.bags import reader as bag
+from barc_sim.commands import replay
 from barc_sim.page import replay as page_replay
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.replay import Replay
 from barc_sim.page.server import ViewServer
-from barc_sim.rollout import rollout
+from barc_sim.simulation.closed_loop import rollout
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from barc_sim.log import Log
+    from barc_sim.simulation.log import Log
 
 _SERVE = (
-    'from barc_sim.page import replay; from barc_sim.rollout import rollout;'
+    'from barc_sim.page import replay; from barc_sim.simulation.closed_loop import rollout;'
     "replay.serve(rollout(distance=3.0), 'run', '127.0.0.1', 0)"
 )
 

@@ -9,7 +9,7 @@ import pytest
 
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.rows import Rows, rows_of
-from barc_sim.rollout import rollout
+from barc_sim.simulation.closed_loop import rollout
 
 STEP = 20_000_000
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from barc_sim.control.pid import speed_controller
 from barc_sim.errors import UserError
-from barc_sim.metrics import summary
-from barc_sim.pid import speed_controller
+from barc_sim.simulation.metrics import summary
 from barc_sim.tuning import batch
 from barc_sim.tuning.cost import Cost, Scores, scores
 from barc_sim.tuning.course import Course

@@ -7,11 +7,11 @@ import pickle
 import numpy as np
 import pytest
 
-from barc_sim.pid import speed_controller
-from barc_sim.plant import Plant
-from barc_sim.rollout import rollout
-from barc_sim.sensor import Deviation
+from barc_sim.control.pid import speed_controller
+from barc_sim.simulation.closed_loop import rollout
 from barc_sim.tuning.course import Course
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.sensor import Deviation
 
 
 def test_the_default_course_is_the_run() -> None:

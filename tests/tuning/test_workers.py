@@ -78,7 +78,7 @@ def test_a_scheduler_that_is_not_there_is_refused(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip('distributed')
-    monkeypatch.setattr('barc_sim.cluster._PATIENCE', 0.5)
+    monkeypatch.setattr('barc_sim.cli.dask_cluster._PATIENCE', 0.5)
     with (
         pytest.raises(UserError, match=f'no Dask scheduler answers at {address!r}'),
         workers.cluster(GOAL, address),

@@ -1,0 +1,164 @@
+"""Command: grade submissions, one or many, each confined to a process of its own."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barc_sim.cli.parser import INTERRUPTED, Parser, call
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Iterable, Sequence
+
+    from barc_sim.lab.grade.batch import Failure
+    from barc_sim.lab.grade.report import Report
+
+PROG = 'barc grade'
+_RUBRIC = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubric.yaml'
+# Submissions under way on a cluster: enough for all of its workers, little enough for the memory.
+_ON_A_CLUSTER = 64
+
+
+def parse(argv: Sequence[str] | None = None) -> Namespace:
+    """Return the options on the command line."""
+    parser = Parser(
+        prog=PROG,
+        description='Grade submissions: results.json (for Gradescope), report.html and report.png '
+        'of each, class.csv of all. Their code can read Python, NumPy and its own files, and can '
+        'write, start and connect to nothing.',
+    )
+    parser.add_argument(
+        'submissions',
+        type=Path,
+        metavar='SUBMISSIONS',
+        help="a student's folder (or .zip), or a folder of those",
+    )
+    parser.add_argument(
+        '--rubric', type=Path, metavar='FILE', help=f'the points; default: {_RUBRIC}'
+    )
+    parser.add_argument(
+        '--out', type=Path, default=Path('grades'), metavar='DIR', help='default: %(default)s'
+    )
+    parser.add_argument('--seed', type=int, metavar='N', help="in place of the rubric's")
+    parser.add_argument(
+        '--jobs', type=int, metavar='N', help='how many at once; default: one for each core'
+    )
+    parser.add_argument(
+        '--scheduler', metavar='ADDRESS', help='grade on the Dask cluster of this scheduler'
+    )
+    parser.add_argument(
+        '--no-sandbox',
+        action='store_true',
+        help='run the code unconfined, in a container that holds nothing but one submission, '
+        'where the kernel has no Landlock',
+    )
+    options = parser.parse_args(argv)
+    if options.seed is not None and options.seed < 0:
+        parser.error(f'--seed {options.seed} must be a whole number from 0 on')
+    if options.jobs is not None and options.jobs < 1:
+        parser.error(f'--jobs {options.jobs} must be 1 at least')
+    return options
+
+
+def grade(options: Namespace) -> int:
+    """Do what the options ask for; return the exit code.
+
+    Raises
+    ------
+    UserError
+        where there is nothing to grade, no way to do it, or no place for the reports.
+    """
+    from rich.console import Console  # noqa: PLC0415 (--help need not wait for it)
+
+    from barc_sim.lab.grade import batch, rubric, submissions, summary  # noqa: PLC0415
+    from barc_sim.lab.grade.process import check  # noqa: PLC0415
+    from barc_sim.lab.grade.start import Limits  # noqa: PLC0415
+
+    points = rubric.load(options.rubric)
+    if options.seed is not None:
+        points = replace(points, seed=options.seed)
+    out = options.out.absolute()
+    paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
+    if not options.scheduler:
+        check(sandbox=not options.no_sandbox)
+    jobs = options.jobs or len(os.sched_getaffinity(0))
+    with (
+        batch.dask(options.scheduler) if options.scheduler else batch.local(jobs) as executor,
+        batch.run(
+            executor,
+            paths,
+            points,
+            Limits(),
+            at_once=_ON_A_CLUSTER if options.scheduler else jobs + 1,
+            sandbox=not options.no_sandbox,
+        ) as outcomes,
+    ):
+        # Alone, a submission's files are where Gradescope looks for them.
+        alone = paths == [options.submissions.resolve()]
+        folders = {path: out if alone else out / path.name for path in paths}
+        reports, failures, interrupted = _collect(outcomes, folders)
+    _write(out / 'class.csv', summary.as_csv(reports, failures, points).encode())
+    Console().print(summary.as_table(reports, points))
+    print(out)  # noqa: T201
+    for name, failure in failures.items():
+        print(f'{PROG}: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
+    if interrupted:
+        return INTERRUPTED
+    return 1 if failures else 0
+
+
+def _collect(
+    outcomes: Iterable[tuple[Path, Report | Failure]], folders: dict[Path, Path]
+) -> tuple[list[Report], dict[str, Failure], bool]:
+    """Write each submission's files as it is finished; also return whether Ctrl-C ended that."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn  # noqa: PLC0415
+
+    from barc_sim.lab.grade.report import Report  # noqa: PLC0415
+
+    reports: list[Report] = []
+    failures: dict[str, Failure] = {}
+    columns = ('Grading', BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task('', total=len(folders))
+        try:
+            for path, outcome in outcomes:
+                if isinstance(outcome, Report):
+                    for name, data in outcome.files.items():
+                        _write(folders[path] / name, data)
+                    reports.append(outcome)
+                else:
+                    failures[path.name] = outcome
+                progress.advance(task)
+        except KeyboardInterrupt:
+            return reports, failures, True
+    return reports, failures, False
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write a file that is there as a whole or not at all."""
+    part = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(data)
+        part.replace(path)
+    except OSError as error:
+        raise UserError(
+            f'cannot write {str(path)!r}: {error.strerror}; choose another place with --out'
+        ) from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; return its exit code."""
+    return call(PROG, lambda: grade(parse(argv)))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

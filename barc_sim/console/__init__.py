@@ -1,1 +1,0 @@
-"""The terminal: keys that are read, lines that are shown."""

@@ -1,1 +1,0 @@
-"""Figures, animations and what is drawn on them."""

@@ -1,0 +1,124 @@
+"""The figure of how errors fall with the step: one panel per manoeuvre, both axes logarithmic."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import style
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, LOOK, MUTED, VERMILLION
+from barc_sim.simulation.convergence import ROUNDING, STEPS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    from barc_sim.simulation.convergence import Study
+
+SIZE = (11.0, 6.8)  #: [inch]
+_COLUMNS = 3
+_COLOURS = {'euler': VERMILLION, 'rk4': BLUE}
+_NAMES = {'euler': 'forward Euler', 'rk4': 'Runge-Kutta (rk4)'}
+#: Markers, and whether they are filled: where both models have the same error, both are seen.
+_MARKERS = {'kinematic': ('o', True, 4.5), 'dynamic': ('s', False, 8.0)}
+_SLOPES = {1: 2e-3, 4: 1e-9}  # order, and error [m] at the longest step
+
+
+@style.context(LOOK)
+def convergence_figure(studies: Sequence[Study], *, figure: Figure | None = None) -> Figure:
+    """Draw the errors of `studies`, those of a manoeuvre one behind the other.
+
+    `figure` is an empty one to draw on, such as a window's.
+    """
+    figure = figure or Figure(figsize=SIZE)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)
+    panels = [[*group] for _, group in groupby(studies, lambda study: study.manoeuvre)]
+    rows = -(-(len(panels) + 1) // _COLUMNS)
+    grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
+    axes = [*grid.flat]
+    for panel, group in zip(axes, panels, strict=False):
+        _draw(panel, group)
+    for panel in axes[len(panels) :]:
+        panel.set_axis_off()
+    _explain(axes[-1])
+    for panel in axes[: len(panels)]:
+        panel.tick_params(labelbottom=True)
+        panel.set_xlabel('Step [ms]')
+    for row in grid:
+        row[0].set_ylabel('Error [m]')
+    figure.suptitle(
+        'Error of the position at the end of a drive, by the length of the step',
+        x=0.01,
+        ha='left',
+        fontsize=14,
+        fontweight='bold',
+    )
+    return figure
+
+
+def _draw(axes: Axes, studies: Sequence[Study]) -> None:
+    for study in studies:
+        marker, filled, size = _MARKERS[study.model]
+        colour = _COLOURS[study.integrator]
+        axes.loglog(
+            STEPS,
+            np.maximum(study.errors, np.finfo(float).tiny),
+            color=colour,
+            lw=1.4,
+            marker=marker,
+            markersize=size,
+            markerfacecolor=colour if filled else 'none',
+        )
+    for order, error in _SLOPES.items():
+        line = [error * (ts / STEPS[0]) ** order for ts in STEPS]
+        axes.loglog(STEPS, line, color=GREY, lw=0.9, ls=DASHES, zorder=1)
+        axes.annotate(
+            f'{order}',
+            (STEPS[0], error),
+            (5.0, 0.0),
+            'data',
+            'offset points',
+            color=MUTED,
+            fontsize=9,
+            va='center',
+        )
+    axes.axhspan(1e-14, ROUNDING, color=EARTH, alpha=0.6, lw=0.0, zorder=0)
+    axes.set_ylim(1e-13, 1.0)
+    axes.xaxis.set_major_locator(FixedLocator(STEPS))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda ts, _: f'{1e3 * ts:g}'))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_title(studies[0].manoeuvre, loc='left', fontsize=11, fontweight='bold', pad=18.0)
+    told = axes.annotate(
+        f'{studies[0].text}; against {studies[0].reference}',
+        (0.0, 1.0),
+        (0.0, 5.0),
+        'axes fraction',
+        'offset points',
+        color=MUTED,
+        fontsize=9,
+    )
+    told.set_in_layout(False)  # a long one is not to push the panels apart
+
+
+def _explain(axes: Axes) -> None:
+    """Draw the legend in a panel of its own."""
+    for integrator, colour in _COLOURS.items():
+        for model, (marker, filled, size) in _MARKERS.items():
+            axes.plot(
+                [],
+                [],
+                color=colour,
+                lw=1.4,
+                marker=marker,
+                markersize=size,
+                markerfacecolor=colour if filled else 'none',
+                label=f'{_NAMES[integrator]}, {model}',
+            )
+    axes.plot([], [], color=GREY, lw=0.9, ls=DASHES, label='slopes 1 and 4')
+    axes.fill_between([], [], color=EARTH, alpha=0.6, lw=0.0, label='rounding')
+    axes.legend(loc='center left', labelcolor=INK, labelspacing=0.9)

@@ -1,0 +1,173 @@
+"""A graph of nodes and topics as a figure, as rqt_graph draws it: nodes round, topics square."""
+
+from __future__ import annotations
+
+from itertools import chain, pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import rc_context, style
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, FancyArrowPatch, FancyBboxPatch
+from matplotlib.path import Path as Curve
+
+from barc_sim.bags.node_graph import EVERYONES, table
+from barc_sim.figures.graph_layout import layout
+from barc_sim.figures.style import BLUE, GREY, INK, LOOK, MUTED
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from barc_sim.bags.node_graph import NodeGraph
+    from barc_sim.figures.graph_layout import Layout, Point
+
+    Box = tuple[float, float]  # half of width and of height
+
+# All in inches.
+CHARACTER = 0.088
+ROW, GAP, MARGIN = 0.62, 0.55, 0.3
+LINE = 0.24
+NODE_FILL, TOPIC_FILL = '#E3F0F8', '#F4F4F4'
+
+
+class GraphDrawing:
+    """A graph ready to be drawn, with a table of its nodes below.
+
+    Attributes
+    ----------
+    size
+        [inch] that it takes.
+    """
+
+    def __init__(self, graph: NodeGraph, title: str = '') -> None:
+        """Find a place for everything."""
+        self._title = title
+        # Each its own vertex, though a node and a topic may have one name.
+        self._names = {f'node {node}': node for node in graph.nodes}
+        self._names |= {f'topic {name}': name for name in graph.topics if name not in EVERYONES}
+        edges = [(f'node {node}', f'topic {topic}') for node, topic in graph.publications]
+        edges += [(f'topic {topic}', f'node {node}') for topic, node in graph.subscriptions]
+        self._plan = layout(
+            list(self._names), [edge for edge in edges if self._names.keys() >= set(edge)]
+        )
+        self._boxes = {vertex: _box(vertex, name) for vertex, name in self._names.items()}
+        self._columns = _columns(self._plan, self._boxes)
+        points = [*chain(*self._plan.routes.values()), *self._plan.vertices.values()]
+        self._lowest, highest = min(p.y for p in points), max(p.y for p in points)
+        everyones = ', '.join(EVERYONES)
+        self._rows = [
+            *lines(graph),
+            '',
+            f'not drawn, as every node publishes them: {everyones}',
+        ]
+        width = max(self._columns[-1] + GAP, CHARACTER * max(map(len, self._rows)) + 2 * MARGIN)
+        self._top = ROW * (highest - self._lowest + 1.0)
+        self._bottom = LINE * (len(self._rows) + 0.5)
+        self.size = (width, self._top + self._bottom + 2 * MARGIN)
+
+    def draw(self, figure: Figure) -> None:
+        """Draw on an empty `figure` of that size."""
+        with style.context(LOOK):
+            axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+            axes.set(xlim=(0.0, self.size[0]), ylim=(-self._bottom - MARGIN, self._top + MARGIN))
+            axes.set_axis_off()
+            for (source, target), route in self._plan.routes.items():
+                points = np.array([self._place(point) for point in route])
+                _draw_edge(axes, points, self._boxes[source], self._boxes[target])
+            for vertex, name in self._names.items():
+                place = self._place(self._plan.vertices[vertex])
+                _draw_vertex(axes, vertex, name, place, self._boxes[vertex])
+            axes.text(MARGIN, self._top + 0.08, self._title, fontsize=12, fontweight='bold')
+            for k, row in enumerate(self._rows):
+                y, color = -LINE * (k + 1), INK if k else MUTED
+                axes.text(MARGIN, y, row, family='monospace', fontsize=9, color=color)
+
+    def save(self, path: Path, dpi: float = 110.0) -> None:
+        """Draw into a file, of the kind that its name ends in."""
+        figure = Figure(figsize=self.size)
+        self.draw(figure)
+        with rc_context({'svg.fonttype': 'none', 'pdf.fonttype': 42}):  # text stays text
+            figure.savefig(path, dpi=dpi)
+
+    def _place(self, point: Point) -> tuple[float, float]:
+        """Return a point of the plan in inches, the plan in the middle."""
+        shift = (self.size[0] - self._columns[-1] - GAP) / 2.0
+        return self._columns[point.layer] + shift, ROW * (point.y - self._lowest + 0.5)
+
+
+def lines(graph: NodeGraph) -> list[str]:
+    """Return the table of nodes in lines of text, the heading first."""
+    parts = [('node', 'source', 'what it does'), *table(graph)]
+    name, source = (max(len(part[k]) for part in parts) for k in (0, 1))
+    return [
+        f'{a:{name}}  {b or "-":{source}}  {c or "(not of this package)"}'.rstrip()
+        for a, b, c in parts
+    ]
+
+
+def _box(vertex: str, name: str) -> Box:
+    half = CHARACTER * len(name) / 2.0
+    # An ellipse holds its text only where it is wider and higher than that.
+    return (1.25 * half + 0.12, 0.24) if vertex.startswith('node') else (half + 0.12, 0.16)
+
+
+def _columns(plan: Layout, boxes: dict[str, Box]) -> list[float]:
+    """Return where the middle of each layer is, and last the right edge."""
+    half = [0.0] * (1 + max(point.layer for point in plan.vertices.values()))
+    for vertex, point in plan.vertices.items():
+        half[point.layer] = max(half[point.layer], boxes[vertex][0])
+    x, columns = 0.0, []
+    for width in half:
+        columns.append(x + GAP + width)
+        x += GAP + 2.0 * width
+    return [*columns, x]
+
+
+def _draw_vertex(axes: Axes, vertex: str, name: str, place: tuple[float, float], box: Box) -> None:
+    if vertex.startswith('node'):
+        axes.add_patch(Ellipse(place, 2 * box[0], 2 * box[1], fc=NODE_FILL, ec=BLUE, lw=1.4))
+    else:
+        corner = (place[0] - box[0] + 0.04, place[1] - box[1] + 0.04)
+        axes.add_patch(
+            FancyBboxPatch(
+                corner,
+                2 * box[0] - 0.08,
+                2 * box[1] - 0.08,
+                boxstyle='round,pad=0.04',
+                fc=TOPIC_FILL,
+                ec=GREY,
+                lw=1.0,
+            )
+        )
+    axes.text(place[0], place[1], name, ha='center', va='center', fontsize=9.5)
+
+
+def _draw_edge(axes: Axes, points: NDArray[np.float64], source: Box, target: Box) -> None:
+    """Draw an arrow through `points`, from the side of the source to that of the target."""
+    way = np.sign(points[-1, 0] - points[0, 0])
+    points = points.copy()
+    points[0, 0] += way * source[0]
+    points[-1, 0] -= way * target[0]
+    axes.add_patch(
+        FancyArrowPatch(
+            path=_curve(points),
+            arrowstyle='-|>,head_length=5,head_width=2.5',
+            color=MUTED if way > 0.0 else BLUE,  # blue: back against the flow
+            lw=0.9,
+            shrinkA=0.0,
+            shrinkB=0.0,
+        )
+    )
+
+
+def _curve(points: NDArray[np.float64]) -> Curve:
+    """Return curves that are level at each of `points`."""
+    vertices, codes = [points[0]], [Curve.MOVETO]
+    for a, b in pairwise(points):
+        middle = (a[0] + b[0]) / 2.0
+        vertices += [np.array([middle, a[1]]), np.array([middle, b[1]]), b]
+        codes += [Curve.CURVE4] * 3
+    return Curve(np.array(vertices), codes)

@@ -1,0 +1,135 @@
+"""Figures of a run: `Log` in, matplotlib `Figure` out; nothing here opens a window."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import style
+from matplotlib.figure import Figure
+from matplotlib.markers import TICKUP
+from matplotlib.ticker import MaxNLocator
+
+from barc_sim.figures.style import (
+    BLUE,
+    DASHES,
+    EARTH,
+    GREEN,
+    GREY,
+    INK,
+    LOOK,
+    MUTED,
+    SKY,
+    VERMILLION,
+    as_known,
+    limits,
+)
+from barc_sim.simulation import metrics
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from barc_sim.simulation.log import Log
+
+SIZE = (9.6, 7.2)  #: [inch]
+
+
+@style.context(LOOK)
+def speed_figure(
+    log: Log, *, title: str = '', settings: str = '', figure: Figure | None = None
+) -> Figure:
+    """Draw speed, grade and command against the position along the road.
+
+    Parameters
+    ----------
+    log
+        At least one state. Without a controller's reference (NaN) the speed stands alone.
+    title, settings
+        What the run was, and what it ran with: the heading's two lines.
+    figure
+        An empty figure to draw on, such as a window's; a new one otherwise.
+
+    Returns
+    -------
+    Figure
+        `figure`, or one that belongs to no window.
+    """
+    log = as_known(log)
+    figure = figure or Figure(figsize=SIZE)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+    speed, grade, command = figure.subplots(3, 1, sharex=True, height_ratios=[4, 1.4, 1.6])
+    _draw_speed(speed, log)
+    _draw_grade(grade, log)
+    _draw_command(command, log)
+    speed.set_xlim(*limits(log.distance, share=0.01, least=0.5))
+    command.set_xlabel('Position along the road [m]')
+    command.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    # The heading's second line and the legend stand above the axes, the title above those.
+    speed.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
+    speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
+    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=3, borderaxespad=0.0)
+    figure.align_ylabels()
+    figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
+    return figure
+
+
+def _caption(log: Log) -> str:
+    """Return how well the reference was held, in a line; empty where there was none."""
+    result = metrics.summary(log)
+    parts = {
+        f'after the first {metrics.RUN_UP:g} m': (
+            result.rms_error_after_run_up,
+            result.max_error_after_run_up,
+        ),
+        'over all': (result.rms_error, result.max_error),
+    }
+    held = '; '.join(
+        f'{part}: RMS {rms:.3f} m/s, at most {greatest:.3f} m/s'
+        for part, (rms, greatest) in parts.items()
+        if not np.isnan(rms)
+    )
+    return held and f'Speed error {held}'
+
+
+def _draw_speed(axes: Axes, log: Log) -> None:
+    """Draw the true speed and, where they say more, its measurement and its reference."""
+    plot = partial(axes.plot, log.distance, marker=_marker(log))
+    if np.any(log.e_v_x):
+        plot(log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured')
+    plot(log.speed, color=BLUE, lw=2.0, label='speed')
+    if not np.all(np.isnan(log.reference)):
+        plot(log.reference, color=INK, lw=1.2, ls=DASHES, label='reference')
+    if np.min(log.speed) < 0.0:
+        axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set_ylabel('Speed [m/s]')
+
+
+def _draw_grade(axes: Axes, log: Log) -> None:
+    axes.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
+    axes.step(log.distance, log.theta_deg, marker=_marker(log), where='post', color=MUTED, lw=1.2)
+    axes.set_ylim(*limits(log.theta_deg, share=0.15, least=5.0))
+    axes.set_ylabel('Grade [°]')
+
+
+def _draw_command(axes: Axes, log: Log) -> None:
+    axes.step(log.distance, log.motor, marker=_marker(log), where='post', color=GREEN, lw=1.2)
+    if missed := np.count_nonzero(log.missed):
+        axes.plot(
+            log.distance[log.missed],
+            np.zeros(missed),
+            ls='',
+            marker=TICKUP,
+            markersize=8,
+            color=VERMILLION,
+            transform=axes.get_xaxis_transform(),
+            label=f'{missed} missed deadline' + ('s' if missed > 1 else ''),
+        )
+        axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
+    axes.set_ylim(*limits(log.motor, share=0.12, least=1.0))
+    axes.set_ylabel('Command [m/s²]')
+
+
+def _marker(log: Log) -> str:
+    """Return the marker of a line through the states: a single one would not be seen."""
+    return 'o' if len(log) == 1 else ''

@@ -1,0 +1,184 @@
+"""The figure of a search: a map of the cost, and the runs before and after."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib import colormaps, style
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from barc_sim.figures.style import BLUE, DASHES, EARTH, INK, LOOK, MUTED, VERMILLION, limits
+from barc_sim.simulation.metrics import RUN_UP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from barc_sim.simulation.log import Log
+    from barc_sim.tuning.surface import Surface
+
+    Floats = NDArray[np.float64]
+    #: Logs, each with how its line is drawn.
+    Runs = tuple[tuple[Log, dict[str, Any]], ...]
+
+SIZE = (11.2, 5.8)  #: [inch]
+LABELS = ('kp [1/s]', 'ki [1/s²]', 'kd')
+#: Colours tell the logarithm of a cost up to this many times the least; beyond, they are the same.
+_WIDE = 10.0
+#: [s] shown of the step response after the slower run has reached the reference.
+_AFTER = 1.0
+
+
+class Point(NamedTuple):
+    """Gains on the map, and their run over the first of the roads."""
+
+    gains: Floats  #: shape `(3,)`: kp, ki, kd
+    log: Log
+
+
+@style.context(LOOK)
+def tuning_figure(
+    surface: Surface, start: Point, found: Point, *, cost: str, title: str = '', settings: str = ''
+) -> Figure:
+    """Draw the map of the cost beside the step responses and the speed errors of both points.
+
+    Parameters
+    ----------
+    surface
+        The cost, in the plane of the found point.
+    start, found
+        Before and after.
+    cost
+        What the map shows, with its unit.
+    title, settings
+        What was searched for, and over what: the heading's two lines.
+    """
+    figure = Figure(figsize=SIZE)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1.0])
+    plane = figure.add_subplot(grid[:, 0])
+    response, errors = (figure.add_subplot(grid[row, 1]) for row in (0, 1))
+    _draw_map(plane, surface, start, found, cost)
+    runs = (
+        (start.log, {'color': VERMILLION, 'ls': DASHES, 'label': 'start'}),
+        (found.log, {'color': BLUE, 'label': 'found'}),
+    )
+    _draw_response(response, runs)
+    _draw_errors(errors, runs)
+    figure.align_ylabels((response, errors))
+    # The heading's second line stands above the axes, the title above that.
+    plane.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
+    plane.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
+    response.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
+    figure.supxlabel(_caption(surface, start, found), x=0.99, ha='right', fontsize=9, color=MUTED)
+    return figure
+
+
+def _draw_map(axes: Axes, surface: Surface, start: Point, found: Point, cost: str) -> None:
+    known = np.ma.masked_invalid(surface.cost)
+    # Light where it is cheap; cividis is the same to all kinds of colour vision.
+    colours = colormaps['cividis_r'].with_extremes(bad='white')
+    mesh = axes.pcolormesh(
+        surface.right,
+        surface.up,
+        known,
+        cmap=colours,
+        norm=_norm(known.compressed()),
+        shading='nearest',
+        rasterized=True,
+    )
+    cut = isinstance(mesh.norm, LogNorm)
+    bar = axes.figure.colorbar(
+        mesh, ax=axes, label=cost, pad=0.02, extend='max' if cut else 'neither'
+    )
+    if cut:
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        bar.ax.yaxis.set_major_formatter('{x:g}')
+        bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    marks: dict[str, Any] = {'ls': '', 'mec': 'white', 'mew': 1.2, 'clip_on': False, 'zorder': 3}
+    for point, marker, size, colour, name in (
+        (start, 'o', 9, VERMILLION, 'start'),
+        (found, '*', 16, BLUE, 'found'),
+    ):
+        x, y = (point.gains[axis] for axis in surface.axes)
+        axes.plot(x, y, marker, ms=size, color=colour, label=name, **marks)
+    axes.grid(visible=False)
+    axes.set_xlim(surface.right[0], surface.right[-1])
+    axes.set_ylim(surface.up[0], surface.up[-1])
+    axes.set_xlabel(LABELS[surface.axes[0]])
+    axes.set_ylabel(LABELS[surface.axes[1]])
+    axes.legend(loc='upper right', frameon=True, framealpha=0.85)
+
+
+def _norm(values: Floats) -> Normalize:
+    if values.size and values.min() > 0.0 and values.max() > _WIDE * values.min():
+        return LogNorm(values.min(), _WIDE * values.min())
+    return Normalize()
+
+
+def _draw_response(axes: Axes, runs: Runs) -> None:
+    """Draw the speeds over time, and once more, larger, from where the reference is reached."""
+    reference = runs[0][0].reference[0]
+    reached = [float(log.t[log.speed >= reference].min(initial=log.t[-1])) for log, _ in runs]
+    begin, end = min(reached), max(reached) + _AFTER
+    peak = max(float(log.speed[log.t <= end].max()) for log, _ in runs)
+    _draw_speeds(axes, runs, reference)
+    axes.set_xlim(0.0, end)
+    axes.set_ylim(0.0, 1.12 * max(reference, peak))
+    axes.set_xlabel('Time [s]')
+    axes.set_ylabel('Speed [m/s]')
+    if peak >= reference:
+        detail = axes.inset_axes((0.5, 0.17, 0.48, 0.52))
+        _draw_speeds(detail, runs, reference)
+        beyond = max(1.2 * (peak - reference), 0.002 * reference)
+        detail.set_xlim(begin - 0.1 * (end - begin), end)
+        detail.set_ylim(reference - 0.7 * beyond, reference + beyond)
+        detail.tick_params(labelsize=8)
+        detail.yaxis.set_major_locator(MaxNLocator(4))
+        detail.ticklabel_format(useOffset=False)
+
+
+def _draw_speeds(axes: Axes, runs: Runs, reference: float) -> None:
+    for log, line in runs:
+        axes.plot(log.t, log.speed, lw=1.6, **line)
+    axes.axhline(reference, color=INK, lw=0.9, ls=(0.0, (1.0, 2.0)), label='reference')
+
+
+def _draw_errors(axes: Axes, runs: Runs) -> None:
+    """Draw the errors beyond the run-up, over the road's changes of grade."""
+    seen = []
+    for log, line in runs:
+        after = log.distance >= RUN_UP
+        seen.append(log.speed_error[after])
+        axes.plot(log.distance[after], seen[-1], lw=1.2, **line)
+    log = max((log for log, _ in runs), key=len)
+    sloping = log.theta_deg != 0.0
+    axes.fill_between(
+        log.distance,
+        0.0,
+        1.0,
+        where=sloping.tolist(),
+        step='post',
+        color=EARTH,
+        transform=axes.get_xaxis_transform(),
+        zorder=0,
+        lw=0.0,
+    )
+    axes.set_xlim(RUN_UP, float(log.distance[-1]))
+    axes.set_ylim(*limits(np.concatenate(seen), share=0.1, least=1e-3))
+    axes.set_xlabel('Position along the road [m], slopes shaded')
+    axes.set_ylabel('Speed error [m/s]')
+
+
+def _caption(surface: Surface, start: Point, found: Point) -> str:
+    (third,) = {0, 1, 2} - set(surface.axes)
+    name = LABELS[third].partition(' ')[0]
+    parts = [f'Map at {name} = {found.gains[third]:g}']
+    if start.gains[third] != found.gains[third]:
+        parts.append(f'the start has {start.gains[third]:g}')
+    if not np.isfinite(surface.cost).all():
+        parts.append('white: never arrives')
+    return '; '.join(parts)

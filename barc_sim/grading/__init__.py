@@ -1,1 +1,0 @@
-"""Grading: submissions run confined and answer calls; scores, rubric and reports stay outside."""

@@ -1,0 +1,136 @@
+"""The code that is judged: `Code`, and the simplest that is one, in this process."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.errors import UserError
+from barc_sim.vehicle.bike_model import L_F, L_R
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+
+class Row(NamedTuple):
+    """The positional arguments of `bikeFE`, in its units."""
+
+    x: float
+    y: float
+    psi: float
+    v: float
+    a: float
+    d_f: float
+    a0: float
+    m: float
+    Ff: float
+    theta: float
+    ts: float
+
+
+Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
+Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
+
+
+class Controller(Protocol):
+    """One instance of the student's `PID`; whatever it does wrong is a UserError."""
+
+    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
+        """Return the acceleration [m/s²] that it asks for."""
+
+    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
+        """Return what `acc_calculate` does of one sample after the other."""
+
+    def reset(self) -> bool:
+        """Call the student's `reset()`; False where the class has none."""
+
+
+class Code(Protocol):
+    """What a student wrote; whatever it does wrong is a UserError."""
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is a `bikeFE`."""
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether there is a `PID`."""
+
+    def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
+        """Return what `bikeFE` makes of each row; the lengths [m] reach it where it takes them."""
+
+    def new_pid(self, kp: float, ki: float, kd: float) -> Controller:
+        """Return a fresh `PID` with these gains."""
+
+
+class Parts(Protocol):
+    """What `LocalCode` needs of a `barc_sim.lab.user_code.loading.Lab`."""
+
+    @property
+    def model(self) -> Callable[..., Any] | None:
+        """`bikeFE`, checked."""
+
+    @property
+    def controller(self) -> Callable[..., Any] | None:
+        """Gains, and limits by name which reach it where it takes them -> a fresh `PID`."""
+
+
+class LocalCode:
+    """A student's folder, called in this process: nothing stops an endless loop."""
+
+    def __init__(self, lab: Parts) -> None:
+        """Judge the parts that `lab` has."""
+        self._lab = lab
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is a `bikeFE`."""
+        return self._lab.model is not None
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether there is a `PID`."""
+        return self._lab.controller is not None
+
+    def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
+        """Return what `bikeFE` makes of each row."""
+        model = self._lab.model
+        if model is None:
+            raise LookupError('there is no bikeFE')
+        results = []
+        for row in rows:
+            x, y, psi, v = model(*row, l_f=l_f, l_r=l_r)
+            results.append((x, y, psi, v))
+        return results
+
+    def new_pid(self, kp: float, ki: float, kd: float) -> Controller:
+        """Return a fresh `PID` with these gains."""
+        controller = self._lab.controller
+        if controller is None:
+            raise LookupError('there is no PID')
+        limits = {'output_min': -ACCELERATION_LIMIT, 'output_max': ACCELERATION_LIMIT}
+        return _LocalController(controller(kp, ki, kd, **limits))
+
+
+class _LocalController:
+    def __init__(self, pid: Any) -> None:  # noqa: ANN401 (a student's class)
+        self._pid = pid
+        # `barc_sim.lab.user_code` wraps the student's object, and keeps it as `student`.
+        self._reset = getattr(getattr(pid, 'student', pid), 'reset', None)
+
+    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
+        return float(self._pid.acc_calculate(reference, current, dt))
+
+    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
+        return [self.acc_calculate(*row) for row in rows]
+
+    def reset(self) -> bool:
+        if self._reset is None:
+            return False
+        try:
+            self._reset()
+        except (Exception, SystemExit) as error:
+            raise UserError(
+                f'reset() raised {type(error).__name__}: {error}; expected PID to forget its past'
+            ) from error
+        return True

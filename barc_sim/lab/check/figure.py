@@ -1,0 +1,124 @@
+"""A student's run beside the reference's, and how far the student's model is off."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib import style
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, INK, LOOK, MUTED, VERMILLION, limits
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+    from barc_sim.lab.check.evidence import Comparison, Trajectory
+
+WIDTH = 9.6  #: [inch]
+_RUN, _MODEL = 5.2, 2.6  #: [inch] heights of the two parts
+_THRESHOLD = 1e-4  #: Below, the errors' axis is linear.
+_MOST_SPEED = 40.0  #: [m/s] either way: what is beyond says no more
+
+
+@style.context(LOOK)
+def check_figure(
+    comparison: Comparison | None,
+    trajectory: Trajectory | None,
+    *,
+    title: str = '',
+    settings: str = '',
+) -> Figure:
+    """Draw what there is: the closed loop over the road, and the model's error over time.
+
+    Parameters
+    ----------
+    comparison, trajectory
+        What there is of them.
+    title, settings
+        The heading's two lines.
+
+    Raises
+    ------
+    ValueError
+        where there is nothing to draw.
+    """
+    heights = [4.0, 1.2, 2.0] if comparison else []
+    heights += [2.2] if trajectory else []
+    if not heights:
+        raise ValueError('there is no run and no trajectory to draw')
+    size = (WIDTH, _RUN * bool(comparison) + _MODEL * bool(trajectory))
+    figure = Figure(figsize=size)
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+    axes = np.atleast_1d(figure.subplots(len(heights), 1, height_ratios=heights))
+    if comparison:
+        _draw_run(comparison, *axes[:3])
+    if trajectory:
+        _draw_model(axes[-1], trajectory)
+    axes[0].set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
+    axes[0].annotate(
+        settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED
+    )
+    figure.align_ylabels()
+    return figure
+
+
+def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -> None:
+    own, reference = comparison.own, comparison.reference
+    speed.plot(reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, zorder=3)
+    speed.plot(own.distance, own.speed, color=BLUE, lw=2.0)
+    low, high = limits(np.clip(own.speed, -_MOST_SPEED, _MOST_SPEED), share=0.06, least=0.5)
+    speed.set_ylim(low, max(high, 1.06 * float(reference.speed.max())))
+    speed.set_ylabel('Speed [m/s]')
+    grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
+    grade.step(reference.distance, reference.theta_deg, where='post', color=MUTED, lw=1.2)
+    grade.set_ylim(*limits(reference.theta_deg, share=0.15, least=5.0))
+    grade.set_ylabel('Grade [°]')
+    command.step(own.distance, own.motor, where='post', color=BLUE, lw=1.6, label='your PID')
+    command.step(
+        reference.distance,
+        reference.motor,
+        where='post',
+        color=INK,
+        lw=1.2,
+        ls=DASHES,
+        label="the reference's",
+    )
+    command.set_ylim(*limits(np.append(own.motor, reference.motor), share=0.12, least=1.0))
+    command.set_ylabel('Command [m/s²]')
+    command.set_xlabel('Position along the road [m]')
+    for axes in (speed, grade, command):
+        axes.set_xlim(-1.0, float(reference.distance[-1]) + 1.0)
+        axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    for axes in (speed, grade):
+        axes.tick_params(labelbottom=False)
+    handles, labels = command.get_legend_handles_labels()
+    _legend(speed, handles, labels)
+
+
+def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
+    error = trajectory.own - trajectory.reference
+    for values, color, line, label in (
+        (np.hypot(error[:, 0], error[:, 1]), BLUE, '-', 'position [m]'),
+        (np.abs(np.degrees(error[:, 2])), VERMILLION, (0, (1.5, 1.5)), 'heading [°]'),
+        (np.abs(error[:, 3]), GREEN, DASHES, 'speed [m/s]'),
+    ):
+        axes.plot(trajectory.t, values, color=color, ls=line, lw=1.6, label=label)
+    axes.set_yscale('symlog', linthresh=_THRESHOLD, linscale=1.0)
+    top = float(np.nanmax(np.abs(error), initial=1e-2))
+    axes.set_ylim(-_THRESHOLD / 5.0, max(2.0 * top, 0.1))
+    axes.set_xlim(0.0, float(trajectory.t[-1]))
+    axes.set_ylabel('Your model off by')
+    axes.set_xlabel('Time [s], under the same commands')
+    _legend(axes, *axes.get_legend_handles_labels())
+
+
+def _legend(axes: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
+    """Put a legend above the axes, on the right."""
+    axes.legend(
+        handles, labels, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
+    )

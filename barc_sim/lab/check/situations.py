@@ -1,0 +1,108 @@
+"""Seeded states in which the model's equations are judged, sorted by what happens in them.
+
+Each situation is there for the equations that it `concerns`. None passes through zero speed within
+a step, where sensible models differ: the reference holds the car, the lab's equation does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import pi, radians
+from random import Random
+
+from barc_sim.lab.check.code import Row
+from barc_sim.vehicle.bike_model import Vehicle
+
+#: [s]
+TS = 0.02
+COUNT = 250  #: states of each situation
+_LAB = Vehicle()
+Range = tuple[float, float]  #: uniform between the two
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Ranges for the arguments of `bikeFE`; where not given, those of a coasting car."""
+
+    name: str
+    concerns: str  #: the equations, as in `'x y v'`
+    psi: Range = (-pi, pi)  #: [rad]
+    v: Range = (3.0, 20.0)  #: [m/s]
+    a: Range = (0.0, 0.0)  #: [m/s²]
+    d_f: Range = (0.0, 0.0)  #: [rad]
+    a0: Range = (0.0, 0.0)  #: [N s²/m²]
+    m: Range = (_LAB.mass, _LAB.mass)  #: [kg]
+    Ff: Range = (0.0, 0.0)  #: [N]
+    theta_deg: Range = (0.0, 0.0)
+    ts: Range = (TS, TS)  #: [s]
+    lengths: tuple[float, float] | None = field(default=None)  #: [m] l_f, l_r if not the lab's
+
+    def rows(self, seed: int, count: int = COUNT) -> list[Row]:
+        """Return `count` states, the same for the same seed."""
+        # A string seeds by its hash's bits, the same in every version of Python.
+        uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
+        return [
+            Row(
+                x=uniform(-200.0, 200.0),
+                y=uniform(-50.0, 50.0),
+                psi=uniform(*self.psi),
+                v=uniform(*self.v),
+                a=uniform(*self.a),
+                d_f=uniform(*self.d_f),
+                a0=uniform(*self.a0),
+                m=uniform(*self.m),
+                Ff=uniform(*self.Ff),
+                theta=radians(uniform(*self.theta_deg)),
+                ts=uniform(*self.ts),
+            )
+            for _ in range(count)
+        ]
+
+
+_LEFT, _RIGHT, _REVERSE = (0.05, 0.5), (-0.5, -0.05), (-15.0, -3.0)
+_COMMAND, _DRAG, _FRICTION = (1.0, 8.0), (0.1, 2.0), (20.0, 500.0)
+
+SITUATIONS = (
+    Situation('coasting along the x axis', 'x', psi=(0.0, 0.0)),
+    Situation('accelerating on the flat', 'x y v', a=_COMMAND),
+    Situation('braking on the flat', 'v', a=(-8.0, -1.0)),
+    # Drag and friction have no direction yet: with none of them all agree what sign(0) is.
+    Situation('setting off', 'v', v=(0.0, 0.0), a=_COMMAND),
+    Situation('a left turn', 'x y psi', d_f=_LEFT),
+    Situation('a right turn', 'x y psi', d_f=_RIGHT),
+    Situation('reversing to the left', 'x y psi', v=_REVERSE, d_f=_LEFT),
+    Situation('reversing to the right', 'x y psi', v=_REVERSE, d_f=_RIGHT),
+    Situation('uphill', 'v', theta_deg=(2.0, 30.0)),
+    Situation('downhill', 'v', theta_deg=(-30.0, -2.0)),
+    Situation('rolling friction', 'v', Ff=_FRICTION),
+    Situation('air drag', 'v', a0=_DRAG),
+    Situation('drag and friction in reverse', 'v', v=_REVERSE, a0=_DRAG, Ff=_FRICTION),
+    Situation(
+        "the lab's car on hills",
+        'x y psi v',
+        a=(-8.0, 8.0),
+        d_f=(-0.5, 0.5),
+        a0=(_LAB.air_drag_coeff, _LAB.air_drag_coeff),
+        Ff=(_LAB.friction, _LAB.friction),
+        theta_deg=(-30.0, 30.0),
+    ),
+    Situation(
+        'another mass and time step',
+        'x y psi v',
+        v=(4.0, 20.0),
+        a=(-4.0, 8.0),
+        d_f=(-0.5, 0.5),
+        a0=_DRAG,
+        m=(500.0, 3000.0),
+        Ff=_FRICTION,
+        theta_deg=(-30.0, 30.0),
+        ts=(0.005, 0.1),
+    ),
+)
+
+
+def with_lengths(l_f: float, l_r: float) -> Situation:
+    """Return the situation for a function that takes the lengths [m] to its axles."""
+    return Situation(
+        'axles at other distances', 'x y psi', d_f=(-0.5, 0.5), v=(3.0, 20.0), lengths=(l_f, l_r)
+    )

@@ -1,0 +1,89 @@
+"""Judges the model as a whole: along the lab's road, beside the reference, by the same commands."""
+
+from __future__ import annotations
+
+from functools import cache
+from math import degrees, hypot, isfinite, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from barc_sim.errors import UserError
+from barc_sim.lab.check.code import Row
+from barc_sim.lab.check.evidence import Trajectory
+from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.vehicle.bike_model import L_F, L_R, Input, State
+from barc_sim.vehicle.plant import Plant
+
+if TYPE_CHECKING:
+    from barc_sim.lab.check.code import Code
+    from barc_sim.lab.check.equations import Floats
+
+#: [m, m, rad, m/s] more than the sign of friction at standstill makes, less than any mistake does
+TOLERANCE = 1e-4
+_FAR = 1e9
+_STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
+
+
+@WHATEVER_COMES
+def judge_trajectory(code: Code) -> Finding:
+    """Return how far the model follows the reference's: the share of steps in which it does."""
+    commands = _commands()
+    failure = ''
+
+    def model(*args: float, l_f: float = L_F, l_r: float = L_R, g: float = 0.0) -> list[float]:
+        del l_f, l_r, g  # the lab's: what the function has without being told
+        return list(code.bike_fe([Row(*args)])[0])
+
+    reference = _states(Plant(), commands)
+    own = np.full_like(reference, np.nan)
+    try:
+        _fill(own, Plant(model=model), commands)
+    except UserError as error:
+        failure = str(error)
+    t: Floats = np.arange(len(reference), dtype=np.float64) * Plant().ts
+    off: Floats = np.abs(own - reference)
+    within = np.all(off <= TOLERANCE, axis=1)
+    # The first state is given, not computed.
+    score = float(np.mean(within[1:]))
+    if failure:
+        message = failure
+    elif score == 1.0:
+        message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
+    else:
+        message = _away(t, off, int(np.flatnonzero(~within)[0]))
+    return Finding('model.trajectory', score, message, evidence=Trajectory(t, own, reference))
+
+
+@cache
+def _commands() -> tuple[Input, ...]:
+    """Return the commands of the reference's run over the lab's road, and a slalom."""
+    log = rollout()
+    steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
+    return tuple(Input(*command) for command in zip(log.motor.tolist(), steering, strict=True))
+
+
+def _states(plant: Plant, commands: tuple[Input, ...]) -> Floats:
+    states = np.full((len(commands), len(State._fields)), np.nan)
+    _fill(states, plant, commands)
+    return states
+
+
+def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:
+    """Write the state that each command answers, up to where one is out of this world."""
+    for k, command in enumerate(commands):
+        states[k] = plant.state
+        if not np.all(np.abs(states[k]) < _FAR):
+            return
+        plant.advance(command)
+
+
+def _away(t: Floats, off: Floats, first: int) -> str:
+    x, y, psi, v = np.nan_to_num(off[-1], nan=np.inf)
+    if not isfinite(x):
+        return f'leaves the reference after {t[first]:.2f} s, and then this world'
+    return (
+        f'leaves the reference after {t[first]:.2f} s; at the end of the road it is '
+        f'{hypot(x, y):.3g} m, {degrees(psi):.3g}° and {v:.3g} m/s away'
+    )

@@ -1,0 +1,1 @@
+"""Grades submissions in confined processes."""

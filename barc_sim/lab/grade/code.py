@@ -1,0 +1,156 @@
+"""A submission as `barc_sim.lab.check` judges it: `Code` whose functions run in another process."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import chain
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.lab.grade.process import Ended, Failed, Process
+from barc_sim.lab.grade.protocol import STATE_COLUMNS, Operation
+from barc_sim.lab.grade.start import Limits
+from barc_sim.lab.user_code.loading import FILES, StudentError
+from barc_sim.vehicle.bike_model import L_F, L_R
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from barc_sim.lab.check.code import Next, Row, Sample
+
+_DEATHS = 2  # a function that ended its process so often is not called again
+_MODEL, _CONTROLLER = 'bikeFE', 'PID'
+
+
+class ConfinedCode:
+    """The functions of the files in `folder`, called in a process that is confined to it.
+
+    A function that ends its process fails for that; the next call is made in a new one. Whatever
+    is wrong is a StudentError.
+    """
+
+    def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
+        """Judge the files in `folder`; the process is started when it is first needed."""
+        self._folder = folder
+        self._limits = limits or Limits()
+        self._sandbox = sandbox
+        self._process: Process | None = None
+        self._deaths: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
+        self._printed = b''
+
+    def __enter__(self) -> Self:
+        """Return the code, whose process is ended on leaving."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the process."""
+        self.close()
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is a `bike_model.py`."""
+        return (self._folder / FILES['model']).is_file()
+
+    @property
+    def has_controller(self) -> bool:
+        """Whether there is a `controller.py`."""
+        return (self._folder / FILES['controller']).is_file()
+
+    @property
+    def printed(self) -> str:
+        """What has been printed by processes that have ended, its beginning."""
+        text = self._printed[: self._limits.output].decode(errors='replace')
+        return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
+
+    def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
+        """Return what `bikeFE` makes of each row."""
+        values = (l_f, l_r, *chain.from_iterable(rows))
+        answers = self.ask(_MODEL, Operation.MODEL, values, STATE_COLUMNS * len(rows))
+        return [
+            (x, y, psi, v) for x, y, psi, v in zip(*[iter(answers)] * STATE_COLUMNS, strict=True)
+        ]
+
+    def new_pid(self, kp: float, ki: float, kd: float) -> ConfinedController:
+        """Return a fresh `PID` with these gains, and the motor's limits where it takes them."""
+        limits = (-ACCELERATION_LIMIT, ACCELERATION_LIMIT)
+        (number,) = self.ask(_CONTROLLER, Operation.NEW_PID, (kp, ki, kd, *limits), 1)
+        return ConfinedController(self, number, self._process)
+
+    def ask(
+        self, function: str, operation: Operation, values: Sequence[float], count: int
+    ) -> tuple[float, ...]:
+        """Return the answer to a request that calls `function`.
+
+        Raises
+        ------
+        StudentError
+            where the function fails, ends its process or answers anything but finite numbers.
+        """
+        if self._deaths[function] >= _DEATHS:
+            raise StudentError(self._reasons[function])
+        if self._process is None:
+            self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
+        try:
+            answers = self._process.request(operation, values, count)
+        except Failed as error:
+            raise StudentError(str(error)) from None
+        except Ended as error:
+            self.close()
+            self._deaths[function] += 1
+            self._reasons[function] = f'{function}: the process that called it {error}'
+            raise StudentError(self._reasons[function]) from None
+        if not all(map(isfinite, answers)):
+            raise StudentError(f'{function} has answered with numbers that are not finite')
+        return answers
+
+    def is_current(self, process: Process | None) -> bool:
+        """Return whether `process` is the one that answers calls now."""
+        return process is not None and process is self._process
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._process is not None:
+            self._process.close()
+            self._printed += self._process.channel.printed
+            self._process = None
+
+
+class ConfinedController:
+    """A `PID` in the process of `code`."""
+
+    def __init__(self, code: ConfinedCode, number: float, process: Process | None) -> None:
+        """Stand for the controller `number` of `process`."""
+        self._code = code
+        self._number = number
+        self._process = process
+
+    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+        return self._ask(Operation.STEPS, (self._number, reference, current, dt), 1)[0]
+
+    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
+        """Return what `acc_calculate` does of one sample after the other."""
+        values = (self._number, *chain.from_iterable(rows))
+        return [*self._ask(Operation.STEPS, values, len(rows))]
+
+    def reset(self) -> bool:
+        """Call the controller's `reset`; return False where it has none."""
+        return self._ask(Operation.RESET, (self._number,), 1) == (1.0,)
+
+    def _ask(
+        self, operation: Operation, values: tuple[float, ...], count: int
+    ) -> tuple[float, ...]:
+        if not self._code.is_current(self._process):
+            raise StudentError(f'{_CONTROLLER}: the process that held this controller has ended')
+        return self._code.ask(_CONTROLLER, operation, values, count)

@@ -1,0 +1,87 @@
+"""A submission's grade: the findings of `barc_sim.lab.check`, weighed by the rubric."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.lab.check.judging import judge
+from barc_sim.lab.grade.code import ConfinedCode
+from barc_sim.lab.grade.submissions import GRADED
+from barc_sim.lab.grade.text import printable
+
+if TYPE_CHECKING:
+    from barc_sim.lab.check.evidence import Comparison, Trajectory
+    from barc_sim.lab.grade.rubric import Rubric
+    from barc_sim.lab.grade.start import Limits
+    from barc_sim.lab.grade.submissions import Submission
+
+
+class Item(NamedTuple):
+    """What one criterion has brought."""
+
+    criterion: str
+    points: float  #: rounded to hundredths
+    max_points: float
+    message: str
+    evidence: Comparison | Trajectory | None
+
+
+@dataclass(frozen=True)
+class Grade:
+    """What a submission has brought, and what there is to say of it."""
+
+    name: str
+    title: str  #: the rubric's
+    seed: int
+    visibility: str
+    items: tuple[Item, ...]
+    notes: tuple[str, ...]
+    printed: str  #: by the submission's code, its beginning
+    hashes: tuple[tuple[str, str], ...]  #: file, SHA-256
+
+    @property
+    def score(self) -> float:
+        """Return the sum of the items' points."""
+        return round(sum(item.points for item in self.items), 2)
+
+    @property
+    def max_score(self) -> float:
+        """Return the sum of what the items are worth."""
+        return round(sum(item.max_points for item in self.items), 2)
+
+
+def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
+    """Judge a submission; its code runs in a process of its own, in a folder of its own.
+
+    A criterion's points are its worth times the finding's score, rounded to hundredths.
+    """
+    notes = submission.notes
+    if not any(name in submission.files for name in GRADED):
+        notes = (f'it has neither {" nor ".join(GRADED)} at its top', *notes)
+    with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
+        submission.write(Path(folder))
+        with ConfinedCode(Path(folder), limits, sandbox=sandbox) as code:
+            findings = {finding.criterion: finding for finding in judge(code, rubric.seed)}
+    items = []
+    for criterion, worth in rubric.points.items():
+        finding = findings[criterion]
+        points = round(worth * min(max(finding.score, 0.0), 1.0), 2)
+        items.append(Item(criterion, points, worth, printable(finding.message), finding.evidence))
+    return Grade(
+        name=submission.name,
+        title=rubric.title,
+        seed=rubric.seed,
+        visibility=rubric.visibility,
+        items=tuple(items),
+        notes=notes,
+        printed=printable(code.printed),
+        hashes=tuple(
+            (name, hashlib.sha256(submission.files[name]).hexdigest())
+            for name in GRADED
+            if name in submission.files
+        ),
+    )

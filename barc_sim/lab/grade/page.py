@@ -1,0 +1,124 @@
+"""A grade on a page of A4 to print: its criteria, and the submission's runs as figures."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+import threading
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import font_manager, style
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from barc_sim.figures.style import GREEN, GREY, INK, LOOK, MUTED, VERMILLION
+from barc_sim.lab.grade import plots
+from barc_sim.lab.grade.labels import label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from barc_sim.lab.grade.grade import Grade, Item
+
+SIZE = (8.27, 11.69)  #: [inch] A4
+DPI = 150
+_LEFT, _RIGHT = 0.08, 0.93  # of the page's width
+_BARS = (0.32, 0.42)
+_TEXT = 0.515
+_TOP, _BOTTOM = 0.9, 0.46  # of the page's height: the criteria
+_MESSAGE = 66  # characters in a line of a message
+_LINES = 3
+# matplotlib's settings belong to the process, which may have several threads at work.
+_DRAWING = threading.Lock()
+
+
+def draw(grade: Grade) -> tuple[bytes, bytes]:
+    """Return two PNGs: the page, and of it the figures alone, empty where there are none."""
+    drawn = plots.choose(grade.items)
+    with _DRAWING, style.context(LOOK):
+        figure = Figure(figsize=SIZE, dpi=DPI)
+        canvas: Any = FigureCanvasAgg(figure)
+        _draw_heading(figure, grade)
+        _draw_items(figure, grade.items)
+        plots.draw(figure, drawn, _LEFT, _RIGHT, _BOTTOM)
+        canvas.draw()
+        page = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    cut = page.crop((0, round(page.height * (1.0 - _BOTTOM)), page.width, page.height))
+    return _png(page), _png(cut) if drawn else b''
+
+
+def _draw_heading(figure: Figure, grade: Grade) -> None:
+    score = f'{grade.score:g} / {grade.max_score:g}'
+    _text(figure, _LEFT, 0.955, grade.name, width=44, size=20, weight='bold', va='baseline')
+    _text(figure, _RIGHT, 0.955, score, size=20, weight='bold', ha='right', va='baseline')
+    _text(figure, _LEFT, 0.933, grade.title, width=90, color=MUTED, size=11)
+    if grade.notes:
+        _text(figure, _LEFT, 0.912, '; '.join(grade.notes), width=110, color=VERMILLION, size=9)
+
+
+def _draw_items(figure: Figure, items: tuple[Item, ...]) -> None:
+    """Draw a row for each criterion: its name, a bar, its points and the message."""
+    axes = figure.add_axes((0.0, _BOTTOM, 1.0, _TOP - _BOTTOM))
+    axes.set(xlim=(0.0, 1.0), ylim=(len(items) - 0.4, -0.6))
+    axes.axis('off')
+    for row, item in enumerate(items):
+        _draw_bar(axes, row, item.points / item.max_points)
+        points = f'{item.points:g} / {item.max_points:g}'
+        lines = textwrap.wrap(item.message, _MESSAGE, max_lines=_LINES, placeholder=' …')
+        _text(axes, _LEFT, row, label(item.criterion), size=9)
+        _text(axes, _BARS[1] + 0.078, row, points, size=9, ha='right')
+        _text(axes, _TEXT, row, '\n'.join(lines), size=7, color=MUTED, linespacing=1.15)
+
+
+def _draw_bar(axes: Axes, row: int, share: float) -> None:
+    left, right = _BARS
+    axes.barh(row, right - left, left=left, height=0.26, color='#EDEDED')
+    axes.barh(row, share * (right - left), left=left, height=0.26, color=GREEN)
+    axes.axhline(row + 0.5, _LEFT, _RIGHT, color=GREY, lw=0.3)
+
+
+def _text(
+    on: Figure | Axes,
+    x: float,
+    y: float,
+    text: str,
+    *,
+    size: float,
+    width: int = 0,
+    color: str = INK,
+    va: str = 'center',
+    weight: str = 'normal',
+    ha: str = 'left',
+    linespacing: float = 1.2,
+) -> None:
+    """Write what others have written: dollars are dollars, and no character is missing."""
+    text = textwrap.shorten(text, width, placeholder=' …') if width else text
+    known = _characters()
+    text = ''.join(c if c == '\n' or ord(c) in known else '\N{REPLACEMENT CHARACTER}' for c in text)
+    on.text(
+        x,
+        y,
+        text,
+        fontsize=size,
+        color=color,
+        va=va,
+        ha=ha,
+        weight=weight,
+        linespacing=linespacing,
+        parse_math=False,
+    )
+
+
+@cache
+def _characters() -> frozenset[int]:
+    """Return the characters that the page's font has."""
+    return frozenset(font_manager.get_font(font_manager.findfont('DejaVu Sans')).get_charmap())
+
+
+def _png(image: Image.Image) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, 'png', dpi=(DPI, DPI))
+    return buffer.getvalue()

@@ -1,0 +1,1 @@
+"""Whether a bag can have come from the code that is attached to it."""

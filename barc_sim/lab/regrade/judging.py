@@ -1,0 +1,135 @@
+"""A bag -> whether it could have come from the code that it claims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+from barc_sim.control.pid import speed_controller
+from barc_sim.errors import UserError
+from barc_sim.lab.check.code import Row
+from barc_sim.lab.grade.process import check
+from barc_sim.lab.regrade import commands, states
+from barc_sim.lab.regrade.attached import attached
+from barc_sim.lab.regrade.recorded import read
+from barc_sim.lab.regrade.verdict import Verdict
+from barc_sim.vehicle.bike_model import bikeFE
+from barc_sim.vehicle.plant_values import plant
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from barc_sim.lab.check.code import Next
+    from barc_sim.lab.grade.code import ConfinedCode
+    from barc_sim.lab.regrade.recorded import Recorded
+    from barc_sim.vehicle.bike_model import Model
+
+_OWN = 'barc_sim'
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is found of a bag."""
+
+    bag: str
+    states: int
+    duration: float  #: [s]
+    missed: int  #: deadlines
+    claimed: Mapping[str, str]  #: by part, whose code the bag says drove
+    changed: tuple[str, ...]  #: attached files that are not those of the run
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def possible(self) -> bool:
+        """Whether the bag could have come from the code that it claims."""
+        found = {(verdict.part, verdict.code): verdict.possible for verdict in self.verdicts}
+        return not self.changed and all(found[claim] for claim in self.claimed.items())
+
+
+def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> Judgement:
+    """Judge the bag at `path`; its attached code runs in a sandbox.
+
+    Raises
+    ------
+    UserError
+        where there is none, it does not tell what it takes, or nothing here confines its code.
+    """
+    recorded = read(path, namespace)
+    if recorded.files:
+        check(sandbox=sandbox)
+    try:
+        verdicts = _verdicts(recorded, sandbox=sandbox)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        if isinstance(error, UserError):
+            raise
+        raise UserError(
+            f'{str(path)!r} does not tell of all parameters of its run ({error!r}): name the bag '
+            'of a run of this version of barc_sim'
+        ) from error
+    parts = dict.fromkeys(verdict.part for verdict in verdicts)
+    return Judgement(
+        bag=str(path),
+        states=len(recorded.log),
+        duration=float(recorded.log.t[-1]),
+        missed=int(recorded.log.missed.sum()),
+        claimed={part: recorded.files.get(part, _OWN) for part in parts},
+        changed=recorded.changed,
+        verdicts=tuple(verdicts),
+    )
+
+
+def _verdicts(recorded: Recorded, *, sandbox: bool) -> list[Verdict]:
+    own, resets = _judge_states(recorded, bikeFE, _OWN)
+    verdicts = [own]
+    if name := recorded.files.get('model'):
+        try:
+            with attached(recorded, 'model', sandbox=sandbox) as code:
+                verdict, resets = _judge_states(recorded, _model(code), name)
+        except UserError as error:
+            verdict = Verdict('model', name, first=str(error))
+        verdicts.append(verdict)
+    if recorded.controller is not None:
+        verdicts += _judge_commands(recorded, recorded.controller, resets, sandbox=sandbox)
+    return verdicts
+
+
+def _model(code: ConfinedCode) -> Model:
+    def step(*row: float, l_f: float, l_r: float, **_: float) -> Next:
+        return code.bike_fe([Row(*row)], l_f=l_f, l_r=l_r)[0]
+
+    return step
+
+
+def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict, set[int]]:
+    values = recorded.simulator
+    return states.judge(
+        recorded.log,
+        partial(plant, values, model),
+        code,
+        placements=recorded.placements,
+        braking=values['timeout_braking'] if values['command_timeout'] else None,
+    )
+
+
+def _judge_commands(
+    recorded: Recorded, values: Mapping[str, float], resets: set[int], *, sandbox: bool
+) -> list[Verdict]:
+    gains = values['kp'], values['ki'], values['kd']
+    limit = values['acceleration_limit']
+    show = partial(
+        commands.judge,
+        recorded.log,
+        limit=limit,
+        subtract_error=bool(values['subtract_error']),
+        resets=resets,
+    )
+    verdicts = [show(partial(speed_controller, *gains, limit), _OWN)]
+    if name := recorded.files.get('controller'):
+        try:
+            with attached(recorded, 'controller', sandbox=sandbox) as code:
+                verdicts.append(show(partial(code.new_pid, *gains), name))
+        except UserError as error:
+            verdicts.append(Verdict('controller', name, first=str(error)))
+    return verdicts

@@ -1,0 +1,100 @@
+"""What a report tells of a run: bag -> Facts."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from barc_sim.bags import reader
+from barc_sim.bags.node_graph import NodeGraph
+from barc_sim.bags.records import files
+from barc_sim.figures.style import as_known
+from barc_sim.lab.user_code.adapters import FOLDER
+from barc_sim.simulation import metrics
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from barc_sim.simulation.log import Log
+
+#: What no run reaches, and a damaged bag may have.
+_ABSURD = 1e9
+
+
+@dataclass(frozen=True)
+class Facts:
+    """A run, for a report."""
+
+    name: str
+    log: Log
+    info: Mapping[str, str]
+    summary: metrics.Summary
+    graph: NodeGraph | None
+    sources: Mapping[str, str]  #: a student's code, by name
+    hashes: Mapping[str, str]  #: SHA-256 of the sources and of the bag's files, by name
+
+
+def read(path: Path, namespace: str | None = None) -> Facts:
+    """Read the bag at `path`.
+
+    Raises
+    ------
+    UserError
+        There is none, or no car in it, or not one but several.
+    """
+    log = _sensible(reader.read(path, namespace))
+    info = reader.info(path)
+    attached = {
+        name.removeprefix(FOLDER): data
+        for name, data in reader.attachments(path).items()
+        if name.startswith(FOLDER)
+    }
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
+    for file in files(path):
+        hashes[file.name] = _sha256(file)
+    directory = path if path.is_dir() else path.parent
+    return Facts(
+        name=directory.resolve().name,
+        log=log,
+        info=info,
+        summary=metrics.summary(log),
+        graph=_graph(info.get('graph')),
+        sources={name: data.decode(errors='replace') for name, data in attached.items()},
+        hashes=hashes,
+    )
+
+
+def _sensible(log: Log) -> Log:
+    """Return the log without numbers that can't be drawn."""
+    columns = {field.name: getattr(log, field.name) for field in fields(log)}
+    floats = {name: column for name, column in columns.items() if column.dtype == np.float64}
+    return as_known(
+        replace(
+            log,
+            **{
+                name: np.where(np.abs(column) < _ABSURD, column, np.nan)
+                for name, column in floats.items()
+            },
+        )
+    )
+
+
+def _graph(text: str | None) -> NodeGraph | None:
+    if text is None:
+        return None
+    try:
+        return NodeGraph.from_json(text)
+    except (ValueError, TypeError, KeyError, AttributeError):
+        return None
+
+
+def _sha256(file: Path) -> str:
+    digest = hashlib.sha256()
+    with file.open('rb') as stream:
+        while piece := stream.read(1 << 20):
+            digest.update(piece)
+    return digest.hexdigest()

@@ -1,0 +1,147 @@
+"""Calls a student's function: within its time, with errors that a student understands."""
+
+from __future__ import annotations
+
+import inspect
+import reprlib
+import traceback
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.budget import Budget, OutOfTime
+from barc_sim.lab.user_code.source import StudentError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from barc_sim.lab.user_code.importing import Folder
+
+#: [s] a call may take, where nothing else is asked for: a hundred steps of the car.
+BUDGET = 2.0
+_SHOWN = 120
+
+
+class Calls:
+    """Calls of one function of a student's.
+
+    Attributes
+    ----------
+    function
+        The student's.
+    """
+
+    def __init__(
+        self, folder: Folder, function: Callable[..., Any], budget: float | None, expected: str
+    ) -> None:
+        """Prepare calls of `function`, within `budget` [s]; it is to return `expected`."""
+        self._folder = folder
+        self.function = function
+        self._expected = expected
+        self._call = Budget(budget).call if budget else _call
+        self._budget = budget
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 (a student's)
+        """Return what the function returns.
+
+        Raises
+        ------
+        StudentError
+            where it raises, or does not return within its time.
+        """
+        try:
+            return self._call(self.function, *args, **kwargs)
+        except (Exception, SystemExit, OutOfTime) as error:
+            raise self._raised(error, args, kwargs) from error
+
+    def wrong(
+        self, result: object, args: tuple[Any, ...], kwargs: Mapping[str, Any]
+    ) -> StudentError:
+        """Return the error that tells of a wrong `result`."""
+        hint = ': is its return missing?' if result is None else ''
+        return StudentError(
+            f'{where(self._folder, self.function)}: {self._said(args, kwargs)} returned '
+            f'{shown(result)}; expected {self._expected}{hint}'
+        )
+
+    def _raised(
+        self, error: BaseException, args: tuple[Any, ...], kwargs: Mapping[str, Any]
+    ) -> StudentError:
+        place = blamed(self._folder, error) or where(self._folder, self.function)
+        said = self._said(args, kwargs)
+        if isinstance(error, OutOfTime):
+            return StudentError(
+                f'{place}: {said} has not returned within {self._budget:g} s; expected '
+                f'{self._expected}: is there a loop that does not end?'
+            )
+        if isinstance(error, NotImplementedError):
+            return StudentError(
+                f'{place}: {self.function.__name__} is not written yet (TODO): called as {said}; '
+                f'expected {self._expected}'
+            )
+        return StudentError(f'{place}: {said} raised {told(error)}; expected {self._expected}')
+
+    def _said(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
+        names = [name for name in inspect.signature(self.function).parameters if name not in kwargs]
+        passed = {**dict(zip(names, args, strict=False)), **kwargs}
+        values = ', '.join(f'{name}={shown(value)}' for name, value in passed.items())
+        return f'{self.function.__name__}({values})'
+
+
+def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    return function(*args, **kwargs)
+
+
+def number(value: Any) -> float | None:  # noqa: ANN401 (a student's)
+    """Return a number as a float, whatever its type: an array of one number counts; else None."""
+    if isinstance(value, (str, bytes)):
+        return None
+    try:
+        return float(value.item() if hasattr(value, 'item') else value)
+    except Exception:  # noqa: BLE001 (what a student's value says to that is not known)
+        return None
+
+
+def shown(value: object) -> str:
+    """Return `value` as it is shown in a sentence."""
+    if isinstance(value, float):
+        return f'{value:.9g}' if value % 1.0 else repr(value)
+    text = ' '.join(_repr(value).split())
+    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
+
+
+def _repr(value: object) -> str:
+    try:
+        return repr(value)
+    except Exception:  # noqa: BLE001 (a student's __repr__)
+        return reprlib.repr(value)
+
+
+def told(error: BaseException) -> str:
+    """Return an exception's type and message in one line."""
+    try:
+        text = ' '.join(str(error).split())
+    except Exception:  # noqa: BLE001 (a student's __str__)
+        text = ''
+    text = text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
+    return f'{type(error).__name__}: {text}' if text else type(error).__name__
+
+
+def where(folder: Folder, function: Callable[..., Any]) -> str:
+    """Return the file and line where `function` is defined."""
+    code = getattr(inspect.unwrap(function), '__code__', None)
+    place = _place(folder, code.co_filename, code.co_firstlineno) if code else None
+    return place or f'{folder.path.name}'
+
+
+def blamed(folder: Folder, error: BaseException) -> str | None:
+    """Return the innermost file and line of the folder that an exception came through."""
+    places = [
+        place
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if (place := _place(folder, frame.f_code.co_filename, line))
+    ]
+    return places[-1] if places else None
+
+
+def _place(folder: Folder, filename: str, line: int) -> str | None:
+    source = folder.sources.get(filename)
+    return f'{source.name}, line {line}' if source else None

@@ -1,0 +1,172 @@
+"""Loads the modules of one folder, apart from all other modules of the process."""
+
+from __future__ import annotations
+
+import builtins
+import contextlib
+import importlib.util
+import io
+import sys
+import threading
+from importlib.machinery import FileFinder, SourceFileLoader
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.source import Source, compiled, read
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from importlib.machinery import ModuleSpec
+    from types import ModuleType
+
+_SWAP = threading.RLock()
+
+
+class Folder:
+    """Imports modules of the folder `path`, for each other and for nobody else.
+
+    They are in `sys.modules` only while one of them is being imported, so that two folders may
+    have a `helpers.py` each. No bytecode is written or read. A module of the standard library is
+    never hidden by a file of its name.
+
+    Attributes
+    ----------
+    sources
+        By path, what has been loaded.
+    """
+
+    def __init__(
+        self, path: Path, output: Callable[[str], object] | None = None, prefix: str = ''
+    ) -> None:
+        """Hand what the modules print to `output`; without it, that goes to stdout.
+
+        `prefix` precedes the names of the folder's files wherever they are told.
+        """
+        self.path = path.absolute()
+        self._prefix = prefix
+        self.sources: dict[str, Source] = {}
+        self._names = frozenset(_modules_in(self.path)) - sys.stdlib_module_names
+        self._modules: dict[str, ModuleType] = {}
+        self._importing = False
+        self._builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
+        if output:
+            self._builtins['print'] = _print_to(output)
+
+    def load(self, file: Path) -> ModuleType:
+        """Import `file`, once; what it raises is raised.
+
+        Raises
+        ------
+        StudentError
+            where it can't be read or compiled.
+        """
+        name = file.stem if file.stem in self._names else f'student_{file.stem}'
+        path = str(file.absolute())
+        if name not in self._modules:
+            spec = importlib.util.spec_from_loader(name, _Loader(self, name, path))
+            assert spec  # noqa: S101 (there is a loader)
+            spec.has_location = True
+            module = importlib.util.module_from_spec(spec)
+            with self._apart():
+                sys.modules[name] = module
+                _Loader(self, name, path).exec_module(module)
+            self._modules[name] = module
+        return self._modules[name]
+
+    def execute(self, module: ModuleType, path: Path) -> None:
+        """Run the file at `path` as `module`."""
+        inside = path.is_relative_to(self.path)
+        name = str(path.relative_to(self.path)) if inside else path.name
+        source = read(path, self._prefix + name)
+        self.sources[str(path)] = source
+        # What `import` and `print` mean is looked up here by all of the module's functions.
+        vars(module)['__builtins__'] = self._builtins
+        exec(compiled(source), vars(module))  # noqa: S102 (to run it is what it is given for)
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, _: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Find a module of the folder, as a finder on `sys.meta_path` does."""
+        if name.partition('.')[0] not in self._names:
+            return None
+        # A fresh finder knows of files of this very moment.
+        spec = FileFinder(
+            path[0] if path else str(self.path), (SourceFileLoader, ['.py'])
+        ).find_spec(name)
+        if spec and spec.origin and spec.loader:
+            spec.loader = _Loader(self, name, spec.origin)
+        return spec
+
+    def _import(
+        self,
+        name: str,
+        globals: dict[str, Any] | None = None,  # noqa: A002 (__import__'s own names)
+        locals: dict[str, Any] | None = None,  # noqa: A002
+        fromlist: Sequence[str] = (),
+        level: int = 0,
+    ) -> ModuleType:
+        if level == 0 and name.partition('.')[0] not in self._names:
+            return __import__(name, globals, locals, fromlist, level)
+        with self._apart():
+            return __import__(name, globals, locals, fromlist, level)
+
+    @contextlib.contextmanager
+    def _apart(self) -> Iterator[None]:
+        """Have this folder's modules, and no others of their names, in `sys.modules`."""
+        with _SWAP:
+            if self._importing:
+                yield
+                return
+            others = self._take()
+            sys.modules.update(self._modules)
+            sys.meta_path.insert(0, self)
+            self._importing = True
+            try:
+                yield
+            finally:
+                self._importing = False
+                sys.meta_path.remove(self)
+                self._modules = self._take()
+                sys.modules.update(others)
+
+    def _take(self) -> dict[str, ModuleType]:
+        """Return what `sys.modules` has under this folder's names, and remove it there."""
+        names = [name for name in sys.modules if self._is_own(name)]
+        return {name: sys.modules.pop(name) for name in names}
+
+    def _is_own(self, name: str) -> bool:
+        return name.partition('.')[0] in self._names or name.startswith('student_')
+
+
+class _Loader(SourceFileLoader):
+    """Lets its folder run the module."""
+
+    def __init__(self, folder: Folder, name: str, path: str) -> None:
+        super().__init__(name, path)
+        self._folder = folder
+
+    def exec_module(self, module: ModuleType) -> None:
+        self._folder.execute(module, Path(self.path))
+
+
+def _modules_in(folder: Path) -> Iterator[str]:
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if path.suffix == '.py':
+                yield path.stem
+            elif (path / '__init__.py').is_file():
+                yield path.name
+
+
+def _print_to(output: Callable[[str], object]) -> Callable[..., None]:
+    def student_print(*values: object, file: Any = None, **options: Any) -> None:  # noqa: ANN401
+        text = io.StringIO()
+        print(*values, file=file or text, **options)
+        if not file:
+            output(text.getvalue())
+
+    return student_print
+
+
+def _no_input(*_: object) -> str:
+    raise EOFError('nobody can answer input() here')

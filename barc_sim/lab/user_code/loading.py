@@ -1,0 +1,217 @@
+"""Loads a student's `bike_model.py`, `controller.py` and `relay.py`, as they are."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.budget import Budget, OutOfTime
+from barc_sim.lab.user_code.call import BUDGET, blamed, shown, told
+from barc_sim.lab.user_code.functions import Controller, Controllers, Model, Relay, Relays
+from barc_sim.lab.user_code.importing import Folder
+from barc_sim.lab.user_code.source import Source, StudentError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+__all__ = [
+    'BUDGET',
+    'FILES',
+    'Controller',
+    'Controllers',
+    'Lab',
+    'Model',
+    'Relay',
+    'Relays',
+    'Source',
+    'StudentError',
+    'find',
+    'load',
+    'load_controller',
+    'load_lab',
+    'load_model',
+    'load_relay',
+]
+
+#: By what it brings, the file in a student's folder.
+FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
+#: [s] to load a file in: it may import the like of SciPy.
+_LOADING = 20.0
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What a student's folder has; None for what it has not."""
+
+    model: Model | None = None
+    controller: Controllers | None = None
+    relay: Relays | None = None
+    #: By part, as in `FILES`, the name of its source.
+    files: Mapping[str, str] = field(default_factory=dict)
+    #: The files above, and those that they import from their folder.
+    sources: tuple[Source, ...] = ()
+
+
+def load_lab(
+    folder: Path | str,
+    parts: Collection[str] = tuple(FILES),
+    *,
+    budget: float | None = BUDGET,
+    output: Callable[[str], object] | None = None,
+) -> Lab:
+    """Load those of the files of `folder` that there are.
+
+    Parameters
+    ----------
+    folder
+        A student's.
+    parts
+        Which of `FILES` are looked for.
+    budget
+        [s] Each call is given so long; None: for ever, and no thread is started.
+    output
+        Takes what the student's code prints; without it, that goes to stdout.
+
+    Raises
+    ------
+    StudentError
+        where there is no such folder, nothing in it, or a file that can't be used.
+    """
+    return load(find(folder, parts), budget=budget, output=output)
+
+
+def find(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
+    """Return, by part, those of the files of `folder` that there are.
+
+    Raises
+    ------
+    StudentError
+        where there is no such folder, or nothing in it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise StudentError(
+            f'there is no folder {str(folder)!r}: python -m barc_sim new '
+            f'{shlex.quote(str(folder))} writes one'
+        )
+    files = {part: folder / FILES[part] for part in parts if (folder / FILES[part]).exists()}
+    if not files:
+        names = ', '.join(FILES[part] for part in parts)
+        raise StudentError(f'the folder {str(folder)!r} has no {names}: expected one at least')
+    return files
+
+
+def load(
+    files: Mapping[str, Path],
+    *,
+    budget: float | None = BUDGET,
+    output: Callable[[str], object] | None = None,
+) -> Lab:
+    """Load files by part (see `FILES`), of whichever folders; else as `load_lab`."""
+    loaders: dict[str, Callable[[Folder, Path, float | None], Any]] = {
+        'model': _model,
+        'controller': _controller,
+        'relay': _relay,
+    }
+    # Without `..`, for the names of folders.
+    paths = {part: Path(os.path.abspath(file)) for part, file in files.items()}  # noqa: PTH100
+    parents = dict.fromkeys(path.parent for path in paths.values())
+    folders = {
+        parent: Folder(parent, output, f'{number}_{parent.name}/' if len(parents) > 1 else '')
+        for number, parent in enumerate(parents, 1)
+    }
+    loaded = {
+        part: loaders[part](folders[path.parent], path, budget) for part, path in paths.items()
+    }
+    return Lab(
+        **loaded,
+        files={part: folders[path.parent].sources[str(path)].name for part, path in paths.items()},
+        sources=tuple(source for folder in folders.values() for source in folder.sources.values()),
+    )
+
+
+def load_model(path: Path | str, *, budget: float | None = BUDGET) -> Model:
+    """Return the function `bikeFE` of the file `path`.
+
+    Raises
+    ------
+    StudentError
+        where there is none that can be used.
+    """
+    path = Path(path)
+    return _model(Folder(path.parent), path, budget)
+
+
+def load_controller(path: Path | str, *, budget: float | None = BUDGET) -> Controllers:
+    """Return the class `PID` of the file `path`: kp, ki, kd -> a fresh controller.
+
+    Raises
+    ------
+    StudentError
+        where there is none that can be used.
+    """
+    path = Path(path)
+    return _controller(Folder(path.parent), path, budget)
+
+
+def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> Relays:
+    """Return the class `Relay`, or the function `relay`, of the file `path`: () -> a fresh relay.
+
+    Raises
+    ------
+    StudentError
+        where there is none that can be used.
+    """
+    path = Path(path)
+    return _relay(Folder(path.parent), path, budget)
+
+
+def _model(folder: Folder, path: Path, budget: float | None) -> Model:
+    function = _named(folder, path, budget, ['bikeFE'])
+    if not callable(function):
+        raise StudentError(f'{path.name}: bikeFE is {shown(function)}; expected a function')
+    return Model(folder, function, budget)
+
+
+def _controller(folder: Folder, path: Path, budget: float | None) -> Controllers:
+    cls = _named(folder, path, budget, ['PID'])
+    if not isinstance(cls, type):
+        raise StudentError(f'{path.name}: PID is {shown(cls)}; expected a class')
+    return Controllers(folder, cls, budget)
+
+
+def _relay(folder: Folder, path: Path, budget: float | None) -> Relays:
+    relay = _named(folder, path, budget, ['Relay', 'relay'])
+    if not callable(relay):
+        raise StudentError(f'{path.name}: relay is {shown(relay)}; expected a function')
+    return Relays(folder, relay, budget)
+
+
+def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -> Any:  # noqa: ANN401
+    """Return the first of `names` that the file at `path` defines."""
+    loading = Budget(_LOADING) if budget else None
+    try:
+        module = loading.call(folder.load, path) if loading else folder.load(path)
+    except StudentError:
+        raise
+    except ModuleNotFoundError as error:
+        raise StudentError(
+            f'{blamed(folder, error) or path.name}: there is no module {error.name!r} here: '
+            'install it in this Python, put it into the folder, or do without'
+        ) from error
+    except OutOfTime as error:
+        raise StudentError(
+            f'{blamed(folder, error) or path.name}: loading the file took longer than '
+            f'{_LOADING:g} s: is there a loop outside of its functions that does not end?'
+        ) from error
+    except (Exception, SystemExit) as error:
+        raise StudentError(
+            f'{blamed(folder, error) or path.name}: loading the file raised {told(error)}'
+        ) from error
+    for name in names:
+        if hasattr(module, name):
+            return getattr(module, name)
+    raise StudentError(f'{path.name} defines no {" nor ".join(reversed(names))}')

@@ -1,0 +1,1 @@
+"""The node `foxglove`: serves every topic to the Foxglove app."""

@@ -1,0 +1,139 @@
+"""The node `keyboard`: publishes what the keys of the terminal wish for, as `cmd_vel`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from geometry_msgs.msg import Twist
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from barc_sim.cli.parser import call
+from barc_sim.control.driver import FULL_BRAKE, RATE
+from barc_sim.nodes.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
+from barc_sim.nodes.keyboard.terminal import Terminal
+from barc_sim.ros import names as topic_names
+from barc_sim.ros import service_names
+from barc_sim.ros.conversions import to_twist
+from barc_sim.ros.endpoints import publisher
+from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.parameters import declare
+from barc_sim.ros.process import spin
+from barc_sim.vehicle.parameter import Parameter
+
+if TYPE_CHECKING:
+    from barc_sim.nodes.keyboard.keys import KeyEvent
+
+_PARAMETERS = [
+    Parameter(
+        'press_hold',
+        PRESS_HOLD,
+        'a key counts as held for so long after it was pressed, which is to be longer than the '
+        'delay before it repeats [s]',
+        (0.05, 5.0),
+        read_only=True,
+    ),
+    Parameter(
+        'repeat_hold',
+        REPEAT_HOLD,
+        'a key counts as held for so long after each time that it repeats [s]',
+        (0.05, 5.0),
+        read_only=True,
+    ),
+]
+
+
+#: For how long the last Twist may be on its way.
+_LAST_WORD = Duration(seconds=0.3)
+
+
+class Keyboard(Node):
+    """Publishes while a key is held, zero once when it is let go, and then nothing.
+
+    At its end it publishes the brake.
+
+    Attributes
+    ----------
+    finished
+        Done when the user wants to end it.
+    """
+
+    def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)
+        """Read keys from `terminal`, which is closed at the end.
+
+        Raises
+        ------
+        UserError
+            where a parameter is out of range.
+        """
+        super().__init__('keyboard', **options)
+        values = declare(self, _PARAMETERS)
+        self._keys = HeldKeys(values['press_hold'], values['repeat_hold'])
+        self._events: deque[tuple[KeyEvent, float]] = deque()
+        self._terminal = terminal
+        self.finished: Future = Future()
+        # Whoever sets it, from whatever thread: the terminal is given back before all else ends.
+        self.finished.add_done_callback(lambda _: terminal.close())
+
+        self._twist_pub = publisher(self, Twist, topic_names.CMD_VEL)
+        group = QuickCallbackGroup()
+        self._reset = self.create_client(Trigger, service_names.RESET, callback_group=group)
+        self._typed = self.create_guard_condition(self._on_typed, group)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = self.create_timer(1.0 / RATE, self._publish, group, steady)
+        terminal.listen(self._on_event)
+
+    def destroy_node(self) -> None:
+        """Give the terminal back, brake, and destroy the node."""
+        self._terminal.close()
+        if self.context.ok() and self._twist_pub in self.publishers:
+            self._twist_pub.publish(to_twist(FULL_BRAKE))
+            # The process may end next, and what was not delivered with it.
+            self._twist_pub.wait_for_all_acked(_LAST_WORD)
+        super().destroy_node()
+
+    def _on_event(self, event: KeyEvent) -> None:
+        """Hand an event over to the thread that spins; called in the terminal's."""
+        if event.key == 'quit':
+            self.finished.set_result(None)
+        else:
+            self._events.append((event, time.monotonic()))
+            self._typed.trigger()
+
+    def _on_typed(self) -> None:
+        while self._events:
+            event, t = self._events.popleft()
+            if event.key == 'kitty':
+                self._keys.releases = True
+            elif event.key == 'blur':
+                self._keys.release()
+            elif self._keys.hear(event, t) and event.key == 'reset':
+                self._ask_for_reset()
+        self._publish()
+        self._timer.reset()
+
+    def _ask_for_reset(self) -> None:
+        if self._reset.service_is_ready():
+            self._reset.call_async(Trigger.Request())
+        else:
+            self.get_logger().warning('there is no simulator to reset')
+
+    def _publish(self) -> None:
+        wish = self._keys.wish(time.monotonic())
+        if wish is not None:
+            self._twist_pub.publish(to_twist(wish))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone, until `q`, Ctrl-C, or a signal."""
+    return call('keyboard', lambda: spin(lambda: Keyboard(Terminal()), args))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The node `mirror`: standard messages for RViz, Foxglove and PlotJuggler."""

@@ -1,0 +1,103 @@
+"""What there is to say of a run's health, once a second (pure)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from barc_sim.vehicle.sensor import Deviation
+
+#: Share of the wanted real-time factor below which a run is called slow.
+_SLOW = 0.9
+
+
+class Level(IntEnum):
+    """How well it is, as diagnostic_msgs/DiagnosticStatus has it."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+class Facts(NamedTuple):
+    """What the composition knows of a run and no topic tells; None for what it doesn't."""
+
+    missed: int | None = None  #: commands that were not there when they were due
+    slipped: int | None = None  #: periods by which time has fallen behind the wall clock
+    paused: bool | None = None
+    wanted_factor: float | None = None  #: simulated seconds per second; 0: as fast as it goes
+    noise: Deviation | None = None  #: standard deviations
+    recorded: int | None = None  #: messages in the bag
+    lost: int | None = None  #: messages that it lacks
+    failure: str | None = None  #: why the bag could not be written
+
+
+class Heard(NamedTuple):
+    """What the topics tell; None where nothing was heard yet."""
+
+    factor: float | None = None  #: simulated seconds per second since the last look
+    command_age: float | None = None  #: [s] since the latest command arrived, by the wall clock
+
+
+class Diagnosis(NamedTuple):
+    """One status."""
+
+    name: str
+    level: Level
+    message: str
+    values: dict[str, str]
+
+
+def diagnose(facts: Facts, before: Facts, heard: Heard) -> list[Diagnosis]:
+    """Return what there is to say; `before` is what was known at the last look."""
+    found = [_timing(facts, before, heard)]
+    if heard.command_age is not None:
+        age = heard.command_age
+        found.append(Diagnosis('command', Level.OK, f'{age:.3f} s old', {'age [s]': f'{age:.6f}'}))
+    if facts.noise is not None:
+        noisy = ', '.join(name for name, value in facts.noise._asdict().items() if value)
+        values = {name: f'{value:g}' for name, value in facts.noise._asdict().items()}
+        found.append(Diagnosis('noise', Level.OK, f'of {noisy}' if noisy else 'none', values))
+    if facts.recorded is not None:
+        found.append(_recording(facts))
+    return found
+
+
+def _timing(facts: Facts, before: Facts, heard: Heard) -> Diagnosis:
+    missed = (facts.missed or 0) - (before.missed or 0)
+    slipped = (facts.slipped or 0) - (before.slipped or 0)
+    wanted = facts.wanted_factor or 0.0
+    level, message = Level.WARN, 'in time'
+    if facts.paused:
+        level, message = Level.OK, 'paused'
+    elif missed > 0:
+        message = f'{missed} commands were not there when they were due'
+    elif slipped > 0:
+        message = f'simulated time has fallen behind by {slipped} periods'
+    elif heard.factor is not None and heard.factor < _SLOW * wanted:
+        message = f'simulated time runs at {heard.factor:.2f}, not at {wanted:g}'
+    else:
+        level = Level.OK
+    values = {
+        'missed deadlines': facts.missed,
+        'slipped periods': facts.slipped,
+        'real-time factor': None if heard.factor is None else f'{heard.factor:.3f}',
+    }
+    return Diagnosis('timing', level, message, _known(values))
+
+
+def _recording(facts: Facts) -> Diagnosis:
+    level, message = Level.OK, 'nothing is lost'
+    if facts.failure:
+        level, message = Level.ERROR, facts.failure
+    elif facts.lost:
+        level, message = Level.WARN, f'{facts.lost} messages are lost'
+    values = {'recorded messages': facts.recorded, 'lost messages': facts.lost}
+    return Diagnosis('bag', level, message, _known(values))
+
+
+def _known(values: Mapping[str, int | str | None]) -> dict[str, str]:
+    return {name: str(value) for name, value in values.items() if value is not None}

@@ -1,0 +1,1 @@
+"""The node `view`, which feeds the live page."""

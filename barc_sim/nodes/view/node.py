@@ -1,0 +1,322 @@
+"""The node `view`: the live page, and what a page that drives asks of the other nodes."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections import deque
+from functools import partial
+from math import isfinite
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from geometry_msgs.msg import Twist
+from rcl_interfaces.msg import ParameterEvent, ParameterType
+from rclpy.node import Node
+
+from barc_sim.cli.parser import call
+from barc_sim.errors import UserError
+from barc_sim.nodes.view.node_clients import Peers
+from barc_sim.page.driver_arbiter import Wheel
+from barc_sim.page.facts import SIMULATOR, facts
+from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, say
+from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
+from barc_sim.page.server import ViewServer
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
+from barc_sim.ros.endpoints import publisher
+from barc_sim.ros.parameters import declare
+from barc_sim.ros.polled import PolledCallbackGroup, polled, take
+from barc_sim.ros.process import spin
+from barc_sim.vehicle.parameter import Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
+
+
+MODES = ('acc', 'teleop')
+_TYPES = {
+    topic_names.STATE_ERROR: EZDynBkMdl,
+    topic_names.ENVIRONMENT: Environment,
+    topic_names.ECU: ECU,
+    topic_names.PID_STATE: PidState,
+}
+#: Messages of a topic that wait for the next look: a page needs no more than the newest of them.
+_DEPTH = 16
+#: [s] between two looks at the topics, while a page is open and while none is.
+_PERIOD, _SLOW_PERIOD = 0.02, 0.1
+#: [s] after a state at which to look: it has been answered by then, and the next step is far.
+_AFTER = 0.006
+_STATUS_PERIOD = 0.25  #: [s]
+_PATIENCE = 1.0  #: [s] after which what was not answered is asked again
+_GREATEST = 1e12  #: in any unit: what is beyond is none, and sums of it are not finite
+_WINDOW = 4  #: status periods over which the real-time factor is measured
+
+
+class ViewNode(Node):
+    """Serves the live page at `url`, and publishes `cmd_vel` while a page drives.
+
+    The executor's thread has next to nothing to do for it: the server's thread looks at the topics
+    between two steps, and does all the rest.
+
+    Attributes
+    ----------
+    url
+        The page's address, for the user alone: who knows it may drive.
+    seen
+        How many states it has taken.
+    """
+
+    def __init__(
+        self,
+        mode: str = 'acc',
+        *,
+        host: str = '127.0.0.1',
+        port: int = 0,
+        status: Callable[[], Status] = Status,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        """Serve the page.
+
+        `status` is asked, from another thread and from the first state on, for what no topic tells.
+
+        Raises
+        ------
+        UserError
+            where a parameter can't be used, or the port can't be had.
+        """
+        super().__init__('view', **options)
+        values = declare(
+            self,
+            [
+                Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'", read_only=True),
+                Parameter('host', host, 'the address to serve the page at', read_only=True),
+                Parameter(
+                    'port', port, 'its port; 0: any that is free', (0, 65535), read_only=True
+                ),
+            ],
+        )
+        if values['mode'] not in MODES:
+            raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
+        self._mode = values['mode']
+        self._server = ViewServer(self, values['host'], values['port'])
+        self.url = self._server.url
+        self._status = status
+        self.seen = 0
+        self._rows = Rows()
+        self._wheel = Wheel()
+        self._simulator: dict[str, Any] = {}
+        self._controller: dict[str, Any] = {}
+        self._ask_at: dict[str, float] = {}
+        self._paused = False
+        self._ended: str | None = None
+        self._next_status = 0.0
+        self._received: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
+        self._newest: tuple[int, int] | None = None
+
+        self._cmd_vel_pub = publisher(self, Twist, topic_names.CMD_VEL)
+        self._peers = Peers(self, self._server.call)
+        group = PolledCallbackGroup()
+        self._states = polled(self, ZDynBkMdl, topic_names.STATE, _DEPTH, group)
+        self._others = {
+            topic: polled(self, kind, topic, _DEPTH, group) for topic, kind in _TYPES.items()
+        }
+        self._events = polled(self, ParameterEvent, '/parameter_events', _DEPTH, group)
+        self._server.start()
+        self.get_logger().debug(f'a page of the mode {self._mode!r} is served')
+
+    def end(self, reason: str) -> None:
+        """Tell the pages, in a sentence, that the run has ended; may be called from any thread."""
+        self._server.call(partial(self._end, reason))
+
+    def destroy_node(self) -> None:
+        """Close all pages and the port, and destroy the node."""
+        self._server.close()
+        super().destroy_node()
+
+    # What follows runs in the server's thread.
+
+    def greet(self) -> Iterator[str | bytes]:
+        """Tell a page that has opened what is known."""
+        yield say('hello', **facts(self._mode, self._simulator, self._controller))
+        yield self._rows.history()
+        if self._ended is not None:
+            yield say('end', reason=self._ended)
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Do what a page asks for."""
+        if isinstance(request, Drive):
+            now = time.monotonic()
+            if self._wheel.turn(page, request, now):
+                self._publish(now)
+            else:
+                page.send(say('refused', what='drive', why='another page is driving'))
+        elif isinstance(request, Tune):
+            self._peers.tune(*request, answer=partial(self._on_tuned, page, request))
+        elif isinstance(request, Pause):
+            self._peers.pause(request.on, answer=partial(self._on_paused, page, request))
+        elif isinstance(request, Reset):
+            self._peers.reset(answer=partial(self._on_reset, page))
+
+    def leave(self, page: Page) -> None:
+        """Let go what a page held that has gone."""
+        self._wheel.leave(page)
+        self._publish(time.monotonic())
+
+    def pulse(self) -> float:
+        """Pass on what is new; return after how many seconds to look again."""
+        now = time.monotonic()
+        self._publish(now)
+        if rows := self._look():
+            self._server.send(rows)
+        if now >= self._next_status:
+            self._next_status = now + _STATUS_PERIOD
+            self._look_at_parameters()
+            if self._ended is None:
+                self._send_status()
+        return self._until_next() if self._server.pages else _SLOW_PERIOD
+
+    def _look(self) -> bytes:
+        others = {
+            topic: [
+                (to_nanoseconds(message.header.stamp), values)
+                for message, _ in take(subscription, _DEPTH)
+                if _usable(values := _VALUES[topic](message))
+            ]
+            for topic, subscription in self._others.items()
+        }
+        states = []
+        for message, info in take(self._states, _DEPTH):
+            values = _STATE_VALUES(message)
+            if not _usable(values):
+                continue
+            stamp = to_nanoseconds(message.header.stamp)
+            states.append((stamp, values))
+            self._newest = info['received_timestamp'], stamp
+        self.seen += len(states)
+        return self._rows.add(states, others)
+
+    def _until_next(self) -> float:
+        """Return after how long to look again: a little after the state that is expected then."""
+        if self._newest is None:
+            return _PERIOD
+        age = (time.time_ns() - self._newest[0]) / NANOSECONDS
+        return min(max(_PERIOD + _AFTER - age, 0.5 * _PERIOD), 1.5 * _PERIOD)
+
+    def _publish(self, now: float) -> None:
+        if command := self._wheel.due(now):
+            twist = Twist()
+            twist.linear.x, twist.angular.z, brake = command
+            twist.linear.z = -brake
+            self._cmd_vel_pub.publish(twist)
+
+    def _send_status(self) -> None:
+        missed, slipped, paused = self._status() if self._newest else Status()
+        for page in self._server.pages:
+            driver = self._wheel.driver
+            page.send(
+                say(
+                    'status',
+                    factor=self._realtime_factor(),
+                    missed=missed,
+                    slipped=slipped,
+                    paused=self._paused if paused is None else paused,
+                    driver=None if driver is None else 'you' if driver is page else 'other',
+                )
+            )
+        if self._newest:
+            self._received.append(self._newest)
+
+    def _realtime_factor(self) -> float | None:
+        """Return simulated seconds per second, of late; None where too little is known."""
+        if not self._newest or len(self._received) < _WINDOW:
+            return None
+        real, simulated = (
+            new - old for new, old in zip(self._newest, self._received[0], strict=True)
+        )
+        if not real:
+            return 0.0
+        return simulated / real
+
+    def _look_at_parameters(self) -> None:
+        for name, names, known in (
+            ('vehicle_simulator', SIMULATOR, self._simulator),
+            ('controller', TUNABLE, self._controller),
+        ):
+            now = time.monotonic()
+            if (
+                not known
+                and now >= self._ask_at.get(name, 0.0)
+                and self._peers.parameters(name, names, partial(self._on_parameters, known))
+            ):
+                self._ask_at[name] = now + _PATIENCE
+        controller = f'{self.get_namespace().rstrip("/")}/controller'
+        for event, _ in take(self._events, _DEPTH):
+            if event.node == controller:
+                self._on_parameters(self._controller, dict(_tuned(event)))
+
+    def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
+        known.update(values)
+        self._server.send(say('facts', **facts(self._mode, self._simulator, self._controller)))
+
+    def _on_tuned(self, page: Page, request: Tune, done: bool, why: str) -> None:
+        if not done:
+            page.send(say('refused', what=request.name, why=why))
+
+    def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
+        if done:
+            self._paused = request.on
+            self._send_status()
+        else:
+            page.send(say('refused', what='pause', why=why))
+
+    def _on_reset(self, page: Page, done: bool, why: str) -> None:
+        if not done:
+            page.send(say('refused', what='reset', why=why))
+
+    def _end(self, reason: str) -> None:
+        self._ended = reason
+        if rows := self._look():
+            self._server.send(rows)
+        self._server.send(say('end', reason=reason))
+
+
+def _usable(values: tuple[float, ...]) -> bool:
+    return all(abs(value) <= _GREATEST for value in values)  # NaN is not
+
+
+def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
+    """Yield what the page can show of an event; anybody may have sent it."""
+    for parameter in event.changed_parameters:
+        value = parameter.value
+        if (
+            parameter.name in TUNABLE
+            and value.type == ParameterType.PARAMETER_DOUBLE
+            and isfinite(value.double_value)
+        ):
+            yield parameter.name, value.double_value
+
+
+_STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)
+_VALUES: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    topic: attrgetter(*fields) for topic, fields in FIELDS.items()
+}
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node alone, until it is told to stop."""
+    return call('view', lambda: spin(_announced, args))
+
+
+def _announced() -> ViewNode:
+    node = ViewNode()
+    print(f'view    {node.url}', flush=True)  # noqa: T201 (not into /rosout: it holds the token)
+    return node
+
+
+if __name__ == '__main__':
+    sys.exit(main())

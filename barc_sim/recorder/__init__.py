@@ -1,1 +1,0 @@
-"""What the recorder node is made of."""

@@ -1,0 +1,110 @@
+"""Messages from and to the records of the pure modules."""
+
+from __future__ import annotations
+
+from math import atan2
+from typing import TYPE_CHECKING
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose, Twist, Vector3
+from std_msgs.msg import Header
+
+from barc_sim.control.driver import Drive
+from barc_sim.vehicle.bike_model import Input, State
+
+if TYPE_CHECKING:
+    from barc_sim.control.pid import SpeedController
+    from barc_sim.vehicle.plant import Observation
+
+NANOSECONDS = 1_000_000_000
+#: [m] Farther away than any road leads.
+_FAR = 1e6
+#: By which the squared norm of a rotation's quaternion may differ from one.
+_NORM_TOLERANCE = 1e-3
+
+
+def to_header(stamp_ns: int, frame_id: str = '') -> Header:
+    """Return a header stamped `stamp_ns` [ns]."""
+    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def to_nanoseconds(stamp: Time) -> int:
+    """Return `stamp` in nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def to_state(seen: Observation, header: Header) -> ZDynBkMdl:
+    """Return the state as measured."""
+    x, y, psi, v_x, v_y, psi_dot = seen.measured
+    return ZDynBkMdl(header=header, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, psi_dot=psi_dot)
+
+
+def to_state_error(seen: Observation, header: Header) -> EZDynBkMdl:
+    """Return the measurement's error."""
+    s, ey, epsi, v_x, v_y, psi_dot = seen.error
+    return EZDynBkMdl(header=header, s=s, ey=ey, epsi=epsi, v_x=v_x, v_y=v_y, psi_dot=psi_dot)
+
+
+def to_environment(seen: Observation, header: Header) -> Environment:
+    """Return what the road and the air do."""
+    friction, drag, gravity = seen.forces
+    return Environment(
+        header=header,
+        theta=seen.theta_deg,
+        elevation=seen.elevation,
+        friction=friction,
+        drag=drag,
+        gravity=gravity,
+    )
+
+
+def to_state_at_rest(pose: Pose) -> State | None:
+    """Return the state at `pose`, without speed; None where it is not finite, or no rotation."""
+    x, y, q = pose.position.x, pose.position.y, pose.orientation
+    norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):
+        return None
+    return State(x, y, atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))
+
+
+def to_input(message: ECU) -> Input:
+    """Return the command in `message`."""
+    return Input(motor=message.motor, servo=message.servo)
+
+
+def to_ecu(command: Input, header: Header) -> ECU:
+    """Return `command` as a message."""
+    return ECU(header=header, motor=command.motor, servo=command.servo)
+
+
+def to_drive(twist: Twist, linear_scale: float = 1.0, angular_scale: float = 1.0) -> Drive:
+    """Return the wish in `twist`, each kind of share multiplied by its scale."""
+    return Drive(
+        forward=twist.linear.x * linear_scale,
+        turn=twist.angular.z * angular_scale,
+        brake=-twist.linear.z * linear_scale,
+    )
+
+
+def to_twist(wish: Drive) -> Twist:
+    """Return `wish` as a message."""
+    return Twist(linear=Vector3(x=wish.forward, z=-wish.brake or 0.0), angular=Vector3(z=wish.turn))
+
+
+def to_pid_state(
+    pid: SpeedController, reference: float, measurement: float, output: float, header: Header
+) -> PidState:
+    """Return what `pid` computed in its latest call."""
+    return PidState(
+        header=header,
+        reference=reference,
+        measurement=measurement,
+        error=reference - measurement,
+        proportional=pid.proportional,
+        integral=pid.integral,
+        derivative=pid.derivative,
+        output=output,
+        saturated=pid.saturated,
+    )

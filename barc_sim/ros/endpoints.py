@@ -1,0 +1,87 @@
+"""Publishers and subscriptions without the default QoS events, and the one warning instead.
+
+The default event callbacks add two waitables to each endpoint, which every turn of an executor
+would wait for; an incompatible peer is looked for with `incompatible_peers` instead.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import QoSCompatibility, qos_check_compatible
+
+from barc_sim.ros.names import QOS
+from barc_sim.ros.serialized import Taker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+    from rclpy.qos import QoSProfile
+    from rclpy.subscription import Subscription
+
+
+def publisher(node: Node, message_type: type[Any], topic: str) -> Publisher:
+    """Return a publisher of `node` on `topic`."""
+    events = PublisherEventCallbacks(use_default_callbacks=False)
+    return node.create_publisher(message_type, topic, QOS, event_callbacks=events)
+
+
+def subscription(
+    node: Node,
+    message_type: type[Any],
+    topic: str,
+    callback: Callable[[Any], None],
+    group: CallbackGroup,
+    *,
+    qos: QoSProfile = QOS,
+) -> Subscription:
+    """Return a subscription of `node` to `topic`, called back in `group`."""
+    events = SubscriptionEventCallbacks(use_default_callbacks=False)
+    return node.create_subscription(
+        message_type, topic, callback, qos, callback_group=group, event_callbacks=events
+    )
+
+
+def drained_subscription(
+    node: Node,
+    message_type: type[Any],
+    topic: str,
+    callback: Callable[[bytes], None],
+    group: CallbackGroup,
+) -> Callable[[], None]:
+    """Subscribe `node` to `topic`; `callback` is given all serialized messages that wait, in turn.
+
+    Who is sent more messages than it can take one by one still finds the one that it waits for.
+    The result does the same at once, for who cannot wait until `group` is called back.
+    """
+    taker = Taker()
+
+    def drain() -> None:
+        for taken in islice(taker.take(made), QOS.depth):
+            callback(taken.data)
+
+    def on_message(data: bytes) -> None:
+        callback(data)
+        drain()
+
+    events = SubscriptionEventCallbacks(use_default_callbacks=False)
+    made = node.create_subscription(
+        message_type, topic, on_message, QOS, callback_group=group, event_callbacks=events, raw=True
+    )
+    return drain
+
+
+def incompatible_peers(node: Node) -> Iterator[str]:
+    """Yield a sentence for each two endpoints on a topic of `node` whose QoS does not match."""
+    for topic in sorted({end.topic_name for end in (*node.publishers, *node.subscriptions)}):
+        subscribers = node.get_subscriptions_info_by_topic(topic)
+        for source in node.get_publishers_info_by_topic(topic):
+            for sink in subscribers:
+                verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
+                if verdict == QoSCompatibility.ERROR:
+                    yield f'{sink.node_name} cannot hear {source.node_name} on {topic}: {reason}'

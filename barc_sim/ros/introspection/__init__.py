@@ -1,0 +1,1 @@
+"""Looks at a running ROS graph: topics, messages and parameters."""

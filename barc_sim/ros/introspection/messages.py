@@ -1,0 +1,118 @@
+"""Messages as they arrive, taken by whoever wants them, with those that were lost."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from barc_sim.bags.losses import Losses
+from barc_sim.errors import UserError
+from barc_sim.ros.offers import fits, request
+from barc_sim.ros.polled import PolledCallbackGroup
+from barc_sim.ros.serialized import Taker
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rclpy.node import Node
+
+    from barc_sim.ros.serialized import Taken
+
+#: Messages that may wait for the next look.
+DEPTH = 10_000
+
+
+class Messages:
+    """The messages of a topic, from now on.
+
+    Attributes
+    ----------
+    losses
+        What is missing between those that were taken, by publisher.
+    """
+
+    def __init__(self, node: Node, topic: str, kind: type[Any], qos: QoSProfile) -> None:
+        """Listen; `kind` is the class of the messages."""
+        self.losses = Losses()
+        self._taker = Taker()
+        self._subscription = node.create_subscription(
+            kind,
+            topic,
+            lambda _: None,
+            qos,
+            callback_group=PolledCallbackGroup(),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=True,
+        )
+
+    def take(self) -> Iterator[Taken]:
+        """Yield those that have arrived, serialized."""
+        for taken in self._taker.take(self._subscription):
+            self.losses.count(taken.publisher, taken.number)
+            yield taken
+
+    def close(self) -> None:
+        """Take no more."""
+        self._taker.close()
+        self._subscription.destroy()
+
+    @property
+    def lost(self) -> int:
+        """How many were lost."""
+        return sum(self.losses.by_publisher.values())
+
+
+def quality(
+    node: Node,
+    topic: str,
+    *,
+    depth: int = DEPTH,
+    reliability: str | None = None,
+    durability: str | None = None,
+) -> QoSProfile:
+    """Return what to ask of the publishers of `topic`: the most that all offer, or as given.
+
+    Raises
+    ------
+    UserError
+        where no publisher that there is offers as much as is given.
+    """
+    publishers = node.get_publishers_info_by_topic(topic)
+    profile = request(publishers, depth)
+    if not publishers:  # nothing is known: ask for the least
+        profile.reliability = ReliabilityPolicy.BEST_EFFORT
+        profile.durability = DurabilityPolicy.VOLATILE
+    if reliability:
+        profile.reliability = ReliabilityPolicy.get_from_short_key(reliability)
+    if durability:
+        profile.durability = DurabilityPolicy.get_from_short_key(durability)
+    if publishers and not any(fits(publisher, profile) for publisher in publishers):
+        offered = request(publishers, depth)
+        raise UserError(
+            f'nobody offers {topic} as {_in_words(profile)}: ask for {_in_words(offered)} at most'
+        )
+    return profile
+
+
+def message_class(type_name: str) -> type[Any]:
+    """Return the class of a type such as `std_msgs/msg/String`.
+
+    Raises
+    ------
+    UserError
+        where its package is not installed.
+    """
+    package, module, base = type_name.split('/')
+    try:
+        return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError):
+        raise UserError(
+            f'the type {type_name} is not installed here: source the workspace that has {package}'
+        ) from None
+
+
+def _in_words(profile: QoSProfile) -> str:
+    return f'{profile.reliability.name.lower()} and {profile.durability.name.lower()}'

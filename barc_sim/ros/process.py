@@ -1,0 +1,115 @@
+"""What every process with nodes in it does: start ROS, spin, and end in order."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from barc_sim.cli.signals import StopSignals
+from barc_sim.errors import UserError
+from barc_sim.ros.dds_profiles import use_profiles
+from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.shared_memory import sweep
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.node import Node
+
+#: Threads for callbacks that may block; the quick ones need none.
+NUM_THREADS = 2
+
+
+#: rcutils' own format, on a line that is cleared first: a live line may stand there.
+_CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
+
+
+@contextmanager
+def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
+    """Initialise ROS with `args`, seen on this machine only unless the user has set it otherwise.
+
+    With `network` it is seen in its whole subnet. What killed processes have left is cleared away.
+
+    Raises
+    ------
+    UserError
+        where what follows `--ros-args` is not for ROS, or DDS security is asked for and can't be
+        had.
+    """
+    secure = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
+    keystore = Path(os.environ.get('ROS_SECURITY_KEYSTORE', ''))
+    if secure and not (keystore / 'enclaves').is_dir():
+        # Unless ROS_SECURITY_STRATEGY is Enforce, rcl would go on without security.
+        raise UserError(
+            f'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE, {str(keystore)!r}, is no '
+            'keystore: set it to one that `ros2 security create_keystore` has made, or unset both'
+        )
+    if network:
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    use_profiles()
+    sweep()
+    if sys.stderr.isatty():
+        os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
+    # What rcl logs of its arguments is what it raises, too.
+    set_logger_level('rcl', LoggingSeverity.FATAL)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
+        raise UserError(f'ROS cannot start with its arguments: {_reason(error)}') from None
+    if get_logger_level('rcl') == LoggingSeverity.FATAL:
+        set_logger_level('rcl', LoggingSeverity.UNSET)
+    try:
+        if secure:
+            _check_security()
+        yield
+    finally:
+        rclpy.try_shutdown()
+
+
+def _check_security() -> None:
+    """Make a node, and with it what takes part in DDS: here an error is still a sentence."""
+    options = {'enable_rosout': False, 'start_parameter_services': False}
+    try:
+        rclpy.create_node('_security', **options).destroy_node()
+    except Exception as error:  # noqa: BLE001 (rclpy raises a private kind)
+        raise UserError(
+            f'ROS_SECURITY_ENABLE is true, and DDS security cannot be had: {_reason(error)} (the '
+            'ROS 2 from PyPI has none: source a ROS 2 Jazzy that has, or unset it)'
+        ) from None
+
+
+def _reason(error: Exception) -> str:
+    """Return what rcl says went wrong, without where its source says so."""
+    return re.sub(r',? at /\S+:\d+', '', str(error))
+
+
+def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
+    """Spin the node that `create` returns until it has `finished` or a signal asks to stop.
+
+    Returns
+    -------
+    int
+        The exit code: 1 where the node has a `failure`.
+    """
+    with StopSignals() as stop, ros(args):
+        node: Any = create()
+        executor = QuickExecutor(num_threads=NUM_THREADS)
+        executor.add_node(node)
+        done = getattr(node, 'finished', None) or Future()
+        stop.then(lambda: done.set_result(None))
+        try:
+            executor.spin_until_future_complete(done)
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+    return 1 if getattr(node, 'failure', None) else 0

@@ -1,0 +1,76 @@
+"""The nodes of a run that show it to others: `mirror`, and the server of the Foxglove app."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barc_sim.nodes.mirrors.diagnosis import Facts
+from barc_sim.nodes.mirrors.options import MIRRORS, wanted
+from barc_sim.vehicle.sensor import Deviation
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Iterator, Sequence
+
+    from rclpy.node import Node
+
+    from barc_sim.nodes.recorder.node import BagRecorder
+    from barc_sim.nodes.simulator.node import VehicleSimulator
+
+
+def mirrors(
+    options: Namespace, simulators: Sequence[VehicleSimulator], recorder: BagRecorder | None
+) -> Iterator[Node]:
+    """Yield the nodes that the options ask for; none is imported that they don't.
+
+    Each simulator's car is mirrored in the simulator's namespace.
+
+    Raises
+    ------
+    UserError
+        where the Foxglove SDK is not installed, or the port can't be had.
+    """
+    names = wanted(options)
+    if names:
+        for simulator in simulators:
+            yield _mirror(names, simulator, recorder)
+    port = getattr(options, 'foxglove', None)
+    if port is not None:
+        from barc_sim.nodes.foxglove.node import FoxgloveServer  # noqa: PLC0415
+
+        server = FoxgloveServer(port)
+        if not options.quiet:
+            print(f'foxglove   {server.url}', flush=True)  # noqa: T201
+        yield server
+
+
+def _mirror(
+    names: frozenset[str], simulator: VehicleSimulator, recorder: BagRecorder | None
+) -> Node:
+    from rclpy.parameter import Parameter  # noqa: PLC0415
+
+    from barc_sim.nodes.mirrors.node import MirrorNode  # noqa: PLC0415
+
+    shared = ('road', 'l_f', 'l_r', 'realtime_factor')
+    values = {name: simulator.get_parameter(name).value for name in shared}
+    factor = values.pop('realtime_factor')
+    noise = Deviation(
+        *(simulator.get_parameter(f'noise_{name}').value for name in Deviation._fields)
+    )
+
+    def facts() -> Facts:
+        known = Facts(simulator.missed, simulator.slipped, simulator.paused, factor, noise)
+        if not recorder:
+            return known
+        return known._replace(
+            recorded=sum(recorder.counts.values()),
+            lost=sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node),
+            failure=recorder.failure,
+        )
+
+    values |= {name: name in names for name in MIRRORS}
+    return MirrorNode(
+        facts=facts,
+        namespace=simulator.get_namespace(),
+        parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+    )

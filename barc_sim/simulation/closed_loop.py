@@ -1,0 +1,127 @@
+"""The runs without ROS: cruise control, the nodes' trajectory bit for bit, and driving by hand."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from barc_sim.control.driver import Driver
+from barc_sim.control.pid import FIRST_DT, SPEED_REFERENCE, speed_controller
+from barc_sim.simulation.log import Log
+from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from barc_sim.control.driver import Drive
+    from barc_sim.control.pid import SpeedController
+
+
+def rollout(
+    plant: Plant | None = None,
+    pid: SpeedController | None = None,
+    *,
+    speed_reference: float = SPEED_REFERENCE,
+    distance: float = 180.0,
+    max_duration: float = 600.0,
+) -> Log:
+    """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
+
+    `plant` and `pid` are the run's defaults unless given, and are left as the run left them. The
+    last row is the first state at or beyond `distance`, with the command that answers it.
+    """
+    plant = plant or Plant()
+    pid = pid or speed_controller()
+    rows: list[tuple[float, ...]] = []
+    dt = FIRST_DT
+    period_ns = round(plant.ts * 1e9)
+    steps = round(max_duration / plant.ts)
+    for k in range(steps + 1):
+        seen = plant.observe()
+        command = Input(pid.acc_calculate(speed_reference, seen.measured.v_x, dt), 0.0)
+        rows.append(
+            (
+                k * period_ns / 1e9,
+                *seen.measured,
+                *seen.error,
+                *command,
+                seen.theta_deg,
+                seen.elevation,
+                *seen.forces,
+                speed_reference,
+                pid.proportional,
+                pid.integral,
+                pid.derivative,
+                pid.saturated,
+            )
+        )
+        if plant.state.x >= distance:
+            break
+        plant.advance(command)
+        # As the nodes take it from stamps, which are whole nanoseconds.
+        dt = period_ns / 1e9
+    return _log(rows)
+
+
+def drive(
+    wishes: Iterable[tuple[float, Drive]],
+    duration: float,
+    *,
+    plant: Plant | None = None,
+    driver: Driver | None = None,
+) -> Log:
+    """Drive as `wishes` say, each heard at its time [s], for `duration` [s]: the relay's loop.
+
+    A recorded `cmd_vel` gives the same trajectory each time, bit for bit: a command is made at
+    every multiple of the driver's `dt`, of the wishes heard by then, and acts from the state on
+    whose period it falls in. `plant`, on the flat, and `driver` are the run's defaults unless
+    given, and are left as the run left them.
+    """
+    plant = plant or Plant(road=Road.flat())
+    driver = driver or Driver()
+    waiting = deque(sorted(wishes, key=lambda wish: wish[0]))
+    rows: list[tuple[float, ...]] = []
+    command = Input()
+    period_ns, dt_ns = round(plant.ts * 1e9), round(driver.dt * 1e9)
+    due_ns = 0
+    for k in range(round(duration / plant.ts) + 1):
+        seen = plant.observe()
+        while due_ns < (k + 1) * period_ns:
+            t = due_ns / 1e9
+            while waiting and waiting[0][0] <= t:
+                heard, wish = waiting.popleft()
+                driver.hear(wish, heard)
+            command = driver.command(t, seen.measured.v_x)
+            due_ns += dt_ns
+        rows.append(
+            (
+                k * period_ns / 1e9,
+                *seen.measured,
+                *seen.error,
+                *command,
+                seen.theta_deg,
+                seen.elevation,
+                *seen.forces,
+                *(nan,) * 4,
+                False,
+            )
+        )
+        plant.advance(command)
+    return _log(rows)
+
+
+def _log(rows: list[tuple[float, ...]]) -> Log:
+    """Return the log of rows in the order of `Log`'s fields, `missed` left out."""
+    columns = np.array(rows, dtype=np.float64).T.copy()
+    names = [name for name in Log.__dataclass_fields__ if name != 'missed']
+    arrays = dict(zip(names, columns, strict=True))
+    return Log(
+        **{name: array for name, array in arrays.items() if name != 'saturated'},
+        missed=np.zeros(len(rows), dtype=np.bool_),
+        saturated=arrays['saturated'].astype(np.bool_),
+    )

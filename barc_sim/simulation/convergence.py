@@ -1,0 +1,82 @@
+"""How fast the error of a step falls with its length, for each model and integrator."""
+
+from __future__ import annotations
+
+from math import hypot
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from barc_sim.simulation.test_drives import MANOEUVRES
+from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
+from barc_sim.vehicle.integrators import INTEGRATORS
+from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from barc_sim.simulation.test_drives import Manoeuvre
+    from barc_sim.vehicle.bike_model import State
+
+#: [s] The lab's step, halved again and again.
+STEPS = tuple(0.02 / 2**k for k in range(5))
+#: [s] That of the solution by rk4 that stands for the true one where there is no closed form.
+FINE = 0.02 / 128
+#: [m] What rounding leaves of an error: smaller ones say nothing of the method.
+ROUNDING = 1e-11
+
+
+class Study(NamedTuple):
+    """The errors of one integrator of one model in one manoeuvre."""
+
+    manoeuvre: str
+    text: str
+    reference: str
+    model: str
+    integrator: str
+    errors: tuple[float, ...]  #: [m] of the position at the end, for each of `STEPS`
+    order: float  #: the slope of the errors; NaN where rounding leaves fewer than two of them
+
+
+def studies(manoeuvres: Iterable[Manoeuvre] = MANOEUVRES) -> Iterator[Study]:
+    """Yield the study of each manoeuvre, model and integrator."""
+    for manoeuvre in manoeuvres:
+        for model in manoeuvre.models:
+            if manoeuvre.exact:
+                reference, (x, y) = 'the closed form', manoeuvre.exact(manoeuvre)
+            else:
+                reference, (x, y) = 'a fine solution', drive(manoeuvre, model, 'rk4', FINE)[:2]
+            for integrator in INTEGRATORS:
+                ends = (drive(manoeuvre, model, integrator, ts) for ts in STEPS)
+                errors = tuple(hypot(end.x - x, end.y - y) for end in ends)
+                yield Study(
+                    manoeuvre=manoeuvre.name,
+                    text=manoeuvre.text,
+                    reference=reference,
+                    model=model,
+                    integrator=integrator,
+                    errors=errors,
+                    order=order(errors),
+                )
+
+
+def drive(manoeuvre: Manoeuvre, model: str, integrator: str, ts: float) -> State:
+    """Return the state at the end, in steps of `ts` seconds."""
+    bicycle: KinematicBicycle | DynamicBicycle = (
+        DynamicBicycle(integrator=integrator)
+        if model == 'dynamic'
+        else KinematicBicycle(integrator)
+    )
+    state = manoeuvre.start
+    for _ in range(round(manoeuvre.duration / ts)):
+        state = bicycle.step(state, manoeuvre.held, manoeuvre.grade, manoeuvre.vehicle, ts)
+    return state
+
+
+def order(errors: tuple[float, ...]) -> float:
+    """Return the slope of log error over log step, for errors [m] of `STEPS`."""
+    told = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
+    if len(told) < 2:  # noqa: PLR2004 (a slope's least)
+        return float('nan')
+    steps, found = np.log(told).T
+    return float(np.polyfit(steps, found, 1)[0])

@@ -1,0 +1,129 @@
+"""Drives with motor and servo held, on which steps are judged; most have a closed form."""
+
+from __future__ import annotations
+
+from math import atanh, cos, inf, log, pi, radians, sin, sinh, sqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.vehicle.bike_model import Input, State, Vehicle, slip_angle
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_LAB = Road.lab()
+
+
+class Manoeuvre(NamedTuple):
+    """A drive of the bicycles named in `models`."""
+
+    name: str
+    text: str
+    start: State
+    held: Input
+    grade: Callable[[float], float]  #: distance along the road [m] to incline [rad]
+    vehicle: Vehicle
+    duration: float  #: [s]
+    models: tuple[str, ...] = ('kinematic', 'dynamic')
+    exact: Callable[[Manoeuvre], tuple[float, float]] | None = None  #: x and y [m] at the end
+
+
+def _flat(_: float) -> float:
+    return 0.0
+
+
+def _down(_: float) -> float:
+    return radians(-30.0)
+
+
+def _hills(x: float) -> float:
+    return radians(10.0) * sin(pi * x / 20.0)
+
+
+def _lab(x: float) -> float:
+    return radians(_LAB.grade_deg(x))
+
+
+def _circle(manoeuvre: Manoeuvre) -> tuple[float, float]:
+    """Return where a circle at constant speed ends."""
+    beta = slip_angle(manoeuvre.held.servo)
+    radius = manoeuvre.vehicle.l_r / sin(beta)
+    angle = manoeuvre.start.v * manoeuvre.duration / radius
+    return radius * (sin(angle + beta) - sin(beta)), radius * (cos(beta) - cos(angle + beta))
+
+
+def _descent(manoeuvre: Manoeuvre) -> tuple[float, float]:
+    """Return how far a car rolls that slows down to where drag and friction balance gravity."""
+    vehicle = manoeuvre.vehicle
+    pull = -vehicle.mass * vehicle.gravity * sin(manoeuvre.grade(0.0)) - vehicle.friction
+    terminal = sqrt(pull / vehicle.air_drag_coeff)
+    rate = sqrt(pull * vehicle.air_drag_coeff) / vehicle.mass
+    begin = atanh(terminal / manoeuvre.start.v)
+    return terminal / rate * log(sinh(begin + rate * manoeuvre.duration) / sinh(begin)), 0.0
+
+
+def _stretches(manoeuvre: Manoeuvre) -> tuple[float, float]:
+    """Return how far a car without drag comes on stretches of constant grade."""
+    vehicle, left = manoeuvre.vehicle, manoeuvre.duration
+    x, _, _, v = manoeuvre.start
+    for end in (*_LAB.starts[1:], inf):
+        a = manoeuvre.held.motor - vehicle.gravity * sin(_lab(x)) - vehicle.friction / vehicle.mass
+        time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x))) if end < inf else inf
+        if time > left:
+            break
+        x, v, left = end, v + a * time, left - time
+    return x + left * (v + 0.5 * a * left), 0.0
+
+
+MANOEUVRES = (
+    Manoeuvre(
+        name='circle',
+        text='15 m/s, 0.4 rad',
+        start=State(v=15.0),
+        held=Input(0.0, 0.4),
+        grade=_flat,
+        vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
+        duration=4.0,
+        models=('kinematic',),
+        exact=_circle,
+    ),
+    Manoeuvre(
+        name='step steer',
+        text='20 m/s, 0.05 rad',
+        start=State(v=20.0),
+        held=Input(0.0, 0.05),
+        grade=_flat,
+        vehicle=Vehicle(),
+        duration=4.0,
+        models=('dynamic',),
+    ),
+    Manoeuvre(
+        name='descent',
+        text='30° down, strong drag',
+        start=State(v=20.0),
+        held=Input(),
+        grade=_down,
+        vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
+        duration=2.0,
+        exact=_descent,
+    ),
+    Manoeuvre(
+        name='hills',
+        text='smooth, ±10°, 0.03 rad',
+        start=State(v=10.0),
+        held=Input(0.5, 0.03),
+        grade=_hills,
+        vehicle=Vehicle(),
+        duration=6.0,
+    ),
+    Manoeuvre(
+        name="lab's road",
+        text='its grade jumps',
+        start=State(v=8.0),
+        held=Input(3.0),
+        grade=_lab,
+        vehicle=Vehicle(air_drag_coeff=0.0),
+        duration=8.0,
+        exact=_stretches,
+    ),
+)

@@ -1,0 +1,134 @@
+"""What lies between a command and what it moves: delay, limits, lag; each is off by default."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import copysign, expm1, inf
+from typing import NamedTuple
+
+from barc_sim.vehicle.bike_model import Input
+
+#: Share of a step within which a delay counts as whole steps.
+_WHOLE = 1e-6
+
+
+class Actuator(NamedTuple):
+    """An actuator's parameters; the defaults are those of one that obeys at once.
+
+    A command is heard `delay` later, cut to `limit`, and followed as by
+
+        dw/dt = (u - w) / lag, cut to ±rate
+
+    The unit is the command's: [m/s²] for the motor, [rad] for the servo.
+    """
+
+    delay: float = 0.0  #: [s]
+    lag: float = 0.0  #: [s] time constant
+    rate: float = inf  #: [unit/s]
+    limit: float = inf  #: [unit] either way
+
+    def respond(self, value: float, target: float, t: float) -> tuple[float, float]:
+        """Return where `t` > 0 seconds of a held `target` take `value`, and the mean meanwhile.
+
+        The solution is exact: a ramp at `rate` as long as the lag alone would be faster, and
+        the exponential from there on.
+        """
+        error = target - value
+        excess = abs(error) - (self.rate * self.lag if self.lag else 0.0)
+        ramp = min(max(excess, 0.0) / self.rate, t)
+        knee = value + copysign(self.rate, error) * ramp if ramp else value
+        rest, error = t - ramp, target - knee
+        if not rest:
+            return knee, 0.5 * (value + knee)
+        gone = -expm1(-rest / self.lag) if self.lag else 1.0
+        tail = target - error * gone * self.lag / rest
+        share = ramp / t
+        after = target - error * (1.0 - gone)
+        return after, share * 0.5 * (value + knee) + (1.0 - share) * tail
+
+
+class Channel:
+    """One actuator at work, in steps of a fixed length.
+
+    Commands wait in a queue, one per step. A delay that is no multiple of the step is kept to
+    exactly: the older of two commands acts for the first part of a step, the newer for the rest
+    (Åström and Wittenmark, "Computer-Controlled Systems", 3rd ed., section 2.3).
+
+    Attributes
+    ----------
+    value
+        Where the actuator is now.
+    """
+
+    def __init__(self, actuator: Actuator, ts: float) -> None:
+        """Begin at zero, in steps of `ts` seconds, with only zeros commanded before."""
+        self._actuator = actuator
+        whole, early = divmod(actuator.delay / ts, 1.0)
+        if not _WHOLE < early < 1.0 - _WHOLE:
+            whole, early = whole + round(early), 0.0
+        #: Share of a step for which the older command still acts.
+        self._early = early
+        self._ts = ts
+        size = int(whole) + 2
+        self._queue = deque([0.0] * size, maxlen=size)
+        self.value = 0.0
+
+    def advance(self, command: float) -> float:
+        """Go one step after `command`; return the mean of the value over the step."""
+        self._queue.append(command)
+        older, newer = (self._cut(waiting) for waiting in (self._queue[0], self._queue[1]))
+        early, mean = self._early, 0.0
+        if early:
+            self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
+        self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
+        return early * mean + (1.0 - early) * late
+
+    def stop(self) -> None:
+        """Be at zero, and forget the commands that wait."""
+        self.value = 0.0
+        self._queue.extend([0.0] * len(self._queue))
+
+    def _cut(self, command: float) -> float:
+        return max(-self._actuator.limit, min(command, self._actuator.limit))
+
+
+class Actuators:
+    """Motor and servo: from what is commanded to what the car does.
+
+    Attributes
+    ----------
+    now
+        Acceleration and steering in force at this instant.
+    """
+
+    def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
+        """Begin at rest, in steps of `ts` seconds."""
+        self._motor, self._servo = Channel(motor, ts), Channel(servo, ts)
+        self._obey = motor == servo == Actuator()
+        self.now = Input()
+
+    def advance(self, command: Input) -> Input:
+        """Go one step after `command`; return the mean acceleration and steering over it."""
+        if self._obey:
+            self.now = command
+            return command
+        mean = Input(self._motor.advance(command.motor), self._servo.advance(command.servo))
+        self.now = Input(self._motor.value, self._servo.value)
+        return mean
+
+    def stop(self) -> None:
+        """Be at rest, and forget the commands that wait."""
+        self._motor.stop()
+        self._servo.stop()
+        self.now = Input()
+
+    def brake(self, command: Input) -> Input:
+        """Go one step with the acceleration of `command` in force at once.
+
+        It is the brakes': no delay, lag or limit of the motor holds it up. The motor is cut off
+        meanwhile, and begins anew from zero.
+        """
+        self._motor.stop()
+        servo = self._servo.advance(command.servo)
+        self.now = Input(command.motor, self._servo.value)
+        return Input(command.motor, servo)

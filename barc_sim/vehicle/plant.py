@@ -1,0 +1,136 @@
+"""The vehicle on its road with its sensors: what the simulator node and the rollout step alike."""
+
+from __future__ import annotations
+
+from math import radians, sin
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.actuators import Actuator, Actuators
+from barc_sim.vehicle.bike_model import Forces, Input, Model, Motion, State, Vehicle, bikeFE, forces
+from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
+from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation, Sensor
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.tyres import Handling
+
+
+class Observation(NamedTuple):
+    """All there is to tell of one state."""
+
+    true: Motion
+    measured: Motion
+    error: Deviation  #: measured minus true
+    theta_deg: float  #: [deg] incline
+    elevation: float  #: [m]
+    forces: Forces
+    acting: Input  #: what the actuators do at this instant
+
+
+class Plant:
+    """Holds the state and the last command; `vehicle` may be replaced between steps."""
+
+    def __init__(
+        self,
+        *,
+        road: Road | None = None,
+        vehicle: Vehicle | None = None,
+        ts: float = 0.02,
+        noise: Deviation | None = None,
+        seed: int = 0,
+        model: Model = bikeFE,
+        motor: Actuator | None = None,
+        servo: Actuator | None = None,
+        integrator: str = 'euler',
+        dynamics: str = 'kinematic',
+        handling: Handling | None = None,
+    ) -> None:
+        """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds.
+
+        Parameters
+        ----------
+        model
+            What makes a step in the place of the lab's kinematic bicycle.
+        motor, servo
+            Actuators that do not obey at once.
+        integrator
+            'euler' or 'rk4'. Over a step acceleration and steering are held: at the mean of what
+            the actuators do in it.
+        dynamics
+            'kinematic', or 'dynamic' for the bicycle with tyres of this `handling`.
+
+        Raises
+        ------
+        UserError
+            where one of them is unknown, they do not go together, or the step is too long.
+        """
+        self.road = road or Road.lab()
+        self.vehicle = vehicle or Vehicle()
+        self.ts = ts
+        self.state = State()
+        self._held = Input()
+        self._sensor = Sensor(noise, seed)
+        self._actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
+        self._bicycle: KinematicBicycle | DynamicBicycle
+        if dynamics == 'kinematic':
+            self._bicycle = KinematicBicycle(integrator, model)
+        elif dynamics != 'dynamic':
+            raise UserError(f"dynamics {dynamics!r} must be 'kinematic' or 'dynamic'")
+        elif model is not bikeFE:
+            raise UserError(
+                "dynamics 'dynamic' takes the place of a model of your own: leave dynamics at "
+                "'kinematic', or the model away"
+            )
+        else:
+            self._bicycle = DynamicBicycle(handling, integrator)
+            self._bicycle.check(self.vehicle, ts)
+
+    def observe(self) -> Observation:
+        """Measure the present state; each call draws new measurement noise."""
+        state = self.state
+        theta_deg = self.road.grade_deg(state.x)
+        acting = self._actuators.now
+        true = self._bicycle.motion(state, acting.servo, self.vehicle)
+        measured, error = self._sensor.measure(true)
+        return Observation(
+            true=true,
+            measured=measured,
+            error=error,
+            theta_deg=theta_deg,
+            elevation=self.road.elevation(state.x),
+            forces=forces(state.v, radians(theta_deg), self.vehicle),
+            acting=acting,
+        )
+
+    def advance(self, command: Input | None = None) -> None:
+        """Go one step with `command`; without one, the last holds."""
+        if command is not None:
+            self._held = command
+        self._step(self._actuators.advance(self._held))
+
+    def place(self, state: State) -> None:
+        """Put the car there, with no command held or on its way."""
+        self.state = state
+        self._held = Input()
+        self._actuators.stop()
+        self._bicycle.forget()
+
+    def brake(self, deceleration: float) -> None:
+        """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
+
+        On a hill it takes part of that to keep the car from rolling. The brakes act at once,
+        whatever the motor's actuator, which begins anew from zero.
+        """
+        pull = self.vehicle.gravity * sin(self._grade(self.state.x))
+        motor = max(-deceleration, min(pull - self.state.v / self.ts, deceleration))
+        self._held = self._held._replace(motor=motor)
+        self._step(self._actuators.brake(self._held))
+
+    def _grade(self, x: float) -> float:
+        """Return the incline [rad] at `x`."""
+        return radians(self.road.grade_deg(x))
+
+    def _step(self, held: Input) -> None:
+        self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)

@@ -1,0 +1,51 @@
+"""Measurement noise: what the sensors make of the true motion."""
+
+from __future__ import annotations
+
+from math import cos, sin
+from random import Random
+from typing import NamedTuple
+
+from barc_sim.vehicle.bike_model import Motion
+
+
+class Deviation(NamedTuple):
+    """A value per measured signal, in the vehicle's frame: a standard deviation or an error."""
+
+    s: float = 0.0  #: [m] position, along the true heading
+    ey: float = 0.0  #: [m] position, to the left of it
+    epsi: float = 0.0  #: [rad] heading
+    v_x: float = 0.0  #: [m/s]
+    v_y: float = 0.0  #: [m/s]
+    psi_dot: float = 0.0  #: [rad/s]
+
+
+class Sensor:
+    """Adds white Gaussian noise; the same seed gives the same errors.
+
+    The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
+    every measurement draws six numbers, so that turning one signal's noise on or off leaves the
+    others' as they were.
+    """
+
+    def __init__(self, deviation: Deviation | None = None, seed: int = 0) -> None:
+        """Measure with standard deviations `deviation`, zero unless given."""
+        self._deviation = deviation or Deviation()
+        self._random = Random(seed)  # noqa: S311 (a simulation, not a secret)
+
+    def measure(self, true: Motion) -> tuple[Motion, Deviation]:
+        """Return the motion as measured, and its error: measured minus true."""
+        if not any(self._deviation):
+            return true, self._deviation
+        gauss = self._random.gauss
+        error = Deviation(*(sigma * gauss(0.0, 1.0) for sigma in self._deviation))
+        along, left = (cos(true.psi), sin(true.psi)), (-sin(true.psi), cos(true.psi))
+        measured = Motion(
+            x=true.x + error.s * along[0] + error.ey * left[0],
+            y=true.y + error.s * along[1] + error.ey * left[1],
+            psi=true.psi + error.epsi,
+            v_x=true.v_x + error.v_x,
+            v_y=true.v_y + error.v_y,
+            psi_dot=true.psi_dot + error.psi_dot,
+        )
+        return measured, error

@@ -1,0 +1,243 @@
+"""Bags read back as logs."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from barc_sim.bags import reader as bag
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.samples import TOPICS
+from barc_sim.bags.schemas import definition
+from barc_sim.bags.writer import BagWriter
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.simulation.log import Log
+
+PERIOD = 20_000_000
+TYPES = get_typestore(Stores.EMPTY)
+for _name in [topic.type for topic in TOPICS.values()]:
+    TYPES.register(get_types_from_msg(definition(_name), _name))
+
+
+def encoded(log: Log, k: int, topic: str) -> bytes:
+    """Return the message of a topic that belongs to state `k`."""
+    types = TYPES.types
+    sec, nanosec = divmod(10**18 + k * PERIOD, 10**9)
+    stamp = types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
+    values = {
+        field: getattr(log, column)[k].item() for field, column in TOPICS[topic].fields.items()
+    }
+    if topic == 'pid_state':
+        values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
+    message = types[TOPICS[topic].type](
+        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=''), **values
+    )
+    return bytes(TYPES.serialize_cdr(message, TOPICS[topic].type))
+
+
+def start(directory: Path) -> BagWriter:
+    directory.mkdir(parents=True)
+    return BagWriter(directory, metadata={'command': 'acc', 'kp': '30.0'})
+
+
+def drive(writer: BagWriter, log: Log, namespace: str = '') -> None:
+    """Write the messages of a run as the recorder does, in chunks of about a quarter second."""
+    topics = {
+        topic: Topic(
+            name=f'{namespace}/{topic}',
+            type=TOPICS[topic].type,
+            definition=definition(TOPICS[topic].type),
+            type_hash='',
+            offered_qos=[],
+        )
+        for topic in TOPICS
+    }
+    for k in range(len(log)):
+        time = 10**18 + k * PERIOD
+        for topic, described in topics.items():
+            writer.write(
+                described, encoded(log, k, topic), received=time + 5, published=time, sequence=k
+            )
+        if k % 12 == 0:
+            writer.flush()
+
+
+@pytest.fixture(scope='module')
+def log() -> Log:
+    return rollout(distance=25.0)
+
+
+@pytest.fixture
+def run(tmp_path: Path, log: Log) -> Path:
+    """Return a bag of a run."""
+    writer = start(tmp_path / 'run')
+    drive(writer, log)
+    writer.add_metadata({'kp': '31.0', 'missed': '0'})
+    writer.close()
+    return tmp_path / 'run'
+
+
+def assert_same(read: Log, expected: Log) -> None:
+    assert len(read) == len(expected)
+    for field in fields(expected):
+        np.testing.assert_array_equal(
+            getattr(read, field.name), getattr(expected, field.name), err_msg=field.name
+        )
+
+
+def test_a_run_is_read_back_bit_for_bit(run: Path, log: Log) -> None:
+    assert_same(bag.read(run), log)
+
+
+def test_the_file_alone_is_enough(run: Path, log: Log) -> None:
+    assert_same(bag.read(run / 'run_0.mcap'), log)
+
+
+def test_a_car_in_a_namespace_is_found(tmp_path: Path, log: Log) -> None:
+    writer = start(tmp_path / 'run')
+    drive(writer, log, '/fleet/car2')
+    writer.close()
+    assert_same(bag.read(tmp_path / 'run'), log)
+
+
+def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
+    writer = start(tmp_path / 'run')
+    drive(writer, log, '/car2')
+    drive(writer, log)
+    writer.close()
+    with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
+        bag.read(tmp_path / 'run')
+    for namespace in ('/', '/car2', 'car2'):
+        assert_same(bag.read(tmp_path / 'run', namespace), log)
+    with pytest.raises(UserError, match='no states of the car /car3'):
+        bag.read(tmp_path / 'run', 'car3')
+
+
+def test_info_is_what_was_last_said_of_the_run(run: Path) -> None:
+    assert bag.info(run) == {'command': 'acc', 'kp': '31.0', 'missed': '0'}
+
+
+def test_an_unfinished_bag_is_read_as_far_as_it_goes(
+    tmp_path: Path, log: Log, caplog: pytest.LogCaptureFixture
+) -> None:
+    writer = start(tmp_path / 'run')
+    drive(writer, log)
+    writer.flush()
+    assert bag.info(tmp_path / 'run')['command'] == 'acc'
+    assert_same(bag.read(tmp_path / 'run'), log)
+    assert [record.getMessage() for record in caplog.records] == [
+        f'{writer.file} is unfinished or damaged: read as far as it is whole'
+    ]
+    writer.close()
+
+
+@pytest.mark.parametrize('share', [0.3, 0.6, 0.9])
+def test_a_bag_cut_short_is_read_as_far_as_it_is_whole(
+    run: Path, log: Log, caplog: pytest.LogCaptureFixture, share: float
+) -> None:
+    file = run / 'run_0.mcap'
+    whole = file.read_bytes()
+    file.write_bytes(whole[: int(share * len(whole))])
+    read = bag.read(run)
+    assert 0 < len(read) <= len(log)
+    np.testing.assert_array_equal(read.x, log.x[: len(read)])
+    assert len(caplog.records) == 1
+
+
+def test_a_changed_byte_is_noticed(run: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = run / 'run_0.mcap'
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    bag.read(run)
+    assert len(caplog.records) == 1
+
+
+def test_the_bag_written_to_last_is_the_newest(tmp_path: Path) -> None:
+    for age, name in enumerate(('b', 'c', 'a')):
+        writer = start(tmp_path / name)
+        writer.close()
+        os.utime(writer.file, (1000 - age, 1000 - age))
+    (tmp_path / 'empty').mkdir()
+    assert bag.newest(tmp_path) == tmp_path / 'b'
+
+
+@pytest.mark.parametrize('root', ['', 'missing'])
+def test_without_a_bag_there_is_no_newest(tmp_path: Path, root: str) -> None:
+    with pytest.raises(UserError, match=r'there is no bag in .*: make a run first'):
+        bag.newest(tmp_path / root)
+
+
+def test_a_missing_bag_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"there is no bag '\S+/gone': name"):
+        bag.read(tmp_path / 'gone')
+
+
+def test_a_directory_without_a_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r'has no \.mcap file in it'):
+        bag.info(tmp_path)
+
+
+def test_an_empty_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'run.mcap').touch()
+    with pytest.raises(UserError, match=r"run\.mcap' is empty: name another bag"):
+        bag.read(tmp_path)
+
+
+@pytest.mark.parametrize('content', [b'not a bag, but text', b'x'])
+def test_a_file_of_another_kind_is_named(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / 'text').write_bytes(content)
+    with pytest.raises(UserError, match="text' is not an MCAP file: name another bag"):
+        bag.read(tmp_path / 'text')
+
+
+def test_a_bag_without_states_is_named(tmp_path: Path) -> None:
+    start(tmp_path / 'run').close()
+    with pytest.raises(UserError, match=r"run' has no states of a car \(topic z_vhcl of type"):
+        bag.read(tmp_path / 'run')
+
+
+def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None:
+    writer = start(tmp_path / 'run')
+    topic = Topic(
+        name='/z_vhcl',
+        type='std_msgs/msg/Float64',
+        definition='float64 data',
+        type_hash='',
+        offered_qos=[],
+    )
+    writer.write(topic, bytes(12), received=1, published=1, sequence=1)
+    writer.close()
+    with pytest.raises(UserError, match='no states of a car'):
+        bag.read(tmp_path / 'run')
+
+
+def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'folder.mcap').mkdir()
+    with pytest.raises(UserError, match=r"folder\.mcap' cannot be read \(Is a directory\)"):
+        bag.read(tmp_path)
+
+
+def test_files_of_a_bag_are_found_by_name(tmp_path: Path) -> None:
+    writer = start(tmp_path / 'run')
+    writer.attach({'student/a.py': b'x = 1\n'})
+    writer.close()
+    assert bag.attachments(tmp_path / 'run') == {'student/a.py': b'x = 1\n'}
+
+
+def test_messages_are_counted_by_topic(tmp_path: Path) -> None:
+    log = rollout(distance=1.0)
+    writer = start(tmp_path / 'run')
+    drive(writer, log, '/car1')
+    writer.close()
+    assert bag.counts(tmp_path / 'run') == dict.fromkeys(TOPICS, len(log))

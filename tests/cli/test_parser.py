@@ -1,0 +1,107 @@
+"""Errors in one line, and exit codes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import barc_sim
+from barc_sim.cli.parser import Parser, call
+from barc_sim.errors import UserError
+
+ROOT = Path(barc_sim.__file__).parents[1]
+
+
+def raising(error: BaseException) -> int:
+    raise error
+
+
+# The parser
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['fast'], "argument --speed: invalid float value: 'fast'"),
+        (['8', '--hill'], 'unrecognized arguments: --hill'),
+        (['8', 'up\nhill'], 'unrecognized arguments: up hill'),
+    ],
+)
+def test_bad_option_is_one_line_on_stderr_and_exit_code_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = Parser(prog='drive')
+    parser.add_argument('--speed', type=float)
+    with pytest.raises(SystemExit) as end:
+        parser.parse_args(['--speed', *arguments])
+    assert end.value.code == 2
+    assert capsys.readouterr() == ('', f'drive: error: {message} (see --help)\n')
+
+
+def test_sub_command_reports_in_the_same_way(capsys: pytest.CaptureFixture[str]) -> None:
+    parser = Parser(prog='drive')
+    parser.add_subparsers().add_parser('acc').add_argument('--speed', type=float)
+    with pytest.raises(SystemExit) as end:
+        parser.parse_args(['acc', '--speed', 'fast'])
+    assert end.value.code == 2
+    stderr = capsys.readouterr().err
+    assert stderr.startswith('drive acc: error: ')
+    assert stderr.count('\n') == 1
+
+
+# The exit code
+
+
+@pytest.mark.parametrize(('result', 'code'), [(None, 0), (0, 0), (3, 3)])
+def test_exit_code_is_the_commands_own(result: int | None, code: int) -> None:
+    assert call('drive', lambda: result) == code
+
+
+def test_user_error_is_one_line_on_stderr_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert call('drive', lambda: raising(UserError('no road\nto drive on'))) == 2
+    assert capsys.readouterr() == ('', 'drive: error: no road to drive on\n')
+
+
+def test_ctrl_c_is_silent_and_exit_code_130(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call('drive', lambda: raising(KeyboardInterrupt())) == 130
+    assert capsys.readouterr() == ('', '')
+
+
+def test_error_of_our_own_keeps_its_traceback() -> None:
+    with pytest.raises(ValueError, match='ours'):
+        call('drive', lambda: raising(ValueError('ours')))
+
+
+@pytest.mark.parametrize('flush', [True, False])
+def test_reader_that_went_away_ends_the_command(
+    *, flush: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing, 'w') as stdout:
+        monkeypatch.setattr(sys, 'stdout', stdout)
+        assert call('drive', lambda: print('a line', flush=flush)) == 0  # noqa: T201
+        monkeypatch.undo()
+
+
+@pytest.mark.parametrize('main', ["lambda: print('a line')", 'Parser().print_help'])
+def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    script = f"import sys; from barc_sim.cli.parser import *; sys.exit(call('drive', {main}))"
+    with os.fdopen(writing, 'w') as stdout:
+        done = subprocess.run(
+            [sys.executable, '-c', script],
+            cwd=ROOT,
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            check=False,
+            timeout=60,
+        )
+    assert (done.returncode, done.stderr) == (0, b'')

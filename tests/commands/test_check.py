@@ -1,0 +1,147 @@
+"""The check command: what it tells, its figure, and its exit code."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from io import StringIO
+from typing import TYPE_CHECKING
+
+import pytest
+from rich.console import Console
+
+from barc_sim.commands import check
+from barc_sim.lab.check import GAINS, telling
+from barc_sim.lab.check.worker import judge_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MODEL = """\
+from math import atan, copysign, cos, sin, tan
+
+
+def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
+    beta = atan(0.5 * tan(d_f))
+    F_ext = -m * 9.8 * sin(theta) - copysign(a0 * v**2 + Ff, v)
+    return (
+        x + ts * v * cos(psi + beta),
+        y + ts * v * sin(psi + beta),
+        psi + ts * v / 1.5 * sin(beta),
+        v + ts * (a + F_ext / m),
+    )
+"""
+CONTROLLER = """\
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.kp = kp
+
+    def acc_calculate(self, speed_reference, speed_current):
+        print('[red]called')
+        return self.kp * (speed_reference - speed_current)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a folder with a right model and no controller."""
+    path = tmp_path / 'my_lab'
+    path.mkdir()
+    (path / 'bike_model.py').write_text(MODEL, encoding='utf-8')
+    return path
+
+
+@pytest.fixture
+def wrong(folder: Path) -> Path:
+    """Return a folder with a right model, and a controller that has only P."""
+    (folder / 'controller.py').write_text(CONTROLLER, encoding='utf-8')
+    return folder
+
+
+def test_all_met_is_exit_code_0_and_a_figure(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check.main([str(folder)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == 'model.x             100 %  right in all 3,750 states'
+    assert 'pid.proportional        -  there is no controller.py' in lines
+    assert lines[-2:] == ['5 of 5 criteria are met in full', str(folder / 'check.png')]
+    assert (folder / 'check.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_not_all_met_is_exit_code_1_and_the_reasons(
+    wrong: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert check.main([str(wrong), '--no-plot', '--kp', '2']) == 1
+    out = capsys.readouterr().out
+    assert 'pid.integral          0 %  there is no I: with ki alone the output is always 0' in out
+    assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 alone' in out
+    assert 'your code printed:\n  [red]called\n' in out
+    assert 'lines more' in out
+    assert '6 of 12 criteria are met in full' in out
+    assert not (wrong / 'check.png').exists()
+
+
+def test_a_cause_is_told_once(wrong: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = MODEL.replace('0.5 * tan', '-0.5 * tan')
+    (wrong / 'bike_model.py').write_text(text, encoding='utf-8')
+    assert check.main([str(wrong), '--no-plot']) == 1
+    out = capsys.readouterr().out
+    assert out.count('is the sign of beta right?') == 1
+    assert 'model.y            14.2 %  as model.x\n' in out
+
+
+def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
+    out = StringIO()
+    console = Console(file=out, force_terminal=True, color_system=None, width=100)
+    telling.tell(judge_folder(wrong, 0, GAINS), console)
+    text = out.getvalue()
+    assert text.splitlines()[0].split() == ['criterion', 'score', 'what', 'was', 'found']
+    assert "the lab's road, stretch by stretch" in text
+    assert '[red]called' in text
+    assert max(map(len, text.splitlines())) <= 100
+
+
+@pytest.mark.parametrize('name', ['a.svg', 'a.pdf'])
+def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path, name: str) -> None:
+    assert check.main([str(folder), '--save', str(tmp_path / name)]) == 0
+    assert (tmp_path / name).stat().st_size > 1000
+    assert not (folder / 'check.png').exists()
+
+
+@pytest.mark.parametrize(
+    ('args', 'complaint'),
+    [
+        (['missing'], "there is no folder 'missing'"),
+        (['.'], "the folder '.' has no bike_model.py and no controller.py"),
+        (['my_lab', '--save', 'a.jpeg'], "'a.jpeg': the name must end in"),
+        (['my_lab', '--save', 'a.png', '--no-plot'], 'contradict each other'),
+        (['my_lab', '--kp', 'nan'], 'expected finite numbers'),
+    ],
+)
+def test_misuse_is_one_line_and_exit_code_2(
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    args: list[str],
+    complaint: str,
+) -> None:
+    monkeypatch.chdir(folder.parent)
+    assert check.main(args) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('barc check: error: ')
+    assert complaint in captured.err
+    assert captured.err.count('\n') == 1
+
+
+def test_the_module_is_a_command(folder: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'barc_sim', 'check', str(folder), '--no-plot', '--seed', '3'],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.endswith('5 of 5 criteria are met in full\n')

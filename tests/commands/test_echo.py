@@ -1,0 +1,160 @@
+"""The echo command: what it prints, how it ends, and its sentences."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import yaml
+from barc_interfaces.msg import ECU
+from command_line import call, spinning, started
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+
+@pytest.fixture
+def talker(ros: Context) -> Iterator[Node]:
+    """Return a node that publishes a command, counting, 100 times a second."""
+    node = Node('talker', context=ros, namespace='car')
+    commands = node.create_publisher(ECU, 'ecu', 10)
+    message = ECU(servo=-0.25)
+    message.header.stamp.sec = 7
+
+    def publish() -> None:
+        message.motor += 1.0
+        commands.publish(message)
+
+    node.create_timer(0.01, publish)
+    with spinning(ros, node):
+        yield node
+
+
+@pytest.mark.usefixtures('talker')
+def test_messages_are_documents_of_yaml() -> None:
+    done = call('echo', '/car/ecu', '-n', '3')
+    assert (done.returncode, done.stderr) == (0, '')
+    *documents, rest = yaml.safe_load_all(done.stdout)
+    assert rest is None
+    assert len(documents) == 3
+    first = documents[0].pop('motor')
+    assert documents[0] == {
+        'header': {'stamp': {'sec': 7, 'nanosec': 0}, 'frame_id': ''},
+        'servo': -0.25,
+    }
+    assert [document['motor'] for document in documents[1:]] == [first + 1.0, first + 2.0]
+
+
+@pytest.mark.usefixtures('talker')
+def test_name_without_its_slash_will_do() -> None:
+    assert call('echo', 'car/ecu', '--field', 'servo', '--once').stdout == '-0.25\n---\n'
+
+
+@pytest.mark.usefixtures('talker')
+def test_csv_is_a_line_for_a_message() -> None:
+    done = call('echo', '/car/ecu', '--csv', '-n', '2')
+    lines = [line.split(',') for line in done.stdout.splitlines()]
+    assert [(*line[:3], line[4]) for line in lines] == [('7', '0', '', '-0.25')] * 2
+
+
+@pytest.mark.usefixtures('talker')
+def test_ctrl_c_and_termination_end_it_in_order() -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with started('echo', '/car/ecu') as process:
+            assert process.stdout
+            assert process.stdout.readline() == 'header:\n'
+            process.send_signal(number)
+            _, err = process.communicate(timeout=20)
+            assert (process.returncode, err) == (0, '')
+
+
+@pytest.mark.usefixtures('talker')
+def test_reader_that_goes_away_ends_it_silently() -> None:
+    with started('echo', '/car/ecu') as process:
+        assert process.stdout
+        assert process.stderr
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(timeout=20) == 0
+        assert process.stderr.read() == ''
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_signal_while_it_waits_for_the_topic_is_silent(
+    ros: Context, spin_until: Callable[..., None], number: signal.Signals
+) -> None:
+    here = Node('here', context=ros)
+    with started('echo', 'nothing') as process:
+        spin_until(SingleThreadedExecutor(context=ros), lambda: '_echo' in here.get_node_names())
+        process.send_signal(number)
+        assert process.communicate(timeout=20) == ('', '')
+        assert process.returncode == 130
+    here.destroy_node()
+
+
+def test_latched_message_is_seen_by_who_comes_late(ros: Context) -> None:
+    node = Node('talker', context=ros)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_publisher(String, 'told', latched).publish(String(data='once'))
+    with spinning(ros, node):
+        assert call('echo', 'told', '--once').stdout == 'data: once\n---\n'
+
+
+def test_best_effort_is_heard_and_more_is_not_on_offer(ros: Context) -> None:
+    node = Node('talker', context=ros)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    publisher = node.create_publisher(String, 'told', profile)
+    node.create_timer(0.01, lambda: publisher.publish(String(data='again')))
+    with spinning(ros, node):
+        assert call('echo', 'told', '--once').stdout == 'data: again\n---\n'
+        refused = call('echo', 'told', '--once', '--qos-reliability', 'reliable')
+    assert (refused.returncode, refused.stdout) == (2, '')
+    assert refused.stderr == (
+        'barc echo: error: nobody offers /told as reliable and volatile: ask for best_effort '
+        'and volatile at most\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        (['/car/ecus', '--once'], 'there is no topic /car/ecus: did you mean /car/ecu?'),
+        (
+            ['/car/ecu', '--field', 'moto'],
+            "there is no field 'moto': 'moto' is not among header, motor, servo",
+        ),
+        (
+            ['/car/ecu', '--field', 'header.stamp.s'],
+            "there is no field 'header.stamp.s': 's' is not among sec, nanosec",
+        ),
+        (
+            ['/car/ecu', '--field', 'motor.x'],
+            "there is no field 'motor.x': 'x' is within a float, which has no fields",
+        ),
+        (['/c ar'], "'/c ar' cannot be a topic: "),
+        (['/car/ecu', '-n', '0'], "argument -n: '0' is not a whole number from 1 on"),
+    ],
+)
+@pytest.mark.usefixtures('talker')
+def test_mistake_is_one_sentence(options: list[str], sentence: str) -> None:
+    done = call('echo', *options)
+    assert (done.returncode, done.stdout) == (2, '')
+    (line,) = done.stderr.splitlines()
+    assert sentence in line
+    assert ' at /' not in line
+
+
+def test_empty_domain_is_one_sentence(ros_domain: int) -> None:
+    done = call('echo', 'z_vhcl')
+    assert done.returncode == 2
+    assert f'there is no topic /z_vhcl in ROS domain {ros_domain}: there are ' in done.stderr

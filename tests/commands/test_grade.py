@@ -1,0 +1,316 @@
+"""The command: a class with all that can go wrong in it, graded at once."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import barc_sim
+from barc_sim.commands.grade import main
+from barc_sim.errors import UserError
+from barc_sim.lab.grade.process import check
+
+if TYPE_CHECKING:
+    from typing import Any
+
+# A class is graded in the first test's setup, a minute where other tests keep the machine busy.
+pytestmark = pytest.mark.timeout(300)
+
+_PACKAGE = Path(barc_sim.__file__).parent
+MODEL = (_PACKAGE / 'vehicle' / 'bike_model.py').read_text()
+CONTROLLER = (_PACKAGE / 'control' / 'pid.py').read_text()
+#: Of the default rubric.
+MODEL_POINTS, ALL_POINTS = 50.0, 100.0
+
+#: Before a right model: what is tried, and does not work, leaves it right.
+ATTACKS = {
+    'write_results': """
+        import os
+        for name in ('results.json', '../results.json', '/tmp/results.json', 'report.html'):
+            try:
+                open(name, 'w').write('{"score": 100}')
+            except OSError:
+                pass
+    """,
+    'patch_barc_sim': """
+        import sys
+        for module in list(sys.modules.values()):
+            if module.__name__.startswith('barc_sim'):
+                for name, value in list(vars(module).items()):
+                    if not name.startswith('_') and callable(value):
+                        try:
+                            setattr(module, name + '_patched', value)
+                        except Exception:
+                            pass
+        try:
+            import barc_sim.lab.check.judging as judging
+            judging.judge = lambda *args: 100
+        except ImportError:
+            pass
+    """,
+    'fork_bomb': """
+        import os, threading
+        for _ in range(1000):
+            try:
+                os.fork()
+            except OSError:
+                pass
+            try:
+                threading.Thread(target=lambda: None).start()
+            except RuntimeError:
+                pass
+    """,
+    'read_others': """
+        import os
+        for root in ('..', '/tmp', '/root', '/home', '/proc/1'):
+            for way in (os.listdir, open):
+                try:
+                    way(root)
+                    way(root + '/reference/bike_model.py')
+                except OSError:
+                    pass
+    """,
+    'kill_parent': """
+        import os, signal
+        for pid in (os.getppid(), 0, -1, 1):
+            for number in (signal.SIGTERM, signal.SIGKILL):
+                try:
+                    os.kill(pid, number)
+                except OSError:
+                    pass
+    """,
+    'connect': """
+        import socket
+        try:
+            socket.create_connection(('127.0.0.1', 80), 1)
+        except OSError:
+            pass
+    """,
+    'exit_handler': """
+        import atexit, os, signal
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        atexit.register(os._exit, 0)
+    """,
+    'close_output': """
+        import os
+        os.close(0), os.close(1), os.close(2)
+    """,
+    'print_much': """
+        print('<script>alert(1)</script>' * 10_000)
+    """,
+}
+_WRITE_EVERYWHERE = """
+import os
+for i in range(3, 64):
+    try:
+        os.write(i, bytes(500))
+    except OSError:
+        pass
+"""
+#: In place of a model: nothing of it is right.
+BROKEN = {
+    'empty': ('', 'bikeFE'),
+    'template': ('def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    pass', 'return'),
+    'exits': ('import os\nos._exit(0)', 'exit code 0'),
+    'raises': ('raise SystemExit(0)', 'SystemExit'),
+    'eats_memory': ('x = bytearray(1 << 40)', 'MemoryError'),
+    'writes_everywhere': (_WRITE_EVERYWHERE, 'files that are not its own'),
+    'syntax': ('def bikeFE(:', 'line 1'),
+}
+
+
+@pytest.fixture(scope='module')
+def graded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int]:
+    """Grade a class; return its folder, that of the reports, and the exit code."""
+    try:
+        check(sandbox=True)
+    except UserError as error:
+        pytest.skip(str(error))
+    folder = tmp_path_factory.mktemp('class')
+    (folder / 'submissions').mkdir()
+
+    def add(name: str, **files: str) -> None:
+        (folder / 'submissions' / name).mkdir()
+        for stem, text in files.items():
+            (folder / 'submissions' / name / f'{stem}.py').write_text(text)
+
+    add('reference', bike_model=MODEL, controller=CONTROLLER)
+    add('nothing')
+    for name, code in ATTACKS.items():
+        # What __future__ has to come first.
+        future, rest = MODEL.split('from math', 1)
+        add(name, bike_model=f'{future}{textwrap.dedent(code)}\nfrom math{rest}')
+    for name, (code, _) in BROKEN.items():
+        add(name, bike_model=code)
+    add('loops', bike_model='while True:\n    pass', controller=CONTROLLER)
+    (folder / 'submissions' / 'nothing' / 'bike_model.py').symlink_to('../reference/bike_model.py')
+    add('latin', bike_model='')
+    (folder / 'submissions' / 'latin' / 'bike_model.py').write_bytes(b'# \xe9')
+    with zipfile.ZipFile(folder / 'submissions' / 'packed.zip', 'w') as archive:
+        archive.writestr('lab/controller.py', CONTROLLER)
+    out = folder / 'grades'
+    exit_code = main([str(folder / 'submissions'), '--out', str(out), '--jobs', '2'])
+    return folder / 'submissions', out, exit_code
+
+
+def results(out: Path, name: str) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((out / name / 'results.json').read_text())
+    return content
+
+
+def messages(content: dict[str, Any]) -> str:
+    return ' '.join([content['output'], *(test['output'] for test in content['tests'])])
+
+
+def test_everybody_is_graded(graded: tuple[Path, Path, int]) -> None:
+    submissions, out, code = graded
+    names = {path.name for path in submissions.iterdir()}
+
+    assert code == 0
+    assert {path.name for path in out.iterdir()} == {*names, 'class.csv'}
+    for name in names:
+        assert {file.name for file in (out / name).iterdir()} == {
+            'results.json', 'report.html', 'report.png',
+        }  # fmt: skip
+    rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
+    assert {row['name']: float(row['score']) for row in rows} == {
+        name: results(out, name)['score'] for name in names
+    }
+
+
+def test_the_reference_gets_full_marks(graded: tuple[Path, Path, int]) -> None:
+    assert results(graded[1], 'reference')['score'] == ALL_POINTS
+
+
+@pytest.mark.parametrize('name', ATTACKS)
+def test_an_attack_changes_no_score(graded: tuple[Path, Path, int], name: str) -> None:
+    assert results(graded[1], name)['score'] == MODEL_POINTS
+
+
+@pytest.mark.parametrize(('name', 'reason'), [(name, why) for name, (_, why) in BROKEN.items()])
+def test_a_broken_submission_gets_zero_and_the_reason(
+    graded: tuple[Path, Path, int], name: str, reason: str
+) -> None:
+    content = results(graded[1], name)
+
+    assert content['score'] == 0.0
+    assert reason in messages(content)
+
+
+def test_what_works_counts_where_the_rest_hangs(graded: tuple[Path, Path, int]) -> None:
+    content = results(graded[1], 'loops')
+
+    assert content['score'] == ALL_POINTS - MODEL_POINTS
+    assert 'endless loop' in messages(content)
+
+
+def test_a_link_to_a_neighbours_file_brings_nothing(graded: tuple[Path, Path, int]) -> None:
+    content = results(graded[1], 'nothing')
+
+    assert content['score'] == 0.0
+    assert 'bike_model.py is a link' in content['output']
+
+
+def test_a_file_in_another_encoding_is_told_of(graded: tuple[Path, Path, int]) -> None:
+    assert 'UTF-8' in messages(results(graded[1], 'latin'))
+
+
+def test_an_archive_is_graded_as_a_folder_is(graded: tuple[Path, Path, int]) -> None:
+    assert results(graded[1], 'packed.zip')['score'] == ALL_POINTS - MODEL_POINTS
+
+
+def test_what_is_printed_is_shown_and_not_run(graded: tuple[Path, Path, int]) -> None:
+    page = (graded[1] / 'print_much' / 'report.html').read_text()
+
+    assert '&lt;script&gt;alert(1)' in page
+    assert '<script' not in page
+    assert '[and more]' in page
+
+
+def test_nothing_is_written_beside_the_reports(graded: tuple[Path, Path, int]) -> None:
+    submissions, _, _ = graded
+
+    assert {path.name for path in (submissions / 'write_results').iterdir()} == {'bike_model.py'}
+    assert not (submissions / 'results.json').exists()
+
+
+def test_the_same_is_found_each_time(graded: tuple[Path, Path, int], tmp_path: Path) -> None:
+    submissions, out, _ = graded
+
+    assert main([str(submissions / 'reference'), '--out', str(tmp_path)]) == 0
+
+    for name in ('results.json', 'report.html', 'report.png'):
+        assert (tmp_path / name).read_bytes() == (out / 'reference' / name).read_bytes()
+
+
+def test_seed_and_rubric_are_taken(graded: tuple[Path, Path, int], tmp_path: Path) -> None:
+    rubric = tmp_path / 'rubric.yaml'
+    rubric.write_text('criteria: {pid.reset: 2, model.x: 1}')
+    arguments = ['--out', str(tmp_path / 'out'), '--rubric', str(rubric), '--seed', '7']
+
+    assert main([str(graded[0] / 'packed.zip'), *arguments]) == 0
+
+    content = results(tmp_path, 'out')
+    assert content['score'] == 2.0
+    assert [test['max_score'] for test in content['tests']] == [1.0, 2.0]
+    assert content['extra_data']['seed'] == 7
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        (['nowhere'], "there is no folder 'nowhere'"),
+        (['.', '--jobs', '0'], '--jobs 0 must be 1 at least'),
+        (['.', '--seed', '-1'], '--seed -1 must be a whole number from 0 on'),
+        (['.', '--rubric', 'none.yaml'], "the rubric 'none.yaml' cannot be read"),
+    ],
+)
+def test_what_is_typed_wrong_is_said(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    try:
+        code: object = main(arguments)
+    except SystemExit as error:
+        code = error.code
+
+    assert code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_what_is_finished_whole(tmp_path: Path) -> None:
+    for i in range(40):
+        (tmp_path / 'submissions' / f'{i:02}').mkdir(parents=True)
+        (tmp_path / 'submissions' / f'{i:02}' / 'controller.py').write_text(CONTROLLER)
+    out = tmp_path / 'grades'
+    command = [sys.executable, '-m', 'barc_sim', 'grade', str(tmp_path / 'submissions')]
+    with subprocess.Popen(
+        [*command, '--out', str(out), '--jobs', '1'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        while process.poll() is None and not [*out.glob('*/report.png')]:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors
+    rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
+    assert 1 <= len(rows) < 40
+    for row in rows:
+        assert results(out, row['name'])['score'] == float(row['score'])
+    assert not [*out.glob('**/.*')]

@@ -1,0 +1,134 @@
+"""The graph's command: of a running system and of a bag, in a file and as a table."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from PIL import Image
+from rclpy.node import Node
+from std_msgs.msg import String
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.bags.node_graph import NodeGraph
+from barc_sim.figures.graph_figure import GraphDrawing, lines
+from barc_sim.ros.graph_observer import observe
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+ROOT = Path(barc_sim.__file__).parents[1]
+ENVIRONMENT = {'PYTHONPATH': str(ROOT), 'MPLBACKEND': 'agg'}
+TELEOP = {'/vehicle_simulator', '/relay', '/bag_recorder'}
+TOPICS = {'/cmd_vel', '/ecu', '/z_vhcl', '/ez_vhcl', '/environment'}
+
+
+def command(
+    folder: Path, *options: str, module: str = 'barc_sim graph'
+) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', *module.split(), *options],
+        cwd=folder,
+        env=os.environ | ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def texts(path: Path) -> set[str]:
+    """Return what is written in an SVG file."""
+    nodes = ET.parse(path).iter('{http://www.w3.org/2000/svg}text')
+    return {''.join(node.itertext()).strip() for node in nodes}
+
+
+def test_links_are_seen_as_they_are(ros: Context) -> None:
+    talker, listener = Node('talker', context=ros), Node('listener', context=ros, namespace='a')
+    talker.create_publisher(String, 'chatter', 10)
+    talker.create_publisher(String, '_hidden', 10)
+    listener.create_subscription(String, '/chatter', lambda _: None, 10)
+    try:
+        graph = observe(talker)
+    finally:
+        talker.destroy_node()
+        listener.destroy_node()
+    assert graph.nodes == ('/a/listener', '/talker')
+    assert graph.topics['/chatter'] == 'std_msgs/msg/String'
+    assert ('/talker', '/chatter') in graph.publications
+    assert ('/chatter', '/a/listener') in graph.subscriptions
+    assert '/_hidden' not in graph.topics
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
+    run = subprocess.Popen(
+        [sys.executable, '-m', 'barc_sim.run', 'teleop', '--view', 'none'],
+        cwd=tmp_path,
+        env=os.environ | ENVIRONMENT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        assert run.stdout
+        run.stdout.readline()  # it drives
+        live = command(tmp_path, '--save', 'live.svg')
+        run.send_signal(signal.SIGTERM)
+        run.communicate(timeout=60)
+    finally:
+        run.kill()
+    assert live.returncode == 0, live.stderr
+    (path,) = (tmp_path / 'bags').iterdir()
+    recorded = command(tmp_path, '--bag', str(path))
+    assert recorded.stdout.splitlines()[:-1] == live.stdout.splitlines()[:-1]
+    for name in ('live.svg', 'graph.svg'):
+        assert texts(tmp_path / name) >= TELEOP | TOPICS
+    assert 'barc_sim/nodes/relay.py' in live.stdout
+
+    graph = NodeGraph.from_json(bag.info(path)['graph'])
+    assert set(graph.nodes) == TELEOP
+    assert set(graph.topics) >= TOPICS
+    assert ('/relay', '/ecu') in graph.publications
+    assert ('/ecu', '/vehicle_simulator') in graph.subscriptions
+    assert ('/ecu', '/bag_recorder') in graph.subscriptions
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_an_empty_domain_is_one_sentence(tmp_path: Path, ros_domain: int) -> None:
+    done = command(tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == (
+        f'barc graph: error: no node is running in ROS domain {ros_domain}: start a run '
+        'first, or name a bag (--bag)\n'
+    )
+
+
+@pytest.mark.parametrize('extension', ['svg', 'png', 'pdf'])
+def test_drawing_fits_its_figure_and_is_not_empty(tmp_path: Path, extension: str) -> None:
+    graph = NodeGraph(('/a',), {'/t': 'x', '/rosout': 'y'}, (('/a', '/t'), ('/a', '/rosout')), ())
+    path = tmp_path / f'graph.{extension}'
+    GraphDrawing(graph, 'a title').save(path)
+    assert path.stat().st_size > 1000
+    if extension == 'png':
+        with Image.open(path) as image:
+            assert len(image.getcolors(100_000) or []) > 20
+    if extension == 'svg':
+        assert texts(path) >= {'/a', '/t', 'a title'}
+        assert '/rosout' not in texts(path)
+
+
+def test_node_of_others_is_told_apart() -> None:
+    graph = NodeGraph(('/rviz',), {}, (), ())
+    assert lines(graph)[1] == '/rviz  -       (not of this package)'

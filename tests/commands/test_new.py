@@ -1,0 +1,70 @@
+"""The command `python -m barc_sim new`: a folder with the lab's templates."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.commands import new
+from barc_sim.lab.user_code.loading import StudentError, load_lab
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FILES = ['README.md', 'bike_model.py', 'controller.py', 'relay.py']
+UNFINISHED = r'is not written yet \(TODO\)'
+
+
+def test_a_folder_has_the_templates_and_how_to_go_on_is_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert new.main([str(tmp_path / 'my lab')]) == 0
+    assert sorted(path.name for path in (tmp_path / 'my lab').iterdir()) == FILES
+    assert f"run acc --lab '{tmp_path}/my lab'" in capsys.readouterr().out
+
+
+def test_each_template_can_be_loaded_and_is_unfinished(tmp_path: Path) -> None:
+    new.write(tmp_path / 'lab')
+    lab = load_lab(tmp_path / 'lab')
+    assert lab.model
+    assert lab.controller
+    assert lab.relay
+    with pytest.raises(StudentError, match=UNFINISHED):
+        lab.model(*[0.0] * 11)
+    with pytest.raises(StudentError, match=UNFINISHED):
+        lab.controller(1.0, 1.0, 1.0).acc_calculate(8.0, 0.0, 0.0)
+    with pytest.raises(StudentError, match=UNFINISHED):
+        lab.relay().relay(0.0, 0.0, 0.05)
+
+
+def test_the_readme_names_every_template(tmp_path: Path) -> None:
+    new.write(tmp_path)
+    text = (tmp_path / 'README.md').read_text()
+    assert all(name in text for name in FILES[1:])
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_nothing_is_written_over(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_text('mine')
+    assert new.main([str(tmp_path)]) == 2
+    assert f'has {name} already' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == 'mine'
+
+
+def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
+    new.write(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES
+
+
+@pytest.mark.parametrize('place', ['{file}', '{file}/lab', '/proc/lab'])
+def test_a_place_that_cannot_be_written_to_is_named(
+    tmp_path: Path, place: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'file'
+    file.write_text('')
+    assert new.main([place.format(file=file)]) == 2
+    assert capsys.readouterr().err.count('\n') == 1

@@ -1,0 +1,243 @@
+"""The param command, and runs with the parameters of another run."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import yaml
+from command_line import call, spinning
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from barc_sim.bags import reader as bag
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.ros.parameters import declare
+from barc_sim.vehicle.parameter import Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from rclpy.context import Context
+
+BUILT_IN = ['start_type_description_service', 'use_sim_time']
+TABLE = [
+    Parameter('gain', 30.0, 'how much [1/s]', (0.0, 100.0)),
+    Parameter('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
+    Parameter('road', 'lab', 'the road'),
+    Parameter('seed', 0, 'the seed', (0, 2**53)),
+    Parameter('wait', default=True, description='whether to wait'),
+]
+
+
+@pytest.fixture
+def car(ros: Context) -> Iterator[Node]:
+    """Return a node with parameters of every kind that we have."""
+    node = Node('car', context=ros, namespace='one')
+    declare(node, TABLE)
+    with spinning(ros, node):
+        yield node
+
+
+def value(node: Node, name: str) -> object:
+    return node.get_parameter(name).value
+
+
+@pytest.mark.usefixtures('car')
+def test_names_are_listed_of_one_node_and_of_all() -> None:
+    names = [f'  {name}' for name in sorted([*(one.name for one in TABLE), *BUILT_IN])]
+    assert call('param', 'list', 'one/car').stdout.splitlines() == names
+    assert call('param', 'list').stdout.splitlines() == ['/one/car:', *names]
+    assert '  gain (type: double)\n' in call('param', 'list', '/one/car', '--param-type').stdout
+
+
+@pytest.mark.usefixtures('car')
+def test_value_is_told_with_its_type_or_alone() -> None:
+    assert call('param', 'get', '/one/car', 'gain').stdout == 'Double value is: 30.0\n'
+    assert call('param', 'get', '/one/car', 'wait').stdout == 'Boolean value is: True\n'
+    assert call('param', 'get', '/one/car', 'road', '--hide-type').stdout == 'lab\n'
+
+
+def test_value_is_set(car: Node) -> None:
+    done = call('param', 'set', '/one/car', 'gain', '20.0')
+    assert (done.returncode, done.stdout, done.stderr) == (0, 'Set parameter successful\n', '')
+    assert value(car, 'gain') == 20.0
+
+
+@pytest.mark.usefixtures('car')
+def test_description_and_bounds_are_told() -> None:
+    assert call('param', 'describe', '/one/car', 'mass').stdout == (
+        'Parameter name: mass\n  Type: double\n  Description: the mass [kg]\n  Constraints:\n'
+        '    Read only: true\n    Min value: 1.0\n    Max value: 1000000.0\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        ('get /one/car gian', '/one/car has no parameter gian: did you mean gain?'),
+        ('get /one/cat gain', 'there is no node /one/cat: did you mean /one/car?'),
+        (
+            'set /one/car gain 20',
+            'parameter gain of /one/car is of type double, and 20 is of type integer: write 20.0',
+        ),
+        (
+            'set /one/car gain 1e-7',
+            (
+                'parameter gain of /one/car is of type double, and 1e-7 is of type string: write '
+                '1.0e-07'
+            ),
+        ),
+        (
+            'set /one/car road 7',
+            'parameter road of /one/car is of type string, and 7 is of type integer: write "\'7\'"',
+        ),
+        (
+            'set /one/car gain 101.0',
+            (
+                '/one/car refused the value of gain: Parameter gain out of range Min: 0.0, '
+                'Max: 100.0, value: 101.0'
+            ),
+        ),
+        (
+            'set /one/car mass 1000.0',
+            (
+                'parameter mass of /one/car is read-only: give it at the start '
+                '(--ros-args -p car:mass:=1000.0)'
+            ),
+        ),
+    ],
+)
+def test_mistake_is_one_sentence(car: Node, words: str, sentence: str) -> None:
+    before = [value(car, parameter.name) for parameter in TABLE]
+    done = call('param', *words.split())
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == f'barc param: error: {sentence}\n'
+    assert [value(car, parameter.name) for parameter in TABLE] == before
+
+
+def test_node_that_offers_no_parameters_is_named(ros: Context) -> None:
+    mute = Node('mute', context=ros, start_parameter_services=False)
+    with spinning(ros, mute):
+        alone, among = call('param', 'list', 'mute'), call('param', 'list')
+    assert 'error: /mute has no parameter services' in alone.stderr
+    assert (among.returncode, among.stdout) == (0, '')
+    assert '/mute has no parameter services' in among.stderr
+
+
+def test_dump_is_loaded_again(car: Node, tmp_path: Path) -> None:
+    path = tmp_path / 'car.yaml'
+    for name, other in (('gain', 1e-7), ('road', '7'), ('seed', 2**53), ('wait', False)):
+        assert car.set_parameters([RosParameter(name, value=other)])[0].successful
+    path.write_text(call('param', 'dump', '/one/car').stdout)
+    default = {parameter.name: parameter.default for parameter in TABLE if not parameter.read_only}
+    car.set_parameters([RosParameter(name, value=one) for name, one in default.items()])
+    done = call('param', 'load', '/one/car', str(path))
+    assert (done.returncode, done.stderr) == (0, '')
+    assert 'Set parameter gain successful\n' in done.stdout
+    assert 'Set parameter mass successful: read-only, and as it was\n' in done.stdout
+    assert [value(car, name) for name in default] == [1e-7, '7', 2**53, False]
+
+
+def test_what_cannot_be_loaded_is_named_and_the_rest_is_loaded(car: Node, tmp_path: Path) -> None:
+    path = tmp_path / 'car.yaml'
+    given = {'gain': 5.0, 'mass': 3.0, 'road': 7, 'other': 1}
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': given}}))
+    done = call('param', 'load', '/one/car', str(path))
+    assert done.returncode == 1
+    assert done.stdout == 'Set parameter gain successful\n'
+    assert [line.partition(' failed: ')[0] for line in done.stderr.splitlines()] == [
+        'Set parameter mass',
+        'Set parameter other',
+        'Set parameter road',
+    ]
+    assert value(car, 'gain') == 5.0
+
+
+SIMULATOR = {
+    'realtime_factor': 0.0,
+    'distance': 60.0,
+    'mass': 1234.5678901234567,
+    'noise_v_x': 0.01,
+    'seed': 3,
+}
+CONTROLLER = {'kp': 7.123456789012345, 'ki': 1e-7, 'speed_reference': 6.0}
+
+
+def overrides(values: dict[str, object]) -> list[RosParameter]:
+    return [RosParameter(name, value=one) for name, one in values.items()]
+
+
+def states(path: Path) -> list[tuple[float, ...]]:
+    """Return what a bag has of the course and the commands, without when it was."""
+    log = bag.read(path)
+    return [
+        tuple(map(float, row)) for row in zip(log.x, log.v_x, log.e_v_x, log.motor, strict=True)
+    ]
+
+
+@pytest.fixture
+def dumped(ros: Context, tmp_path: Path) -> Path:
+    """Return a file with the parameters of a simulator and a controller that are not the usual."""
+    nodes = (
+        CruiseController(context=ros, parameter_overrides=overrides(CONTROLLER)),
+        VehicleSimulator(
+            context=ros,
+            parameter_overrides=overrides(SIMULATOR | {'wait_for_controller': True}),
+        ),
+    )
+    path = tmp_path / 'dump.yaml'
+    with spinning(ros, *nodes):
+        path.write_text(''.join(call('param', 'dump', node.get_name()).stdout for node in nodes))
+    return path
+
+
+def drive(folder: Path, *ros_args: str) -> list[tuple[float, ...]]:
+    """Drive, and return the states and commands."""
+    done = call('run', 'acc', '-q', '--bag-dir', str(folder), '--ros-args', *ros_args)
+    assert (done.returncode, done.stderr) == (0, '')
+    return states(folder / done.stdout.strip())
+
+
+def settings(values: dict[str, dict[str, object]]) -> list[str]:
+    """Return the ROS arguments that set these, node by node."""
+    return [
+        word
+        for node, parameters in values.items()
+        for name, one in parameters.items()
+        for word in ('-p', f'{node}:{name}:={one!r}')
+    ]
+
+
+def test_run_with_a_dump_is_the_same_to_the_last_bit(dumped: Path, tmp_path: Path) -> None:
+    given = settings({'vehicle_simulator': SIMULATOR, 'controller': CONTROLLER})
+    first = drive(tmp_path / 'first', *given)
+    assert first[-1][0] >= 60.0
+    assert drive(tmp_path / 'again', '--params-file', str(dumped)) == first
+    assert drive(tmp_path / 'other', *given, '-p', 'vehicle_simulator:seed:=4') != first
+
+
+def test_dump_loaded_into_a_controller_that_runs_is_the_same_run(
+    dumped: Path, tmp_path: Path, ros: Context
+) -> None:
+    expected = drive(tmp_path / 'first', '--params-file', str(dumped))
+    controller = CruiseController(context=ros)
+    arrived = threading.Event()
+    with spinning(ros, controller):
+        assert call('param', 'load', 'controller', str(dumped)).returncode == 0
+        simulator = VehicleSimulator(
+            context=ros, cli_args=['--ros-args', '--params-file', str(dumped)]
+        )
+        simulator.finished.add_done_callback(lambda _: arrived.set())
+        recorder = BagRecorder(tmp_path / 'loaded', context=ros)  # hears all that there are now
+        with spinning(ros, recorder, simulator):
+            assert arrived.wait(60.0)
+            recorder.close()
+    assert states(recorder.path) == expected

@@ -1,0 +1,142 @@
+"""The plot command: where its figure goes, and what it says to wrong input."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from barc_sim.bags import reader as bag
+from barc_sim.commands import plot
+from barc_sim.figures import output
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from barc_sim.simulation.log import Log
+
+SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
+
+
+@pytest.fixture
+def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the directory of a bag that reads as a short run, on a machine without display."""
+    log = rollout(distance=30.0)
+    path = tmp_path / 'bags' / '2026-11-21_12-00-00'
+    path.mkdir(parents=True)
+
+    def read(source: Path, namespace: str | None = None) -> Log:
+        assert (source.absolute(), namespace) == (path, None)
+        return log
+
+    monkeypatch.setattr(bag, 'read', read)
+    monkeypatch.setattr(bag, 'info', lambda _: {'road': 'lab', 'kp': '30.0', 'python': '3.12'})
+    monkeypatch.setattr(bag, 'newest', lambda: path.relative_to(tmp_path))
+    monkeypatch.setattr(output, 'window', lambda *_: None)
+    monkeypatch.chdir(tmp_path)
+    return path
+
+
+@pytest.mark.parametrize('suffix', ['png', 'pdf', 'svg'])
+def test_the_figure_is_saved_as_its_name_says(
+    directory: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    path = tmp_path / f'figure.{suffix}'
+    assert plot.main([str(directory), '--save', str(path)]) == 0
+    assert path.read_bytes().startswith(SIGNATURES[suffix])
+    assert capsys.readouterr().out == f'{path}\n'
+
+
+def test_without_display_and_name_the_figure_is_saved_in_the_newest_bag(
+    directory: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert plot.main([]) == 0
+    path = directory / 'speed.png'
+    assert path.read_bytes().startswith(SIGNATURES['png'])
+    assert capsys.readouterr().out == f'{path.relative_to(tmp_path)}\n'
+
+
+def test_the_heading_names_the_bag_its_road_and_its_gains(
+    directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    window = Figure()
+    monkeypatch.setattr(output, 'window', lambda *_: window)
+    monkeypatch.setattr(output, 'show', lambda: None)
+    assert plot.main([str(directory)]) == 0
+    words = {text.get_text() for text in window.findobj(Text)}
+    assert {'2026-11-21_12-00-00', 'road lab · kp 30.0'} <= words
+
+
+@pytest.mark.parametrize(
+    ('args', 'saved'), [([], False), (['--show'], False), (['--show', '--save', 'a.png'], True)]
+)
+def test_with_a_display_the_figure_is_shown(
+    directory: Path, monkeypatch: pytest.MonkeyPatch, args: list[str], saved: bool
+) -> None:
+    window, shown = Figure(), []
+    monkeypatch.setattr(output, 'window', lambda *_: window)
+    monkeypatch.setattr(output, 'show', lambda: shown.append(len(window.axes)))
+    assert plot.main([str(directory), *args]) == 0
+    assert shown == [3]
+    assert Path('a.png').exists() == saved
+    assert not list(directory.iterdir())
+
+
+@pytest.mark.parametrize(
+    ('args', 'complaint'),
+    [
+        (['--show'], 'cannot open a window'),
+        (['--save', 'run.jpeg'], "'run.jpeg': the name must end in .png, .pdf or .svg"),
+        (['--save', ''], "'': the name must end in"),
+        (['--save', 'nowhere/a.png'], "'nowhere/a.png': No such file or directory"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_a_line(
+    directory: Path, capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
+) -> None:
+    assert plot.main([str(directory), *args]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('barc plot: error: ')
+    assert complaint in captured.err
+    assert captured.err.count('\n') == 1
+
+
+@pytest.mark.parametrize('command', ['plot', 'replay'])
+def test_a_bag_that_is_none_is_refused_in_a_line(tmp_path: Path, command: str) -> None:
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'empty.mcap').touch()
+    (tmp_path / 'foreign.mcap').write_text('not a bag')
+    for name in ('missing', 'empty', 'empty.mcap', 'foreign.mcap'):
+        program = (
+            f'import sys; from barc_sim import {command}; sys.exit({command}.main(sys.argv[1:]))'
+        )
+        result: Any = subprocess.run(
+            [sys.executable, '-c', program, str(tmp_path / name)],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (result.returncode, result.stdout) == (2, '')
+        *_, last = result.stderr.splitlines()
+        assert last.startswith(f'barc {command}: error: ')
+        assert str(tmp_path / name) in last
+        assert 'Traceback' not in result.stderr
+
+
+@pytest.mark.parametrize('command', ['plot', 'replay'])
+def test_help_waits_for_no_library(command: str) -> None:
+    program = (
+        f'import sys; from barc_sim import {command}\n'
+        f'try: {command}.main(["--help"])\n'
+        'except SystemExit: print({"numpy", "matplotlib", "rich"} & set(sys.modules))'
+    )
+    result = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.startswith(f'usage: barc {command}')
+    assert result.stdout.endswith('set()\n')

@@ -1,0 +1,217 @@
+"""The record command, in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import mcap_doctor
+import pytest
+import yaml
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Float64, UInt8MultiArray
+
+from barc_sim.bags import reader as bag
+from barc_sim.bags import records as bag_records
+from barc_sim.bags.recovery import recover
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.context import Context
+
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def talker(ros: Context) -> Iterator[Node]:
+    node = Node('talker', context=ros)
+    yield node
+    node.destroy_node()
+
+
+@contextmanager
+def recording(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start the command."""
+    with subprocess.Popen(
+        [sys.executable, '-m', 'barc_sim', 'record', *arguments],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: Path) -> None:
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    with recording('--output', str(tmp_path / 'mine'), '--topics', 'value') as process:
+        wait_for(lambda: publisher.get_subscription_count() == 1)
+        for _ in range(5):
+            publisher.publish(Float64())
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert out.splitlines() == [
+        '        5 /value',
+        'recorded 5 messages, lost 0',
+        f'bag {tmp_path / "mine"}',
+    ]
+    mcap_doctor.check(tmp_path / 'mine' / 'mine_0.mcap')
+    assert bag.info(tmp_path / 'mine')['lost_messages'] == '0'
+
+
+def test_files_are_split_at_the_size_without_a_loss(talker: Node, tmp_path: Path) -> None:
+    publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
+    with recording(
+        '--output', str(tmp_path / 'mine'), '--topics', 'value', '--max-bag-size', '200000'
+    ) as process:
+        wait_for(lambda: publisher.get_subscription_count() == 1)
+        for _ in range(100):
+            publisher.publish(UInt8MultiArray(data=os.urandom(20_000)))
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+        process.send_signal(signal.SIGTERM)
+        out, _ = process.communicate(timeout=60)
+    assert 'recorded 100 messages, lost 0' in out
+    files = bag_records.files(tmp_path / 'mine')
+    assert len(files) >= 9
+    assert all(file.stat().st_size < 400_000 for file in files)
+    information = yaml.safe_load((tmp_path / 'mine' / 'metadata.yaml').read_text())
+    assert information['rosbag2_bagfile_information']['message_count'] == 100
+
+
+def test_a_folder_that_is_in_the_way_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
+    del ros_domain
+    with recording('--output', str(tmp_path)) as process:
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert said.splitlines()[-1] == (
+        f"barc record: error: '{tmp_path}' exists: name a new folder for the bag"
+    )
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Return a file system of 4 MiB."""
+    folder = tmp_path / 'disk'
+    folder.mkdir()
+    mount = ['mount', '-t', 'tmpfs', '-o', 'size=4m', 'barc_sim_test', str(folder)]
+    if os.geteuid() or subprocess.run(mount, check=False, capture_output=True).returncode:
+        pytest.skip('only root may mount')
+    yield folder
+    subprocess.run(['umount', '--lazy', str(folder)], check=True)  # noqa: S607 (the system's)
+
+
+def flood(talker: Node, process: subprocess.Popen[str], *, until: Callable[[], bool]) -> None:
+    """Publish what no compression makes smaller."""
+    publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
+    wait_for(lambda: publisher.get_subscription_count() == 1)
+
+    def published() -> bool:
+        publisher.publish(UInt8MultiArray(data=os.urandom(50_000)))
+        return until() or process.poll() is not None
+
+    wait_for(published)
+
+
+def test_a_read_only_disk_is_one_sentence(ros_domain: int, small_disk: Path) -> None:
+    del ros_domain
+    remount = ['mount', '-o', 'remount,ro', str(small_disk)]
+    subprocess.run(remount, check=True)
+    with recording('--output', str(small_disk / 'mine'), '--min-free-space', '0') as process:
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert said.count('\n') == 1
+    assert said.startswith('barc record: error: ')
+    assert said.endswith('name another folder\n')
+
+
+def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
+    talker: Node, small_disk: Path
+) -> None:
+    directory = small_disk / 'mine'
+    with recording(
+        *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
+    ) as process:
+        flood(talker, process, until=lambda: False)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert f"writing to '{directory}' failed: No space left on device" in said
+    file = directory / 'mine_0.mcap'
+    assert file.stat().st_size > 3_000_000
+    damage = bag_records.Damage()
+    assert list(bag_records.records(file, damage=damage))
+    assert damage == bag_records.Damage(unfinished=True)
+
+
+def test_the_reserve_leaves_room_to_finish_the_bag(talker: Node, small_disk: Path) -> None:
+    directory = small_disk / 'mine'
+    with recording(
+        *('--output', str(directory), '--topics', 'value', '--min-free-space', '2')
+    ) as process:
+        flood(talker, process, until=lambda: False)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert 'MiB are free, and 2 MiB are to stay free' in said
+    mcap_doctor.check(directory / 'mine_0.mcap')
+    assert (directory / 'metadata.yaml').exists()
+
+
+def test_it_goes_on_if_asked_for_as_soon_as_there_is_space(talker: Node, small_disk: Path) -> None:
+    blocker = small_disk / 'blocker'
+    blocker.write_bytes(bytes(3_500_000))
+    directory = small_disk / 'mine'
+    lines: list[str] = []
+    with recording(
+        *('--output', str(directory), '--topics', 'value'),
+        *('--min-free-space', '0', '--on-write-error', 'continue'),
+    ) as process:
+        publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
+        wait_for(lambda: publisher.get_subscription_count() == 1)
+        for _ in range(20):
+            publisher.publish(UInt8MultiArray(data=os.urandom(50_000)))
+        assert process.stderr
+        while 'No space left on device' not in ''.join(lines):
+            lines.append(process.stderr.readline())
+        blocker.unlink()
+        while 'goes on' not in lines[-1]:
+            lines.append(process.stderr.readline())
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert 'recorded 20 messages, lost 0' in out
+    mcap_doctor.check(directory / 'mine_0.mcap')
+
+
+def test_a_bag_on_a_full_disk_is_recovered_elsewhere(talker: Node, small_disk: Path) -> None:
+    directory = small_disk / 'mine'
+    with recording(
+        *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
+    ) as process:
+        flood(talker, process, until=lambda: False)
+        process.communicate(timeout=60)
+    copy = small_disk.parent / 'copy'
+    copy.mkdir()
+    (copy / 'mine_0.mcap').write_bytes((directory / 'mine_0.mcap').read_bytes())
+    assert recover(copy).counts['/value'] > 50
+    mcap_doctor.check(copy / 'mine_0.mcap')

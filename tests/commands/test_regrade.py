@@ -1,0 +1,154 @@
+"""The command `python -m barc_sim regrade`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from made_bags import make, parameters
+
+from barc_sim.commands import regrade
+from barc_sim.control.driver import Drive
+from barc_sim.control.pid import __file__ as own_pid
+from barc_sim.lab.user_code import adapters as own_code
+from barc_sim.lab.user_code.adapters import StudentPid
+from barc_sim.lab.user_code.loading import load, load_lab
+from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.vehicle.bike_model import __file__ as own_model
+from barc_sim.vehicle.plant import Plant
+
+if TYPE_CHECKING:
+    from barc_sim.lab.user_code.loading import Lab
+
+HALF = (
+    'from helpers import half\n'
+    'class PID:\n'
+    '    def __init__(self, kp, ki, kd):\n        self.kp = kp\n'
+    '    def acc_calculate(self, reference, current):\n'
+    '        return half(self.kp * (reference - current))\n'
+)
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Lab:
+    """Return a student's model, which is right, and controller, which is another."""
+    folder = tmp_path / 'lab'
+    folder.mkdir()
+    (folder / 'bike_model.py').write_bytes(Path(own_model).read_bytes())
+    (folder / 'controller.py').write_text(HALF)
+    (folder / 'helpers.py').write_text('def half(x):\n    return x / 2\n')
+    return load_lab(folder)
+
+
+def bag_of(tmp_path: Path, lab: Lab, **changed: bytes) -> Path:
+    assert lab.model
+    assert lab.controller
+    controller = StudentPid(lab.controller)
+    controller.output_min, controller.output_max = -8.0, 8.0
+    controller.reset()
+    log = rollout(Plant(model=lab.model), controller, distance=30.0)
+    changes = {f'student/{name}.py': data for name, data in changed.items()}
+    attachments = own_code.attachments(lab) | changes
+    return make(tmp_path / 'bag', log, own_code.describe(lab), attachments)
+
+
+def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert regrade.main([str(make(tmp_path / 'bag', rollout(distance=30.0)))]) == 0
+    out = capsys.readouterr().out
+    assert 'model of barc_sim       yes, bit for bit' in out
+    assert out.endswith('The bag could have come from barc_sim.\n')
+
+
+def test_a_run_with_a_students_code_came_from_that(
+    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert regrade.main([str(bag_of(tmp_path, lab))]) == 0
+    out = capsys.readouterr().out
+    assert 'model of bike_model.py       yes, bit for bit' in out
+    assert 'controller of barc_sim       no: at ' in out
+    assert 'controller of controller.py  yes, bit for bit' in out
+    assert out.endswith('could have come from bike_model.py and controller.py.\n')
+
+
+def test_a_changed_file_is_named(
+    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.0\n')
+    assert regrade.main([str(bag)]) == 1
+    assert 'helpers.py: is not the file that the run had' in capsys.readouterr().out
+
+
+def test_other_code_did_not_make_the_commands(
+    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.01\n')
+    assert regrade.main([str(bag)]) == 1
+    out = capsys.readouterr().out
+    assert 'controller of controller.py  no: at ' in out
+    assert out.endswith('could not have come from bike_model.py and controller.py.\n')
+
+
+def test_code_that_fails_is_told_in_a_sentence(
+    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert regrade.main([str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
+    assert 'ZeroDivisionError' in capsys.readouterr().out
+
+
+def test_what_was_found_can_be_had_as_json(
+    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert regrade.main([str(bag_of(tmp_path, lab)), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['possible'] is True
+    assert found['claimed'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
+    assert {(v['part'], v['code']) for v in found['verdicts']} == {
+        ('model', 'barc_sim'),
+        ('model', 'bike_model.py'),
+        ('controller', 'barc_sim'),
+        ('controller', 'controller.py'),
+    }
+
+
+def test_files_of_two_folders_are_told_apart(tmp_path: Path) -> None:
+    for name, source in (('one', own_model), ('other', own_pid)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'code.py').write_bytes(Path(source).read_bytes())
+    both = {'model': tmp_path / 'one' / 'code.py', 'controller': tmp_path / 'other' / 'code.py'}
+    bag = bag_of(tmp_path, load(both))
+    assert regrade.main([str(bag)]) == 0
+
+
+def test_a_drive_by_hand_has_no_controller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
+    log = drive([(0.0, Drive(forward=1.0, turn=0.5))], 2.0)
+    assert regrade.main([str(make(tmp_path / 'bag', log, {'parameters': told}))]) == 0
+    assert 'controller' not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('text', ['', '[1]', '{a: 1}', 'a: {ros__parameters: {air_drag_coeff: x}}'])
+def test_a_bag_that_does_not_tell_its_parameters_is_refused(
+    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = make(tmp_path / 'bag', rollout(distance=1.0), {'parameters': text})
+    assert regrade.main([str(bag)]) == 2
+    assert 'does not tell of ' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['/etc/passwd', '../out.py', 'a/../../out.py'])
+def test_a_bag_cannot_write_elsewhere(
+    tmp_path: Path, lab: Lab, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = bag_of(tmp_path, lab, **{name: b'x'})
+    # The name ends in .py there; it leads out of the folder all the same.
+    assert regrade.main([str(bag)]) == 1
+    assert 'which no run attaches' in capsys.readouterr().out
+
+
+def test_no_bag_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert regrade.main([str(tmp_path / 'none')]) == 2
+    assert 'there is no bag' in capsys.readouterr().err

@@ -1,0 +1,118 @@
+"""The replay command: a run's video lasts as long as the run, and goes where it should."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import imageio_ffmpeg
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from barc_sim.bags import reader as bag
+from barc_sim.commands import replay
+from barc_sim.figures import output, video
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.simulation.log import Log
+
+
+@pytest.fixture
+def log() -> Log:
+    return rollout(distance=3.0)
+
+
+@pytest.fixture
+def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, log: Log) -> Path:
+    """Return the directory of a bag that reads as `log`, on a machine without display."""
+    path = tmp_path / 'bag'
+    path.mkdir()
+    monkeypatch.setattr(bag, 'read', lambda *_: log)
+    monkeypatch.setattr(bag, 'newest', lambda: path)
+    monkeypatch.setattr(output, 'window', lambda *_: None)
+    return path
+
+
+def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_the_run(
+    directory: Path, tmp_path: Path, log: Log, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'run.mp4'
+    assert replay.main([str(directory), '--save', str(path)]) == 0
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(path)
+    assert frames == len(log)
+    assert seconds == pytest.approx(log.t[-1] + 0.02, abs=0.011)
+    assert capsys.readouterr().out == f'{path}\n'
+
+
+def test_a_gif_lasts_as_long_as_the_run(directory: Path, tmp_path: Path, log: Log) -> None:
+    path = tmp_path / 'run.gif'
+    assert replay.main([str(directory), '--save', str(path)]) == 0
+    with Image.open(path) as gif:
+        assert gif.size == (960, 540)
+        duration = 0
+        for i in range(gif.n_frames):
+            gif.seek(i)
+            duration += gif.info['duration']
+    assert duration / 1000 == pytest.approx(log.t[-1] + 0.04, abs=0.021)
+
+
+def test_without_display_and_name_the_newest_bag_gets_an_mp4(
+    directory: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert replay.main([]) == 0
+    path = directory / 'replay.mp4'
+    assert imageio_ffmpeg.count_frames_and_secs(path)[0] > 1
+    assert capsys.readouterr().out == f'{path}\n'
+
+
+def test_with_a_display_the_run_plays_in_a_window(
+    directory: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    window = Figure()
+    canvas = FigureCanvasAgg(window)
+    monkeypatch.setattr(output, 'window', lambda *_: window)
+    monkeypatch.setattr(output, 'show', canvas.draw)
+    assert replay.main([str(directory)]) == 0
+    assert window.axes
+    assert not list(directory.iterdir())
+    assert capsys.readouterr().out == ''
+
+
+@pytest.mark.parametrize(
+    ('name', 'complaint'),
+    [
+        ('run.avi', "'run.avi': the name must end in .mp4 or .gif"),
+        ('nowhere/run.mp4', "'nowhere/run.mp4': No such file or directory"),
+    ],
+)
+def test_what_cannot_be_saved_is_said_in_a_line(
+    directory: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    complaint: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert replay.main([str(directory), '--save', name]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('barc replay: error: ')
+    assert complaint in captured.err
+    assert captured.err.count('\n') == 1
+
+
+def test_ctrl_c_leaves_no_half_a_video(
+    directory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken_off(path: Path, *_: object, **__: object) -> None:
+        path.write_bytes(b'half')
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(video, 'write_mp4', broken_off)
+    assert replay.main([str(directory), '--save', str(tmp_path / 'run.mp4')]) == 130
+    assert list(tmp_path.iterdir()) == [directory]

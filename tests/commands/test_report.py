@@ -1,0 +1,173 @@
+"""The command `python -m barc_sim report`: a run as one HTML page."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64decode
+from html.parser import HTMLParser
+from itertools import pairwise
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from made_bags import GRAPH, make
+
+from barc_sim.commands import report
+from barc_sim.control.driver import Drive
+from barc_sim.simulation.closed_loop import drive, rollout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+EVIL = '<script>alert(1)</script> $name & "quoted"'
+VOID = {'meta', 'img', 'br', 'link', 'hr'}
+
+
+class Page(HTMLParser):
+    """Collects what a page has, and checks that what opens is closed."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.headings: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.tags: set[str] = set()
+        self.text = ''
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take an element."""
+        self.tags.add(tag)
+        if tag == 'img':
+            self.images.append(dict(attrs))
+        if re.fullmatch(r'h\d', tag):
+            self.headings.append(tag)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        """Close the innermost."""
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        """Take text."""
+        self.text += data
+
+
+def page_of(bag: Path) -> Page:
+    assert report.main([str(bag)]) == 0
+    page = Page((bag / 'report.html').read_text(encoding='utf-8'))
+    assert not page.open
+    return page
+
+
+def test_a_run_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
+    bag = make(tmp_path / 'bag', rollout(), {'kp': '30.0', 'barc_sim': '0.1.0', 'road': 'lab'})
+    page = page_of(bag)
+    for words in ('Run bag', 'Gain kp', '30.0', 'after the first 10 m', '0.0207', 'bag_0.mcap'):
+        assert words in page.text
+    assert not page.tags & {'script', 'link', 'iframe'}
+    text = (bag / 'report.html').read_text(encoding='utf-8')
+    assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_every_figure_is_whole_and_told_in_words(tmp_path: Path) -> None:
+    page = page_of(make(tmp_path / 'bag', rollout()))
+    assert len(page.images) == 3  # speed, terms, graph
+    for image in page.images:
+        assert image['alt']
+        kind, _, data = (image['src'] or '').partition(',')
+        assert kind == 'data:image/svg+xml;base64'
+        assert ET.fromstring(b64decode(data)).tag.endswith('svg')
+    assert '/controller publishes /ecu' in (page.images[-1]['alt'] or '')
+
+
+def test_headings_go_down_one_by_one(tmp_path: Path) -> None:
+    headings = page_of(make(tmp_path / 'bag', rollout(distance=5.0))).headings
+    assert headings[0] == 'h1'
+    assert headings.count('h1') == 1
+    assert all(int(b[1]) <= int(a[1]) + 1 for a, b in pairwise(headings))
+
+
+def test_the_students_code_is_shown_line_by_line(tmp_path: Path) -> None:
+    code = '"""Two\nlines."""\n\nx = 1 < 2\n'
+    bag = make(tmp_path / 'bag', rollout(distance=5.0), attachments={'student/a.py': code.encode()})
+    page = page_of(bag)
+    assert code in page.text
+    assert (bag / 'report.html').read_text().count('<span class="line">') == 4
+
+
+def test_whatever_others_have_written_is_text(tmp_path: Path) -> None:
+    keys = ('command', 'kp', 'platform', 'failure', 'road')
+    bag = make(
+        tmp_path / EVIL.replace('/', '').replace('"', ''),
+        rollout(distance=5.0),
+        dict.fromkeys(keys, EVIL) | {'graph': GRAPH.replace('/ecu', '/$e^{<b>$')},
+        {f'student/{EVIL}.py': EVIL.encode()},
+    )
+    page = page_of(bag)
+    assert 'script' not in page.tags
+    assert page.text.count(EVIL) >= len(keys) + 2
+
+
+def test_a_run_that_its_code_ended_says_so(tmp_path: Path) -> None:
+    bag = make(tmp_path / 'bag', rollout(distance=5.0), {'failure': 'controller.py, line 3: no'})
+    assert 'The run was ended: controller.py, line 3: no' in page_of(bag).text
+
+
+def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
+    page = page_of(make(tmp_path / 'bag', drive([(0.0, Drive(forward=1.0, turn=0.3))], 3.0)))
+    assert "The car's way" in page.text
+    assert 'Nobody gave a speed to hold' in page.text
+    assert "The controller's terms" not in page.text
+
+
+@pytest.mark.parametrize('graph', ['', '[]', '{"nodes": 1}'])
+def test_a_graph_that_means_nothing_is_left_out(tmp_path: Path, graph: str) -> None:
+    bag = make(tmp_path / 'bag', rollout(distance=1.0), {'graph': graph})
+    assert 'The graph was not recorded.' in page_of(bag).text
+
+
+def test_the_same_bag_makes_the_same_page(tmp_path: Path) -> None:
+    bag = make(tmp_path / 'bag', rollout(distance=5.0))
+    texts = []
+    for _ in range(2):
+        page_of(bag)
+        texts.append((bag / 'report.html').read_bytes())
+    assert texts[0] == texts[1]
+
+
+def test_numbers_that_no_run_reaches_are_left_out(tmp_path: Path) -> None:
+    log = rollout(distance=5.0)
+    log.motor[3], log.v_x[4], log.theta_deg[5] = np.inf, 1e300, np.nan
+    page_of(make(tmp_path / 'bag', log))
+
+
+def test_the_page_goes_where_it_is_wanted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, path = make(tmp_path / 'bag', rollout(distance=1.0)), tmp_path / 'page.html'
+    assert report.main([str(bag), '-o', str(path)]) == 0
+    assert capsys.readouterr().out == f'{path}\n'
+    assert path.is_file()
+    assert not (bag / 'report.html').exists()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'words'),
+    [
+        (['{none}'], 'there is no bag'),
+        (['{bag}', '-o', 'page.pdf'], 'the name must end in .html'),
+        (['{bag}', '-o', '{none}/page.html'], 'choose another place with --save'),
+        (['{bag}', '--namespace', 'car7'], 'has no states of the car /car7'),
+    ],
+)
+def test_what_cannot_be_done_is_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    places = {'bag': make(tmp_path / 'bag', rollout(distance=1.0)), 'none': tmp_path / 'none'}
+    assert report.main([argument.format(**places) for argument in arguments]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count('\n') == 1

@@ -1,0 +1,344 @@
+"""The command `python -m barc_sim.run`: options, output, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import pty
+import random
+import signal
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
+
+import barc_sim
+from barc_sim.bags import reader as bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Start = Callable[..., subprocess.Popen[str]]
+    Run = Callable[..., tuple[int, str, str]]
+
+ROOT = Path(barc_sim.__file__).parents[1]
+# The signal ends the process until the command takes over, and not with Python's own traceback.
+PRELUDE = 'import signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL)\n'
+SCRIPT = 'from barc_sim.run import main; sys.exit(main())'
+MAX = ('--realtime-factor', 'max')
+SHORT = (*MAX, '--distance', '1')
+ENDLESS = ('--distance', '0')
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    """Return an empty folder to run in."""
+    folder = tmp_path / 'here'
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def start(here: Path) -> Iterator[Start]:
+    """Return a function that starts a run, which is gone after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(
+        *options: str, prelude: str = PRELUDE, stdout: int = subprocess.PIPE
+    ) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, '-c', prelude + SCRIPT, *options],
+            cwd=here,
+            env=os.environ | {'PYTHONPATH': str(ROOT), 'TERM': 'xterm', 'COLUMNS': '120'},
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def run(start: Start) -> Run:
+    """Return a function that runs the command, and returns exit code, stdout and stderr."""
+
+    def run(*options: str, prelude: str = PRELUDE) -> tuple[int, str, str]:
+        process = start(*options, prelude=prelude)
+        out, err = process.communicate(timeout=60)
+        return process.returncode, out, err
+
+    return run
+
+
+def driving(process: subprocess.Popen[str]) -> None:
+    """Wait until a run that is not quiet drives."""
+    assert process.stdout
+    assert ' m/s ' in process.stdout.readline()
+
+
+def assert_whole(path: Path) -> None:
+    """Check that a bag was closed, and has in it what it says."""
+    with AnyReader([path]) as reader:
+        assert sum(1 for _ in reader.messages()) == reader.message_count
+    assert 'steps' in bag.info(path)
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ('command', 'words'),
+    [
+        ('', 'MODE'),
+        ('fly', "'fly'"),
+        ('acc --hill', '--hill'),
+        ('acc --kp nan', "'nan' is not a number from 0 to"),
+        ('acc --ki -1', "'-1' is not a number from 0 to"),
+        ('acc --speed -101', "'-101' is not a number from -100 to 100"),
+        ('acc --speed 1e999', "'1e999' is not a number"),
+        ('acc --distance -1', "'-1' is not a number from 0 to"),
+        ('acc --realtime-factor 0', "nor 'max'"),
+        ('acc --seed 9007199254740993', 'whole number'),
+        ('acc --seed -1', 'whole number'),
+        ('acc --no-bag --bag-dir x', 'not allowed with'),
+        ('acc --road nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
+        ('acc --road {broken}', 'describes no road'),
+        ('acc --bag-dir {file}', 'is not a folder'),
+        ('acc --bag-dir /proc/bags', "no bag can be made in '/proc/bags'"),
+        ('acc --ros-args -p', 'trailing -p flag'),
+        ('acc --ros-args --hill', '--hill'),
+        ('acc --ros-args -r z_vhcl', "'-r z_vhcl'"),
+        ('acc --ros-args -p kp:=[', "'-p kp:=['"),
+        ('acc --ros-args -p vehicle_simulator:mass:=-1.0', 'mass of vehicle_simulator must lie'),
+        ('acc --ros-args -p vehicle_simulator:mass:=abc', 'mass of vehicle_simulator must be'),
+        ('acc --ros-args -p vehicle_simulator:road:=nowhere', "road 'nowhere' is neither"),
+        ('acc --ros-args -p controller:kp:=.nan', 'kp of controller must lie'),
+        ('acc --ros-args -p controller:kp:=1e300', 'kp of controller must lie'),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    run: Run, here: Path, tmp_path: Path, command: str, words: str
+) -> None:
+    files = {'file': tmp_path / 'file', 'broken': tmp_path / 'broken.csv'}
+    for file in files.values():
+        file.write_text('start_m,grade_deg\n0,steep\n')
+    mode, *options = command.format(**files).split() or ['']
+    code, out, err = run(*([mode] if mode else []), *(['-q', *options] if mode == 'acc' else []))
+    assert (code, out) == (2, '')
+    assert ' error: ' in err
+    assert words in err
+    assert err.count('\n') == 1
+    assert not list(here.iterdir())
+
+
+@pytest.mark.parametrize(
+    ('package', 'name'),
+    [('rclpy', 'ROS 2 (rclpy)'), ('barc_interfaces', 'barc_interfaces')],
+)
+def test_python_without_ros_is_told_so(run: Run, package: str, name: str) -> None:
+    code, out, err = run('acc', prelude=f"import sys; sys.modules['{package}'] = None\n")
+    assert (code, out) == (2, '')
+    assert err.startswith(f'barc_sim.run: error: {name} is not installed in this Python: ')
+    assert err.count('\n') == 1
+
+
+def test_help_needs_no_ros(run: Run) -> None:
+    without = "import sys; sys.modules['rclpy'] = None\n"
+    code, out, err = run('acc', '--help', prelude=without)
+    assert (code, err) == (0, '')
+    assert '--ros-args' in out
+
+
+# Options
+
+
+def test_parameters_after_ros_args_count_unless_an_option_is_given(run: Run, here: Path) -> None:
+    given = ('--ros-args', '-p', 'vehicle_simulator:distance:=1.0', '-p', 'controller:kp:=20.0')
+    for options, distance, kp in (
+        ([], 1.0, '20.0'),
+        (['--distance', '2', '--kp', '25'], 2.0, '25.0'),
+    ):
+        code, out, _ = run('acc', '-q', *MAX, *options, *given)
+        assert code == 0
+        log, info = bag.read(here / out.strip()), bag.info(here / out.strip())
+        assert log.x[-2] < distance <= log.x[-1]
+        assert info['kp'] == kp
+
+
+def test_namespace_moves_every_topic_of_the_run(run: Run, here: Path) -> None:
+    code, out, _ = run('acc', '-q', *SHORT, '--ros-args', '-r', '__ns:=/car2')
+    assert code == 0
+    with AnyReader([here / out.strip()]) as reader:
+        moved = set(reader.topics) - {'/rosout', '/parameter_events', '/clock'}
+    names = ('z_vhcl', 'ez_vhcl', 'environment', 'ecu', 'pid_state')
+    assert moved == {f'/car2/{name}' for name in names}
+    assert bag.read(here / out.strip()).x[-1] >= 1.0
+
+
+def test_bag_goes_where_it_is_told_or_nowhere(run: Run, here: Path) -> None:
+    assert run('acc', '-q', *SHORT, '--no-bag') == (0, '', '')
+    assert not list(here.iterdir())
+    code, out, _ = run('acc', '-q', *SHORT, '--bag-dir', 'a/b')
+    assert code == 0
+    assert_whole(here / out.strip())
+    assert (here / out.strip()).parent == here / 'a' / 'b'
+
+
+def test_factor_scales_the_wall_clock(run: Run, here: Path) -> None:
+    code, out, _ = run('acc', '-q', '--distance', '1', '--realtime-factor', '0.5')
+    assert code == 0
+    (file,) = (here / out.strip()).glob('*.mcap')
+    with file.open('rb') as stream:
+        messages = make_reader(stream).iter_messages(['/z_vhcl'])
+        times = [message.publish_time for _, _, message in messages]
+    # 40 ms for a step of 20 ms; a machine that stalls makes it longer, none makes it shorter.
+    assert (times[-1] - times[0]) / (len(times) - 1) > 35e6
+
+
+# Output
+
+
+def test_quiet_run_prints_the_path_of_its_bag_and_nothing_else(run: Run, here: Path) -> None:
+    code, out, err = run('acc', '-q', *SHORT)
+    assert (code, err) == (0, '')
+    (path,) = out.splitlines()
+    assert_whole(here / path)
+
+
+def test_pipe_gets_plain_lines_a_table_and_what_to_do_next(run: Run, here: Path) -> None:
+    code, out, err = run('acc', *SHORT)
+    assert code == 0
+    assert '\x1b' not in out + err
+    lines = out.splitlines()
+    assert lines[0].endswith('0.000 m/s  error +8.000 m/s  grade +0°')
+    assert 'whole run' in out
+    bag_line, plot_line, replay_line = lines[-3:]
+    path = bag_line.removeprefix('bag').strip()
+    assert_whole(here / path)
+    assert plot_line.endswith(f'-m barc_sim plot {path}')
+    assert replay_line.endswith(f'-m barc_sim replay {path}')
+
+
+class Terminal:
+    """A terminal for a run to write on."""
+
+    def __init__(self) -> None:
+        self._master, self.slave = pty.openpty()
+        self.text = ''
+
+    def read(self) -> bool:
+        """Take more of what was written; return whether there was more to come."""
+        try:
+            self.text += os.read(self._master, 4096).decode(errors='replace')
+        except OSError:  # Linux: nobody has the other end any more
+            return False
+        return True
+
+    def close(self) -> None:
+        """Hang up."""
+        os.close(self._master)
+
+
+@pytest.mark.parametrize('signalled', [False, True])
+def test_terminal_gets_a_live_line_and_its_cursor_back(start: Start, *, signalled: bool) -> None:
+    with closing(Terminal()) as terminal:
+        process = start('acc', *(ENDLESS if signalled else SHORT), stdout=terminal.slave)
+        os.close(terminal.slave)
+        while 'm/s  error' not in terminal.text:
+            assert terminal.read()
+        if signalled:
+            process.send_signal(signal.SIGINT)
+        while terminal.read():
+            pass
+        _, err = process.communicate(timeout=20)
+    assert process.returncode == 0
+    assert 'Traceback' not in err
+    assert terminal.text.rindex('\x1b[?25h') > terminal.text.rindex('\x1b[?25l')
+    assert 'whole run' in terminal.text
+
+
+def test_reader_that_went_away_ends_the_run_in_order(start: Start, here: Path) -> None:
+    process = start('acc', *ENDLESS)
+    driving(process)
+    assert process.stdout
+    process.stdout.close()  # as `| head -1` does
+    assert process.wait(timeout=30) == 0
+    assert process.stderr
+    assert 'Traceback' not in process.stderr.read()
+    (path,) = (here / 'bags').iterdir()
+    assert_whole(path)
+
+
+# Beside another run
+
+
+def test_second_run_is_refused_beside_the_first_until_that_is_gone(
+    start: Start, run: Run, here: Path
+) -> None:
+    first = start('acc', *ENDLESS, '--no-bag')
+    driving(first)
+    code, out, err = run('acc', '-q', *SHORT)
+    assert (code, out) == (2, '')
+    assert err.startswith('barc_sim.run: error: another simulator publishes /z_vhcl in ROS domain')
+    assert err.count('\n') == 1
+    assert not list(here.iterdir())
+    assert run('acc', '-q', *SHORT, '--no-bag', '--ros-args', '-r', '__ns:=/car2')[0] == 0
+    first.kill()
+    first.wait()
+    assert run('acc', '-q', *SHORT, '--no-bag') == (0, '', '')
+
+
+# Signals
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signal_ends_the_run_in_order_also_where_it_comes_twice(
+    start: Start, here: Path, number: signal.Signals
+) -> None:
+    process = start('acc', *ENDLESS)
+    driving(process)
+    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)  # `timeout` signals the process, and then its group
+    out, err = process.communicate(timeout=20)
+    assert (process.returncode, 'Traceback' in err) == (0, False)
+    assert 'whole run' in out
+    (path,) = (here / 'bags').iterdir()
+    assert_whole(path)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_signal_at_any_moment_leaves_a_whole_bag_or_none(
+    start: Start, here: Path, seed: int
+) -> None:
+    chance = random.Random(seed)  # noqa: S311 (no secret)
+    number = chance.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+    process = start('acc', '-q', *SHORT)
+    try:
+        # Interpreter, imports, nodes, run, close and the interpreter's end take about 0.7 s.
+        process.wait(chance.uniform(0.05, 0.9))
+    except subprocess.TimeoutExpired:
+        process.send_signal(number)
+    out, err = process.communicate(timeout=20)
+    assert 'Traceback' not in err
+    assert 'Exception ignored' not in err
+    bags = list((here / 'bags').iterdir()) if (here / 'bags').exists() else []
+    if process.returncode == -number:  # it came before the command could take over
+        assert not bags
+    else:
+        assert process.returncode == 0
+        assert [here / line for line in out.splitlines()] == bags
+        for path in bags:
+            assert_whole(path)

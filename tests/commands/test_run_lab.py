@@ -1,0 +1,255 @@
+"""The runs with a student's files: `--lab`, `--model`, `--controller`, `--relay`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.bags.recovery import recover
+from barc_sim.control import pid
+from barc_sim.vehicle import bike_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Start = Callable[..., subprocess.Popen[str]]
+
+ROOT = Path(barc_sim.__file__).parents[1]
+MAX = ('--realtime-factor', 'max')
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+PID = """
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.kp = kp
+        self.calls = 0
+
+    def acc_calculate(self, speed_reference, speed_current):
+        self.calls += 1
+        {line}
+        return self.kp * (speed_reference - speed_current)
+"""
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Return a function that starts a run, which is gone after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*options: str) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'barc_sim.run', *options],
+            cwd=tmp_path,
+            env=os.environ | {'PYTHONPATH': str(ROOT), 'TERM': 'xterm', 'COLUMNS': '120'},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+def lab(folder: Path, **files: str) -> Path:
+    folder.mkdir()
+    for name, text in files.items():
+        (folder / f'{name}.py').write_text(text)
+    return folder
+
+
+def reference(folder: Path) -> Path:
+    texts = {'bike_model': bike_model.__file__, 'controller': pid.__file__}
+    return lab(folder, **{name: Path(file or '').read_text() for name, file in texts.items()})
+
+
+def failing(step: int) -> str:
+    return PID.format(line=f'assert self.calls < {step}')
+
+
+def test_the_references_own_folder_drives_the_same_run_bit_for_bit(
+    start: Start, tmp_path: Path
+) -> None:
+    reference(tmp_path / 'lab')
+    for options in (('--lab', 'lab', '--bag-dir', 'own'), ('--bag-dir', 'bags')):
+        code, _, err = finish(start('acc', '-q', *MAX, *options))
+        assert (code, err) == (0, '')
+    own, expected = (bag.read(bag.newest(tmp_path / name)) for name in ('own', 'bags'))
+    for name in own.__dataclass_fields__:
+        assert np.array_equal(getattr(own, name), getattr(expected, name), equal_nan=True), name
+
+
+def test_the_bag_has_the_files_that_drove_and_their_hashes(start: Start, tmp_path: Path) -> None:
+    folder = lab(tmp_path / 'lab', controller='import gain\n' + PID.format(line=''), gain='')
+    code, _, _ = finish(start('acc', '-q', *MAX, '--distance', '1', '--lab', 'lab'))
+    assert code == 0
+    path = bag.newest(tmp_path / 'bags')
+    attached = bag.attachments(path)
+    told = json.loads(bag.info(path)['student_code'])
+    assert told['files'] == {'controller': 'controller.py'}
+    assert attached.keys() == {'student/controller.py', 'student/gain.py'}
+    for name, digest in told['sha256'].items():
+        data = (folder / name).read_bytes()
+        assert attached[f'student/{name}'] == data
+        assert digest == hashlib.sha256(data).hexdigest()
+
+
+def test_gains_go_to_the_students_class_and_unknown_terms_are_unknown(
+    start: Start, tmp_path: Path
+) -> None:
+    lab(tmp_path / 'lab', controller=PID.format(line=''))
+    code, _, _ = finish(start('acc', '-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab'))
+    log = bag.read(bag.newest(tmp_path / 'bags'))
+    assert code == 0
+    assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
+    assert np.isnan(log.proportional).all()
+
+
+def test_an_error_in_the_run_ends_it_with_all_up_to_there_in_the_bag(
+    start: Start, tmp_path: Path
+) -> None:
+    lab(tmp_path / 'lab', controller=failing(30))
+    code, out, err = finish(start('acc', *MAX, '--lab', 'lab'))
+    sentence = 'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current='
+    assert code == 1
+    assert f'barc_sim.run: error: {sentence}' in err
+    assert 'Traceback' not in err
+    assert 'bag     ' in out
+    path = bag.newest(tmp_path / 'bags')
+    assert len(bag.read(path)) == 30
+    assert bag.info(path)['failure'].startswith(sentence)
+    assert bag.info(path)['steps'] == '30'
+    assert 'student/controller.py' in bag.attachments(path)
+
+
+def test_an_error_in_the_model_ends_the_run_in_the_same_way(start: Start, tmp_path: Path) -> None:
+    text = 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return [x, y, psi]\n'
+    lab(tmp_path / 'lab', bike_model=text)
+    code, _, err = finish(start('acc', '-q', *MAX, '--model', 'lab/bike_model.py'))
+    assert code == 1
+    assert 'bike_model.py, line 1: bikeFE(x=0.0, y=0.0' in err
+    assert err.count('\n') == 1
+    assert len(bag.read(bag.newest(tmp_path / 'bags'))) == 1
+
+
+def test_a_loop_without_end_ends_the_run(start: Start, tmp_path: Path) -> None:
+    line = 'while self.calls == 20: pass'
+    lab(tmp_path / 'lab', controller=PID.format(line=line))
+    code, _, err = finish(start('acc', '-q', *MAX, '--lab', 'lab'))
+    assert code == 1
+    assert 'controller.py, line 9' in err
+    assert 'has not returned within 2 s' in err
+
+
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        ('--lab none', "there is no folder 'none'"),
+        ('--lab empty', "'empty' has no bike_model.py, controller.py: expected one at least"),
+        ('--lab broken', 'controller.py, line 1: this is no Python 3'),
+        ('--model broken/controller.py', 'controller.py, line 1: this is no Python 3'),
+        ('--controller none.py', 'cannot be read: No such file'),
+        ('--lab rospy', 'delete the line'),
+        ('--relay broken/controller.py', '--relay'),
+    ],
+)
+def test_files_that_cannot_be_used_leave_nothing(
+    start: Start, tmp_path: Path, options: str, words: str
+) -> None:
+    lab(tmp_path / 'broken', controller='def (')
+    lab(tmp_path / 'rospy', controller='import rospy\n')
+    lab(tmp_path / 'empty')
+    code, out, err = finish(start('acc', '-q', *options.split()))
+    assert (code, out) == (2, '')
+    assert words in err
+    assert err.count('\n') == 1
+    assert not (tmp_path / 'bags').exists()
+
+
+def test_a_line_printed_in_each_step_is_kept_by_a_pipe(start: Start, tmp_path: Path) -> None:
+    lab(tmp_path / 'lab', controller=PID.format(line="print('call', self.calls)"))
+    code, out, _ = finish(start('acc', *MAX, '--lab', 'lab', '--distance', '5'))
+    lines = [line for line in out.splitlines() if line.startswith('call ')]
+    assert code == 0
+    assert lines == [f'call {k + 1}' for k in range(len(lines))]
+    assert len(lines) > 50
+
+
+def test_a_quiet_run_prints_nothing_of_it(start: Start, tmp_path: Path) -> None:
+    lab(tmp_path / 'lab', controller="print('loaded')\n" + PID.format(line='print(1)'))
+    code, out, _ = finish(start('acc', '-q', *MAX, '--lab', 'lab', '--distance', '1'))
+    assert code == 0
+    assert out == f'{bag.newest(tmp_path / "bags").relative_to(tmp_path)}\n'
+
+
+def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
+    start: Start, tmp_path: Path
+) -> None:
+    folder = lab(tmp_path / 'lab', controller=PID.format(line=''))
+    process = start('acc', '--lab', 'lab', '--distance', '0')
+    assert process.stdout
+    assert ' m/s ' in process.stdout.readline()
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    path = bag.newest(tmp_path / 'bags')
+    expected = {'student/controller.py': (folder / 'controller.py').read_bytes()}
+    assert bag.attachments(path) == expected
+    recover(path)
+    assert bag.attachments(path) == expected
+
+
+def test_a_folder_that_goes_away_in_the_run_is_not_missed(start: Start, tmp_path: Path) -> None:
+    folder = lab(tmp_path / 'lab', controller='import gain\n' + PID.format(line='import gain'))
+    (folder / 'gain.py').write_text('')
+    process = start('acc', '--lab', 'lab', '--distance', '10')
+    assert process.stdout
+    assert ' m/s ' in process.stdout.readline()
+    for file in folder.iterdir():
+        file.unlink()
+    folder.rmdir()
+    code, _, _ = finish(process)
+    assert code == 0
+    assert 'student/gain.py' in bag.attachments(bag.newest(tmp_path / 'bags'))
+
+
+def test_a_relay_that_fails_ends_the_drive(start: Start, tmp_path: Path) -> None:
+    lab(tmp_path / 'lab', relay='def relay(linear_x, angular_z):\n    return linear_x\n')
+    code, _, err = finish(start('teleop', '--view', 'none', '-q', '--lab', 'lab'))
+    assert code == 1
+    assert 'relay.py, line 1: relay(linear_x=0.0, angular_z=0.0) returned 0.0' in err
+
+
+def test_a_relay_drives(start: Start, tmp_path: Path) -> None:
+    lab(tmp_path / 'lab', relay='def relay(linear_x, angular_z):\n    return 2.5, 0.25\n')
+    process = start('teleop', '--view', 'none', '--relay', 'lab/relay.py')
+    assert process.stdout
+    for line in process.stdout:
+        if ' m/s ' in line and 'speed   0.00' not in line:
+            break
+    process.send_signal(signal.SIGINT)
+    code, _, _ = finish(process)
+    log = bag.read(bag.newest(tmp_path / 'bags'))
+    assert code == 0
+    assert {2.5, 0.25} <= {*log.motor.tolist(), *log.servo.tolist()}

@@ -1,0 +1,81 @@
+"""The topics command: who is on what, and how often it is heard."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU
+from command_line import call, spinning
+from rclpy.node import Node
+from std_msgs.msg import String
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rclpy.context import Context
+
+
+@pytest.fixture(autouse=True)
+def nodes(ros: Context) -> Iterator[None]:
+    """Run a node that publishes at 50 Hz, one that listens, and hidden topics."""
+    talker, listener = Node('talker', context=ros), Node('listener', context=ros)
+    commands = talker.create_publisher(ECU, 'ecu', 10)
+    talker.create_publisher(String, '_hidden', 10)
+    talker.create_timer(0.02, lambda: commands.publish(ECU()))
+    listener.create_subscription(ECU, 'ecu', lambda _: None, 10)
+    with spinning(ros, talker, listener):
+        yield
+
+
+def test_topics_have_types_and_counts_of_both_ends() -> None:
+    done = call('topics')
+    assert (done.returncode, done.stderr) == (0, '')
+    lines = done.stdout.splitlines()
+    assert '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber' in lines
+    assert '/rosout [rcl_interfaces/msg/Log] 2 publishers, 0 subscribers' in lines
+    assert '_hidden' not in done.stdout
+
+
+def test_hidden_topics_are_listed_when_asked_for() -> None:
+    done = call('topics', '--include-hidden-topics')
+    assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
+
+
+def test_verbose_tells_nodes_and_their_quality_of_service() -> None:
+    done = call('topics', '-v', 'ecu')
+    first, *blocks = done.stdout.strip().split('\n\n')
+    assert first == '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber'
+    publisher, subscription = blocks
+    assert 'Node name: talker\n' in publisher
+    assert 'Endpoint type: PUBLISHER\n' in publisher
+    assert 'Node name: listener\n' in subscription
+    assert 'Reliability: RELIABLE\n' in subscription
+
+
+def test_rate_is_measured() -> None:
+    done = call('topics', 'ecu', '--hz', '1')
+    _, rate = done.stdout.splitlines()
+    words = re.fullmatch(
+        r'  average rate: ([\d.]+) min: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)', rate
+    )
+    assert words
+    assert 5.0 < float(words[1]) < 60.0  # 50 on a machine that keeps up
+    assert int(words[2]) > 1
+
+
+def test_topic_that_nobody_uses_is_one_sentence() -> None:
+    done = call('topics', 'ecus')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == 'barc topics: error: there is no topic /ecus: did you mean /ecu?\n'
+
+
+@pytest.mark.parametrize('seconds', ['0', '-1', 'nan', 'x'])
+def test_time_that_cannot_be_is_refused(seconds: str) -> None:
+    done = call('topics', f'--hz={seconds}')
+    assert done.returncode == 2
+    assert f"'{seconds}' is not a number of seconds" in done.stderr

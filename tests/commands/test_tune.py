@@ -1,0 +1,229 @@
+"""The tune command."""
+
+from __future__ import annotations
+
+import os
+import pty
+import shlex
+import signal
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim import run
+from barc_sim.commands import tune
+from barc_sim.control.pid import speed_controller
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.metrics import summary
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
+#: A small search.
+QUICK = [
+    '--distance',
+    '30',
+    '--kp-range',
+    '10',
+    '50',
+    '--ki-range',
+    '0',
+    '900',
+    '--kd-range',
+    '0',
+    '0',
+]
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tune, '_BATCHED', (32, 5, 5))
+    monkeypatch.setattr(tune, '_OWN', (6, 2, 3))
+
+
+def command_of(out: str) -> list[str]:
+    (line,) = [line for line in out.splitlines() if line.startswith('python -m barc_sim.run acc')]
+    return shlex.split(line)[3:]
+
+
+def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tune.main(['--seed', '3']) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ''
+    options = run.parser().parse_args(command_of(captured.out))
+    log = rollout(pid=speed_controller(options.kp, options.ki, options.kd))
+    rms = summary(log).rms_error_after_run_up
+    (cost,) = [line.split() for line in captured.out.splitlines() if line.startswith('cost: rms')]
+    assert float(cost[-1]) == pytest.approx(rms, rel=1e-4)
+    assert float(cost[-1]) < float(cost[-2]) == pytest.approx(0.020692)
+
+
+def test_the_same_seed_gives_the_same_line(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = []
+    for seed in ('1', '1', '2'):
+        assert tune.main(['--distance', '60', '--seed', seed]) == 0
+        lines.append(command_of(capsys.readouterr().out))
+    assert lines[0] == lines[1]
+    assert lines[0] != lines[2]
+
+
+def test_the_line_names_what_is_not_the_runs_default(capsys: pytest.CaptureFixture[str]) -> None:
+    args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '3', '--seed', '4']
+    assert tune.main([*QUICK, *args]) == 0
+    line = command_of(capsys.readouterr().out)
+    assert line[line.index('--kd') + 2 :] == [
+        *('--road', 'flat', '--speed', '6', '--distance', '30', '--seed', '4'),
+        *('--ros-args', '-p', 'vehicle_simulator:noise_v_x:=0.05'),
+        *('-p', 'vehicle_simulator:motor_delay:=0.06'),
+    ]
+
+
+def test_of_several_roads_each_has_a_table_and_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = tmp_path / 'my hill.csv'
+    road.write_text('start_m,grade_deg\n0,0\n15,8\n')
+    assert tune.main([*QUICK, '--road', 'flat', str(road), '--road', 'lab']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert sum(line.startswith('road ') for line in lines) == 3
+    commands = [shlex.split(line) for line in lines if line.startswith('python')]
+    assert [line[line.index('--kd') + 2 :] for line in commands] == [
+        ['--road', 'flat', '--distance', '30'],
+        ['--road', str(road), '--distance', '30'],
+        ['--distance', '30'],
+    ]
+
+
+def test_a_range_of_one_number_holds_the_gain(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tune.main([*QUICK, '--kp-range', '12.5', '12.5']) == 0
+    line = command_of(capsys.readouterr().out)
+    assert line[line.index('--kp') + 1] == '12.5'
+    assert line[line.index('--kd') + 1] == '0'
+
+
+@pytest.mark.parametrize('suffix', ['png', 'pdf', 'svg'])
+def test_the_figure_is_saved_as_its_name_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+) -> None:
+    path = tmp_path / f'figure.{suffix}'
+    assert tune.main([*QUICK, '--save', str(path)]) == 0
+    assert path.read_bytes().startswith(SIGNATURES[suffix])
+    assert capsys.readouterr().out.endswith(f'\n{path}\n')
+
+
+def test_an_own_controller_is_tuned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'my controller.py'
+    path.write_text(
+        'class PID:\n'
+        '    def __init__(self, kp, ki, kd): self.kp = kp\n'
+        '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
+    )
+    figure = tmp_path / 'figure.png'
+    args = ['--controller', str(path), '--road', 'flat', '--kp', '1', '--save', str(figure)]
+    assert tune.main([*QUICK, *args]) == 0
+    line = command_of(capsys.readouterr().out)
+    assert line[-2:] == ['--controller', str(path)]
+    assert figure.read_bytes().startswith(SIGNATURES['png'])
+
+
+@pytest.mark.parametrize(
+    ('args', 'complaint'),
+    [
+        (['--cost', 'speed'], "term 'speed' of cost 'speed' must be one of"),
+        (['--road', 'nowhere.csv'], "road 'nowhere.csv' is neither"),
+        (['--kp-range', '5', '1'], '--kp-range 5 1 must have the lower number first'),
+        (['--save', 'a.jpeg'], "'a.jpeg': the name must end in"),
+        (['--save', 'a.png', '--ki-range', '1', '1'], 'give two of --kp-range'),
+        (['--kp-range', '0', '0', '--ki-range', '0', '0'], 'no gains in these ranges bring'),
+        (['--controller', 'nowhere.py'], "nowhere.py' cannot be read"),
+    ],
+)
+def test_what_cannot_be_done_is_said_in_a_line(
+    capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
+) -> None:
+    assert tune.main([*QUICK, *args]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.startswith('barc tune: error: ')
+    assert complaint in captured.err
+    assert captured.err.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('args', 'complaint'),
+    [
+        (['--speed', '0'], "argument --speed: '0' is not a number from 0.1 to 100"),
+        (['--speed', 'nan'], "'nan' is not a number"),
+        (['--distance', '9'], "'9' is not a number from 10 to"),
+        (['--noise', '-1'], "'-1' is not a number from 0 to"),
+        (['--delay', '1.5'], "'1.5' is not a whole number from 0 to 500"),
+        (['--seed', '-1'], "'-1' is not a whole number"),
+        (['--kp-range', '1'], 'expected 2 arguments'),
+        (['--ki', 'inf'], "'inf' is not a number from 0 to 1e+06"),
+        (['--fast'], 'unrecognized arguments: --fast'),
+    ],
+)
+def test_a_wrong_option_is_refused_in_a_line(
+    capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
+) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        tune.main(args)
+    assert exit_.value.code == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert complaint in captured.err
+    assert captured.err.count('\n') == 1
+
+
+@pytest.mark.parametrize('own', [False, True])
+def test_ctrl_c_in_a_terminal_ends_the_search_without_a_traceback(
+    tmp_path: Path, own: bool
+) -> None:
+    args = ['--distance', '5000']
+    if own:
+        path = tmp_path / 'controller.py'
+        path.write_text(
+            'class PID:\n'
+            '    def __init__(self, kp, ki, kd): self.kp = kp + 1\n'
+            '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
+        )
+        args = ['--controller', str(path), '--distance', '100']
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'barc_sim', 'tune', *args],
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        start_new_session=True,
+    )
+    os.close(theirs)
+    seen = b''
+    while b'least cost' not in seen:
+        seen += os.read(ours, 4096)
+    # To all processes of the group, as a terminal does.
+    os.killpg(process.pid, signal.SIGINT)
+    try:
+        while data := os.read(ours, 4096):
+            seen += data
+    except OSError:  # Linux's way to say that nobody is there any more
+        pass
+    out, _ = process.communicate()
+    os.close(ours)
+    assert (process.returncode, out) == (130, b'')
+    assert b'Traceback' not in seen
+    assert b'Error' not in seen
+
+
+def test_help_waits_for_no_library() -> None:
+    program = (
+        'import sys; from barc_sim import tune\n'
+        'try: tune.main(["--help"])\n'
+        'except SystemExit: print({"numpy", "matplotlib", "rich"} & set(sys.modules))'
+    )
+    result = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.startswith('usage: barc tune')
+    assert result.stdout.endswith('set()\n')

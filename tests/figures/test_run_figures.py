@@ -1,0 +1,173 @@
+"""What the figure of a run shows, and that it stays readable whatever the run was."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from barc_sim.figures.run_figures import speed_figure
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.axes import Axes
+
+    from barc_sim.simulation.log import Log
+
+
+@pytest.fixture(scope='module')
+def log() -> Log:
+    return rollout()
+
+
+def without_controller(log: Log) -> Log:
+    unknown = np.full(len(log), np.nan)
+    return replace(log, reference=unknown, motor=unknown)
+
+
+def backwards(log: Log) -> Log:
+    return replace(log, x=-log.x, v_x=-log.v_x)
+
+
+def first_state(log: Log) -> Log:
+    return replace(log, **{field.name: getattr(log, field.name)[:1] for field in fields(log)})
+
+
+def with_misses(log: Log, *states: int) -> Log:
+    missed = np.zeros(len(log), dtype=np.bool_)
+    missed[list(states)] = True
+    return replace(log, missed=missed)
+
+
+def lines(axes: Axes) -> dict[str, np.ndarray]:
+    """Return the named lines of `axes`: label -> points of shape `(n, 2)`."""
+    return {
+        str(line.get_label()): np.asarray(line.get_xydata())
+        for line in axes.lines
+        if not str(line.get_label()).startswith('_')
+    }
+
+
+def test_speed_and_reference_are_drawn_against_the_position(log: Log) -> None:
+    drawn = lines(speed_figure(log).axes[0])
+    assert set(drawn) == {'speed', 'reference'}
+    assert np.array_equal(drawn['speed'], np.column_stack([log.distance, log.speed]))
+    assert np.array_equal(drawn['reference'], np.column_stack([log.distance, log.reference]))
+
+
+def test_grade_and_command_stand_below_on_the_same_axis(log: Log) -> None:
+    speed, grade, command = speed_figure(log).axes
+    assert np.array_equal(grade.lines[0].get_ydata(), log.theta_deg)
+    assert np.array_equal(command.lines[0].get_ydata(), log.motor)
+    assert speed.get_xlim() == grade.get_xlim() == command.get_xlim()
+    tops = [axes.get_position().y1 for axes in (speed, grade, command)]
+    assert tops == sorted(tops, reverse=True)
+
+
+def test_every_axis_says_its_unit(log: Log) -> None:
+    figure = speed_figure(log)
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        'Speed [m/s]',
+        'Grade [°]',
+        'Command [m/s²]',
+    ]
+    assert figure.axes[-1].get_xlabel() == 'Position along the road [m]'
+
+
+def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
+    noisy = rollout(Plant(noise=Deviation(v_x=0.1)), distance=30.0)
+    drawn = lines(speed_figure(noisy).axes[0])
+    assert set(drawn) == {'measured', 'speed', 'reference'}
+    assert np.array_equal(drawn['measured'][:, 1], noisy.v_x)
+    assert np.array_equal(drawn['speed'][:, 1], noisy.speed)
+
+
+def test_without_controller_the_speed_stands_alone(log: Log) -> None:
+    figure = speed_figure(without_controller(log))
+    assert set(lines(figure.axes[0])) == {'speed'}
+    assert not figure.get_supxlabel()
+
+
+def test_missed_deadlines_are_marked_and_counted(log: Log) -> None:
+    marked = lines(speed_figure(with_misses(log, 100, 900)).axes[-1])
+    assert np.array_equal(marked['2 missed deadlines'][:, 0], log.distance[[100, 900]])
+    assert '1 missed deadline' in lines(speed_figure(with_misses(log, 7)).axes[-1])
+    assert not lines(speed_figure(log).axes[-1])
+
+
+def test_the_caption_tells_the_error_after_the_run_up_and_over_all(log: Log) -> None:
+    beyond = log.speed_error[log.distance >= 10.0]
+    caption = speed_figure(log).get_supxlabel()
+    assert f'after the first 10 m: RMS {np.sqrt(np.mean(beyond**2)):.3f} m/s' in caption
+    assert f'over all: RMS {np.sqrt(np.mean(log.speed_error**2)):.3f} m/s' in caption
+
+
+def test_a_figure_that_is_given_is_drawn_on(log: Log) -> None:
+    figure = Figure()
+    assert speed_figure(log, figure=figure) is figure
+    assert len(figure.axes) == 3
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        lambda log: log,
+        without_controller,
+        backwards,
+        first_state,
+        lambda log: with_misses(log, 3, 700),
+        lambda _: rollout(Plant(road=Road.flat()), distance=30.0),
+        lambda _: rollout(Plant(noise=Deviation(s=0.1, v_x=0.3)), distance=30.0),
+    ],
+    ids=['lab', 'no controller', 'backwards', 'one state', 'misses', 'flat', 'noise'],
+)
+def test_no_words_overlap_or_leave_the_figure(log: Log, change: Callable[[Log], Log]) -> None:
+    figure = speed_figure(change(log), title='2026-11-21_12-00-00', settings='road lab')
+    FigureCanvasAgg(figure).draw()
+    words = [*figure.texts]
+    for axes in figure.axes:
+        # A legend's own words are laid out by it; ticks keep clear of each other.
+        ticks = [*axes.get_xticklabels(), *axes.get_yticklabels()]
+        legend = axes.get_legend()
+        within = [*ticks, *(legend.get_texts() if legend else [])]
+        words += [text for text in axes.findobj(Text) if text not in within]
+        words += [legend] if legend else []
+    boxes = [word.get_window_extent() for word in words]
+    boxes = [box for box in boxes if box.width > 1.0]
+    assert len(boxes) >= 6
+    for i, box in enumerate(boxes):
+        assert figure.bbox.x0 <= box.x0 <= box.x1 <= figure.bbox.x1
+        assert figure.bbox.y0 <= box.y0 <= box.y1 <= figure.bbox.y1
+        assert not any(box.overlaps(other) for other in boxes[:i])
+
+
+def test_a_users_own_style_changes_nothing(log: Log) -> None:
+    with mpl.rc_context({'figure.facecolor': 'black', 'lines.linewidth': 9.0, 'font.size': 30.0}):
+        figure = speed_figure(log)
+    assert figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0)
+    assert figure.axes[0].yaxis.label.get_fontsize() == 10.0
+
+
+def test_drawing_opens_no_window_and_leaves_pyplot_alone() -> None:
+    program = (
+        'import sys; from barc_sim.figures.run_figures import speed_figure;'
+        'from barc_sim.simulation.closed_loop import rollout;'
+        'speed_figure(rollout(distance=1.0)); print("matplotlib.pyplot" in sys.modules)'
+    )
+    result = subprocess.run(
+        [sys.executable, '-c', program], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == 'False'

@@ -1,0 +1,55 @@
+"""Limits of axes and readings of instruments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barc_sim.figures.style import as_known, limits, reading
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.sensor import Deviation
+
+
+@pytest.mark.parametrize(
+    ('values', 'expected'),
+    [
+        ([0.0, 100.0], (-10.0, 110.0)),
+        ([-100.0, 0.0], (-110.0, 10.0)),
+        ([50.0, 100.0], (-10.0, 110.0)),  # zero is always in sight
+        ([-30.0, 30.0], (-36.0, 36.0)),
+        ([0.0, 0.0], (-5.0, 5.0)),
+        ([np.nan, np.nan], (-5.0, 5.0)),
+        ([np.nan, 100.0], (-10.0, 110.0)),
+    ],
+)
+def test_limits_leave_room_around_the_values_and_zero(
+    values: list[float], expected: tuple[float, float]
+) -> None:
+    assert limits(np.array(values), share=0.1, least=5.0) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ('value', 'text'),
+    [
+        (8.004, '8.00 m/s'),
+        (-8.0, '\N{MINUS SIGN}8.00 m/s'),
+        (-0.001, '0.00 m/s'),
+        (-0.0, '0.00 m/s'),
+        (float('nan'), '\N{EN DASH}'),
+    ],
+)
+def test_a_reading_is_rounded_with_its_unit(value: float, text: str) -> None:
+    assert reading(value, 2, ' m/s') == text
+
+
+def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
+    log = rollout(Plant(noise=Deviation(s=0.1, v_x=0.1)), distance=1.0)
+    e_s, e_v_x = log.e_s.copy(), log.e_v_x.copy()
+    e_s[-1] = e_v_x[-1] = np.nan
+    shown = as_known(replace(log, e_s=e_s, e_v_x=e_v_x))
+    assert (shown.distance[-1], shown.speed[-1]) == (log.x[-1], log.v_x[-1])
+    assert np.array_equal(shown.distance[:-1], log.distance[:-1])
+    assert np.array_equal(shown.speed[:-1], log.speed[:-1])

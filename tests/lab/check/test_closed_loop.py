@@ -1,0 +1,107 @@
+"""The closed loop's score, and why the speed was off, stretch by stretch."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, cast
+
+import pytest
+
+from barc_sim.lab.check.evidence import Comparison
+from barc_sim.lab.check.loop import judge_lab_road, judge_random_roads
+from barc_sim.lab.check.roads import STEEPEST_DEG, random_road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.lab.check import LocalCode
+    from barc_sim.lab.check.finding import Finding
+
+    Lab = Callable[..., LocalCode]
+    Gains = tuple[float, float, float]
+
+RUN = (30.0, 200.0, 0.1)
+STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
+
+
+def whys(finding: Finding) -> list[str]:
+    stretches = cast('list[dict[str, Any]]', finding.details['stretches'])
+    return [stretch['why'] for stretch in stretches]
+
+
+@pytest.mark.parametrize(
+    ('gains', 'stretch', 'words'),
+    [
+        (RUN, 1, 'needs 1.7 m/s² more at once: held within 0.05 m/s'),
+        (RUN, 0, '1.00 s to 8 m/s, where 8 m/s² allow 1.00 s'),
+        ((10.0, 20.0, 0.0), STEEP, 'the integral takes up the rest in 1.2 s'),
+        ((2.0, 0.0, 0.0), STEEP, 'with ki = 0 it stays at +2.4'),
+        ((2.0, 0.0, 0.0), STEEP, 'kp = 2 alone gives that at an error of 2.45 m/s'),
+        ((2.0, 0.0, 0.0), 2, 'from the stretch before: gone after 1.1 s'),
+        ((2.0, 0.5, 0.0), STEEP, 'm/s are left: more ki'),
+        ((2.0, 2.0, 0.0), 0, 'ki is large for this kp'),
+        ((0.0, 5.0, 0.0), 1, 's, with kp = 0 the integral alone swings'),
+        ((5.0, 400.0, 0.0), STEEP, 'less ki, or more kp'),
+        ((0.0, 5.0, 0.0), 2, 'with kp = 0 the integral alone is slow'),
+        ((1.0, 100.0, 0.0), STEEP, 'the speed swings 4 times'),
+        ((30.0, 200.0, 5.0), STEEP, 'the output jumps between its limits'),
+        ((0.0, 0.0, 0.0), 0, '8 m/s is not reached'),
+        ((-5.0, 0.0, 0.0), 0, 'the car drives backwards'),
+    ],
+)
+def test_the_cause_of_an_error_is_named(
+    lab: Lab, controller: str, gains: Gains, stretch: int, words: str
+) -> None:
+    finding = judge_lab_road(lab(controller=controller), gains)
+    assert words in whys(finding)[stretch]
+
+
+def test_windup_shows_as_an_output_against_the_error(lab: Lab, controller: str) -> None:
+    code = lab(controller=controller.replace('if abs(out) < 8.0', 'if True'))
+    finding = judge_lab_road(code, (2.0, 50.0, 0.0))
+    assert finding.score < 0.5
+    assert any('against the error: the integral has wound up' in why for why in whys(finding))
+
+
+def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
+    finding = judge_lab_road(lab(controller=controller), (2.0, 0.0, 0.0))
+    assert 0.0 < finding.score < 1.0
+    assert finding.message.startswith('RMS error 1.')
+    assert 'From 100 m on, at 30°: needs 4.9 m/s² more at once' in finding.message
+
+
+@pytest.mark.parametrize('judge', ['lab', 'random'])
+def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: str) -> None:
+    code, gains = lab(controller=controller), (0.0, 0.0, 0.0)
+    finding = judge_lab_road(code, gains) if judge == 'lab' else judge_random_roads(code, gains, 0)
+    assert finding.score == 0.0
+    assert 'it does not get to the end of the road' in finding.message
+
+
+@pytest.mark.parametrize('judge', ['lab', 'random'])
+def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: str) -> None:
+    text = controller.replace('dt = 0.02', 'dt = 0.02 if speed_current < 3 else None')
+    code = lab(controller=text)
+    finding = judge_lab_road(code, RUN) if judge == 'lab' else judge_random_roads(code, RUN, 0)
+    assert finding.score == 0.0
+    assert 'TypeError' in finding.message
+
+
+def test_the_own_run_is_kept_beside_the_references(lab: Lab, controller: str) -> None:
+    evidence = judge_lab_road(lab(controller=controller), (10.0, 20.0, 0.0)).evidence
+    assert isinstance(evidence, Comparison)
+    assert abs(evidence.own.speed_error[evidence.own.distance > 10.0]).max() == pytest.approx(
+        abs(evidence.reference.speed_error[evidence.reference.distance > 10.0]).max(), rel=0.05
+    )
+
+
+def test_random_roads_depend_on_the_seed_alone() -> None:
+    assert random_road(4, 1) == random_road(4, 1)
+    assert random_road(4, 1) != random_road(4, 2) != random_road(5, 2)
+
+
+@pytest.mark.parametrize('seed', range(20))
+def test_random_roads_begin_flat_and_can_be_climbed(seed: int) -> None:
+    road, end = random_road(seed, 0)
+    assert road.grades_deg[0] == 0.0
+    assert all(abs(grade) <= STEEPEST_DEG for grade in road.grades_deg)
+    assert road.starts[-1] < end < 180.0

@@ -1,0 +1,68 @@
+"""The figure of a check: what it draws of a student's run and model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+from barc_sim.control.pid import speed_controller
+from barc_sim.lab.check.evidence import Comparison, Trajectory
+from barc_sim.lab.check.figure import check_figure
+from barc_sim.simulation.closed_loop import rollout
+
+
+@pytest.fixture
+def comparison() -> Comparison:
+    """Return a poor run beside the reference's."""
+    return Comparison(rollout(pid=speed_controller(2.0, 0.0, 0.0), distance=60.0), rollout())
+
+
+@pytest.fixture
+def trajectory() -> Trajectory:
+    """Return a model that drifts."""
+    t = np.arange(200) * 0.02
+    reference = np.zeros((200, 4))
+    return Trajectory(t, reference + 1e-3 * t[:, np.newaxis], reference)
+
+
+def words(comparison: Comparison | None, trajectory: Trajectory | None) -> set[str]:
+    figure = check_figure(comparison, trajectory, title='my_lab', settings='kp 2')
+    return {text.get_text() for text in figure.findobj(Text)}
+
+
+def test_all_axes_have_units(comparison: Comparison, trajectory: Trajectory) -> None:
+    assert {
+        'Speed [m/s]',
+        'Grade [°]',
+        'Command [m/s²]',
+        'Position along the road [m]',
+        'Time [s], under the same commands',
+        'position [m]',
+        'heading [°]',
+        'speed [m/s]',
+        'my_lab',
+        'kp 2',
+    } <= words(comparison, trajectory)
+
+
+def test_only_what_there_is_is_drawn(comparison: Comparison, trajectory: Trajectory) -> None:
+    assert len(check_figure(comparison, None).axes) == 3
+    assert len(check_figure(None, trajectory).axes) == 1
+    with pytest.raises(ValueError, match='no run and no trajectory'):
+        check_figure(None, None)
+
+
+def test_both_runs_are_in_sight_however_fast_one_is(comparison: Comparison) -> None:
+    speed, *_ = check_figure(comparison, None).axes
+    low, high = speed.get_ylim()
+    assert low < 0.0
+    assert high > comparison.reference.speed.max()
+    assert len(speed.lines) == 2
+
+
+def test_a_model_that_failed_is_drawn_as_far_as_it_went(trajectory: Trajectory) -> None:
+    own = trajectory.own.copy()
+    own[50:] = np.nan
+    (axes,) = check_figure(None, Trajectory(trajectory.t, own, trajectory.reference)).axes
+    assert np.isfinite(axes.get_ylim()).all()

@@ -1,0 +1,143 @@
+"""Whatever is right gets full marks, however it is written; the same every time."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import barc_sim
+from barc_sim.lab.check import CRITERIA, LocalCode, judge
+from barc_sim.lab.user_code.loading import load_lab
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.lab.check.finding import Finding
+
+    Lab = Callable[..., LocalCode]
+
+NUMPY_MODEL = """\
+import numpy as np
+
+
+class Car:
+    g = 9.8
+    lengths = np.array([1.5, 1.5])
+
+
+def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts, car=Car()):
+    l_f, l_r = car.lengths
+    beta = np.arctan(np.tan(d_f) * l_r / (l_f + l_r))
+    F_ext = -m * car.g * np.sin(theta) - a0 * v * np.abs(v) - np.copysign(Ff, v)
+    rate = np.array([v * np.cos(psi + beta), v * np.sin(psi + beta), v / l_r * np.sin(beta),
+                     a + F_ext / m])
+    return np.array([x, y, psi, v]) + ts * rate
+"""
+
+MODELS = {
+    'list': ('', ''),
+    'tuple': ('[x_next, y_next, psi_next, v_next]', '(x_next, y_next, psi_next, v_next)'),
+    'no lengths': (', l_f=L_F, l_r=L_R', ', *_'),
+    'another form': ('/ l_r * sin(beta)', '* cos(beta) / (l_f + l_r) * tan(d_f)'),
+    'sign of zero is plus': ('(v > 0) - (v < 0)', 'copysign(1.0, v)'),
+    'an option': ('l_r=L_R)', 'l_r=L_R, g=9.8)'),
+    'a print': ('    beta =', '    print(v)\n    beta ='),
+}
+
+ON_MEASUREMENT = """\
+class PID:
+    def __init__(self, kp, ki, kd, dt=0.02, limit=8.0):
+        self.gains = kp, ki, kd
+        self.integral = self.last = 0.0
+        self.limit = limit
+
+    def acc_calculate(self, speed_reference, speed_current, dt):
+        kp, ki, kd = self.gains
+        e = speed_reference - speed_current
+        out = kp * e + self.integral - kd * (speed_current - self.last) / dt
+        self.last = speed_current
+        if -self.limit < out < self.limit:
+            self.integral += ki * e * dt
+        return min(max(out, -self.limit), self.limit)
+"""
+
+CONTROLLERS = {
+    'plain': ('', ''),
+    'no reset': ('def reset', 'def start_anew'),
+    'dt as an argument': ('speed_current):\n        dt = 0.02', 'speed_current, dt):'),
+    'first error counts from zero': ('0.0 if self.before is None', 'e if self.before is None'),
+    'summed after use': ('self.ki * area', 'self.ki * self.area'),
+    'trapezoids': ('+ e * dt', '+ (e - 0.5 * change) * dt'),
+    'limited integral': (
+        'if abs(out) < 8.0:\n            self.area = area',
+        'if self.ki:\n            self.area = max(-8 / self.ki, min(8 / self.ki, area))',
+    ),
+    'own limits': ('return max(-8.0, min(8.0, out))', 'return max(-8.5, min(8.5, out))'),
+    'an array': (
+        'return max(-8.0, min(8.0, out))',
+        'import numpy\n        return numpy.array([out]).clip(-8, 8)',
+    ),
+}
+
+
+def told(findings: list[Finding]) -> dict[str, str]:
+    return {finding.criterion: finding.message for finding in findings if finding.score != 1.0}
+
+
+def test_the_references_own_folder_gets_full_marks(tmp_path: Path) -> None:
+    package = Path(barc_sim.__file__).parent
+    shutil.copy(package / 'bike_model.py', tmp_path)
+    shutil.copy(package / 'pid.py', tmp_path / 'controller.py')
+    findings = judge(LocalCode(load_lab(tmp_path, budget=None)))
+    assert told(findings) == {}
+    assert tuple(finding.criterion for finding in findings) == CRITERIA
+
+
+@pytest.mark.parametrize('name', MODELS)
+def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
+    text = model.replace(*MODELS[name])
+    if name == 'no lengths':
+        text = text.replace('l_f + l_r', 'L_F + L_R').replace('l_r', 'L_R')
+    assert told(judge(lab(text))[:5]) == {}
+
+
+def test_a_right_model_of_arrays_gets_full_marks(lab: Lab) -> None:
+    assert told(judge(lab(NUMPY_MODEL))[:5]) == {}
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, seed: int) -> None:
+    assert told(judge(lab(model, controller), seed)) == {}
+
+
+@pytest.mark.parametrize('name', CONTROLLERS)
+def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str) -> None:
+    assert told(judge(lab(controller=controller.replace(*CONTROLLERS[name])))[5:]) == {}
+
+
+def test_a_derivative_of_the_measurement_gets_full_marks(lab: Lab) -> None:
+    assert told(judge(lab(controller=ON_MEASUREMENT))[5:]) == {}
+
+
+def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
+    text = controller.replace('self.before = None', 'self.before = None; self.d = 0')
+    text = text.replace(
+        '        area =', '        change = self.d = 0.6 * self.d + 0.4 * change\n        area ='
+    )
+    assert told(judge(lab(controller=text))[5:]) == {}
+
+
+def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
+    code = lab(model.replace('sin(theta)', 'sin(theta)**3'), controller.replace('0.02', '0.03'))
+    assert judge(code, 3) == judge(code, 3)
+    assert judge(code, 3) != judge(code, 4)
+
+
+def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
+    findings = judge(lab(model))
+    assert [finding.skipped for finding in findings] == [False] * 5 + [True] * 7
+    assert {finding.message for finding in findings[5:]} == {'there is no controller.py'}
+    assert {finding.score for finding in findings[5:]} == {0.0}

@@ -1,0 +1,88 @@
+"""A folder is judged in a process of its own: nothing in it hangs or ends the command."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.lab.check import CRITERIA, GAINS
+from barc_sim.lab.check.worker import judge_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIGNATURE = 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n'
+
+
+def write(folder: Path, model: str | None = None, controller: str | None = None) -> Path:
+    for name, text in {'bike_model.py': model, 'controller.py': controller}.items():
+        if text is not None:
+            (folder / name).write_text(text, encoding='utf-8')
+    return folder
+
+
+def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controller: str) -> None:
+    report = judge_folder(write(tmp_path, model, controller), 0, GAINS)
+    assert tuple(finding.criterion for finding in report.findings) == CRITERIA
+    assert all(finding.passed for finding in report.findings)
+    assert report.prints.text == ''
+    assert [finding.evidence is not None for finding in report.findings].count(True) == 2
+
+
+def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: str) -> None:
+    folder = write(tmp_path, model, f'import time\ntime.sleep(1000)\n{controller}')
+    report = judge_folder(folder, 0, GAINS, deadline=1.0)
+    assert len(report.findings) == len(CRITERIA)
+    assert all(finding.score == 0.0 for finding in report.findings)
+    assert report.findings[0].message.startswith('no answer within 1 s: ')
+
+
+def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller: str) -> None:
+    folder = write(tmp_path, f'{SIGNATURE}    while True:\n        pass\n', controller)
+    report = judge_folder(folder, 0, GAINS)
+    assert [finding.passed for finding in report.findings] == [False] * 5 + [True] * 7
+    assert 'bike_model.py, line ' in report.findings[0].message
+    assert 'is there a loop that does not end?' in report.findings[0].message
+
+
+def test_code_that_ends_the_process_costs_what_is_left(tmp_path: Path, model: str) -> None:
+    text = (
+        'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
+        '    def acc_calculate(self, speed_reference, speed_current):\n'
+        '        import os\n        os._exit(3)\n'
+    )
+    report = judge_folder(write(tmp_path, model, text), 0, GAINS)
+    assert [finding.passed for finding in report.findings] == [True] * 5 + [False] * 7
+    assert report.findings[-1].message == 'the code ended the whole process, with exit code 3'
+
+
+def test_a_file_that_cannot_be_loaded_leaves_the_other_judged(tmp_path: Path, model: str) -> None:
+    report = judge_folder(write(tmp_path, model, 'class PID(:\n'), 0, GAINS)
+    assert [finding.passed for finding in report.findings] == [True] * 5 + [False] * 7
+    assert 'controller.py, line 1' in report.findings[-1].message
+
+
+def test_what_is_not_there_is_skipped(tmp_path: Path, model: str) -> None:
+    report = judge_folder(write(tmp_path, model), 0, GAINS)
+    assert [finding.skipped for finding in report.findings] == [False] * 5 + [True] * 7
+
+
+def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, model: str) -> None:
+    text = model.replace('    beta =', '    print("v is", v)\n    beta =')
+    prints = judge_folder(write(tmp_path, text), 0, GAINS).prints
+    assert prints.text.startswith('v is ')
+    assert len(prints.text) < 1000
+    assert prints.dropped > 4000
+
+
+@pytest.mark.parametrize(
+    ('make', 'words'), [(False, 'barc_sim.commands.new nothing'), (True, 'no bike_model.py and no')]
+)
+def test_a_folder_with_nothing_to_judge_is_refused(tmp_path: Path, make: bool, words: str) -> None:
+    folder = tmp_path / 'nothing'
+    if make:
+        folder.mkdir()
+    with pytest.raises(UserError, match=words):
+        judge_folder(folder, 0, GAINS)

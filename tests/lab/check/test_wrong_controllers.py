@@ -1,0 +1,173 @@
+"""A wrong PID gets less than full marks, and is told what is wrong with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.lab.check.controller import judge_controller
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.lab.check import LocalCode
+    from barc_sim.lab.check.finding import Finding
+
+    Lab = Callable[..., LocalCode]
+
+#: What is replaced, by what; the criteria that are not met then; of which the first says this.
+WRONG = {
+    'sign of the error': (
+        'speed_reference - speed_current',
+        'speed_current - speed_reference',
+        'proportional integral derivative windup',
+        'P has the wrong sign',
+    ),
+    'no proportional': ('self.kp * e + ', '', 'proportional', 'there is no P'),
+    'own kp': (
+        'self.kp * e',
+        '2.0 * e',
+        'proportional integral derivative',
+        'kp has no effect',
+    ),
+    'kp squared': ('self.kp * e', 'self.kp**2 * e', 'proportional', 'kp is in P twice'),
+    'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'must not go through abs'),
+    'integrator without dt': (
+        'e * dt',
+        'e',
+        'integral',
+        'integrator without dt',
+    ),
+    'another dt': ('e * dt', 'e * 0.05', 'integral', 'I takes dt as 0.05 s'),
+    'integral backwards': ('+ self.ki', '- self.ki', 'integral windup', 'I has the wrong sign'),
+    'no sum': ('self.area + e', 'e', 'integral windup', 'I forgets'),
+    'no integral': ('self.ki * area', '0.0', 'integral windup', 'there is no I'),
+    'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
+    'no limits at all': (
+        'return max(-8.0, min(8.0, out))',
+        'self.area = area\n        return out',
+        'windup',
+        'the integral winds up',
+    ),
+    'derivative backwards': (
+        'e - self.before',
+        'self.before - e',
+        'derivative',
+        'D has the wrong sign',
+    ),
+    'derivative without dt': ('change / dt', 'change', 'derivative', 'a derivative without dt'),
+    'derivative times dt': ('change / dt', 'change * dt', 'derivative', 'D is multiplied by dt'),
+    'last error not kept': (
+        'self.before = e',
+        'self.before = self.before or 0.0',
+        'derivative',
+        'D does not keep the error',
+    ),
+    'no derivative': ('self.kd * change', '0.0', 'derivative', 'there is no D'),
+    'kp in all': (
+        'self.ki * area + self.kd * change / dt',
+        'self.kp * (self.ki * area + self.kd * change / dt)',
+        'integral derivative',
+        'kp multiplies the ki term, too',
+    ),
+    'no return': ('return max(', 'max(', 'proportional integral derivative windup reset', 'None'),
+    'raises': (
+        'dt = 0.02',
+        'dt = nothing',
+        'proportional integral derivative windup reset',
+        'NameError',
+    ),
+}
+
+
+def judge(code: LocalCode) -> dict[str, Finding]:
+    return {finding.criterion: finding for finding in judge_controller(code, seed=0)}
+
+
+def failed(findings: dict[str, Finding]) -> set[str]:
+    return {name for name, finding in findings.items() if finding.score < 1.0}
+
+
+@pytest.mark.parametrize('name', WRONG)
+def test_the_cause_is_named(lab: Lab, controller: str, name: str) -> None:
+    old, new, criteria, words = WRONG[name]
+    assert old in controller
+    findings = judge(lab(controller=controller.replace(old, new)))
+    names = [f'pid.{criterion}' for criterion in criteria.split()]
+    assert failed(findings) == set(names)
+    assert words in findings[names[0]].message
+
+
+def test_random_answers_are_named(lab: Lab, controller: str) -> None:
+    text = 'import random\n' + controller.replace('return max(', 'return random.random() + max(')
+    findings = judge(lab(controller=text))
+    assert findings['pid.reset'].score == 0.0
+    assert len(failed(findings)) > 3
+    for name in failed(findings):
+        assert 'the same speeds give different outputs' in findings[name].message
+
+
+IN_MODULE = """\
+from types import SimpleNamespace
+
+kept = SimpleNamespace(area=0.0, before=None)
+"""
+IN_CLASS = """\
+class kept:
+    area = 0.0
+    before = None
+"""
+
+
+@pytest.mark.parametrize('kept', [IN_MODULE, IN_CLASS], ids=['module', 'class'])
+def test_state_kept_across_runs_is_named(lab: Lab, controller: str, kept: str) -> None:
+    text = controller
+    for name in ('area', 'before'):
+        text = text.replace(f'        self.{name} = 0.0\n', '').replace(
+            f'        self.{name} = None\n', ''
+        )
+        text = text.replace(f'self.{name}', f'kept.{name}')
+    text = text.replace('    def reset(self):\n', '')
+    findings = judge(lab(controller=f'{kept}\n\n{text}'))
+    assert findings['pid.reset'].score == 0.0
+    message = findings['pid.reset'].message
+    assert 'reaches into the next (the integral and the last error)' in message
+    assert 'global or class variable' in message
+    assert findings['pid.integral'].message.startswith(message)
+
+
+def test_a_clock_is_told_from_state_kept_across_runs(lab: Lab, controller: str) -> None:
+    text = controller.replace('dt = 0.02', 'dt = next(clock)')
+    text = f'from itertools import count\n\nclock = (1e-5 * k for k in count(1))\n\n\n{text}'
+    findings = judge(lab(controller=text))
+    assert findings['pid.reset'].score == 0.0
+    assert 'or a clock? A call comes every 0.02 s' in findings['pid.reset'].message
+
+
+@pytest.mark.parametrize(
+    ('lines', 'words'),
+    [
+        (['area'], 'reset() does not forget the integral'),
+        (['before'], 'reset() does not forget the last error'),
+        (['area', 'before'], 'reset() does not forget the integral and the last error'),
+    ],
+)
+def test_a_reset_that_forgets_too_little_is_named(
+    lab: Lab, controller: str, lines: list[str], words: str
+) -> None:
+    head, reset, tail = controller.partition('    def reset(self):\n')
+    body, acc, rest = tail.partition('    def acc_calculate')
+    for name in lines:
+        body = ''.join(line for line in body.splitlines(keepends=True) if name not in line)
+    findings = judge(lab(controller=f'{head}{reset}        "Start anew."\n{body}\n{acc}{rest}'))
+    assert failed(findings) == {'pid.reset'}
+    assert findings['pid.reset'].message == words
+
+
+@pytest.mark.parametrize('body', ['raise NotImplementedError', 'pass', 'return 0.0', 'return 3.0'])
+def test_an_empty_template_gets_zero(lab: Lab, controller: str, body: str) -> None:
+    head, acc, _ = controller.partition('    def acc_calculate')
+    text = f'{head}{acc}(self, speed_reference, speed_current):\n        {body}\n'
+    findings = judge(lab(controller=text))
+    assert [finding.score for finding in findings.values()] == [0.0] * 5

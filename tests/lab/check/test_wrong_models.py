@@ -1,0 +1,185 @@
+"""A wrong bikeFE gets less than full marks, and is told what is wrong with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.lab.check.model import judge_equations
+from barc_sim.lab.check.trajectory import judge_trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.lab.check import LocalCode
+
+    Lab = Callable[..., LocalCode]
+
+BETA = 'atan(l_r / (l_f + l_r) * tan(d_f))'
+#: What is replaced, by what; the equations that are wrong then; words of the message.
+WRONG = {
+    'sign of beta': (BETA, f'-{BETA}', 'x y psi', 'wrong way for a left turn'),
+    'psi backwards': ('psi + ts * v', 'psi - ts * v', 'psi', 'wrong way for a left turn'),
+    'theta from degrees': ('sin(theta)', 'sin(radians(theta))', 'v', 'theta arrives in radians'),
+    'theta in degrees': ('sin(theta)', 'sin(degrees(theta))', 'v', 'theta is in degrees'),
+    'd_f from degrees': ('tan(d_f)', 'tan(radians(d_f))', 'x y psi', 'd_f arrives in radians'),
+    'psi from degrees': ('cos(psi', 'cos(radians(psi)', 'x', 'psi arrives in radians'),
+    'l_f for l_r in psi': (
+        '/ l_r * sin',
+        '/ l_f * sin',
+        'psi',
+        'where l_r belongs in v',
+    ),
+    'l_f for l_r in beta': (
+        'l_r / (l_f + l_r)',
+        'l_f / (l_f + l_r)',
+        'x y psi',
+        'l_f stands where l_r belongs in beta',
+    ),
+    'no ratio of lengths': (BETA, 'd_f', 'x y psi', 'l_r / (l_f + l_r) missing'),
+    'no atan': (f'= {BETA}', '= l_r / (l_f + l_r) * tan(d_f)', 'x y psi', 'atan is missing'),
+    'no brackets': (
+        'l_r / (l_f + l_r)',
+        '(l_r / l_f + l_r)',
+        'x y psi',
+        'brackets around l_f + l_r are missing',
+    ),
+    'rear axle': ('/ l_r * sin(beta)', '/ (l_f + l_r) * tan(d_f)', 'psi', 'rear axle'),
+    'no beta in x and y': ('(psi + beta)', '(psi)', 'x y', 'beta is missing in x and y'),
+    'cos for sin': (
+        'y + ts * v * sin',
+        'y + ts * v * cos',
+        'y',
+        'sin and cos are swapped',
+    ),
+    'no drag': ('drag + friction', 'friction', 'v', 'air drag is missing'),
+    'linear drag': ('a0 * v**2 * sign(v)', 'a0 * v', 'v', 'drag grows with v'),
+    'drag regardless of direction': (
+        'a0 * v**2 * sign(v)',
+        'a0 * v**2',
+        'v',
+        'drag pushes the car on when it reverses',
+    ),
+    'no friction': ('+ friction', '', 'v', 'rolling friction is missing'),
+    'friction regardless of direction': (
+        '-Ff * sign(v)',
+        '-Ff',
+        'v',
+        'friction pushes the car on when it reverses',
+    ),
+    'no gravity': ('+ gravity', '', 'v', 'gravity is missing'),
+    'cos in gravity': ('9.8 * sin', '9.8 * cos', 'v', 'cos stands where sin belongs in gravity'),
+    'gravity forwards': ('-m * 9.8', 'm * 9.8', 'v', 'gravity speeds the car up uphill'),
+    'another g': ('9.8', '9.81', 'v', 'g is 9.81'),
+    'not divided by m': ('F_ext / m', 'F_ext', 'v', 'F_ext is not divided by m'),
+    'a divided by m': ('(a + F_ext / m)', '(a + F_ext) / m', 'v', 'a is divided by m'),
+    'its own mass': ('F_ext / m', 'F_ext / 2000', 'v', ''),
+    'no ts': ('v + ts * (', 'v + (', 'v', 'ts is missing in v_next'),
+    'ts twice': ('psi + ts * v', 'psi + ts * ts * v', 'psi', 'ts is in psi_next twice'),
+    'its own ts': ('x + ts', 'x + 0.02', 'x', 'ts is 0.02 in x_next'),
+    'no old value': ('= x + ts', '= ts', 'x', 'the old x is missing'),
+    'not moved': ('[x_next', '[x', 'x', 'x stays as it was'),
+    'order': (
+        '[x_next, y_next, psi_next, v_next]',
+        '[x_next, y_next, v_next, psi_next]',
+        'psi v',
+        'the order is [x_next, y_next, psi_next, v_next]',
+    ),
+    'never in reverse': (
+        'psi_next, v_next]',
+        'psi_next, max(v_next, 0.0)]',
+        'v',
+        'the car can reverse',
+    ),
+}
+
+
+@pytest.mark.parametrize('name', WRONG)
+def test_the_cause_is_named(lab: Lab, model: str, name: str) -> None:
+    old, new, equations, words = WRONG[name]
+    assert old in model
+    findings = judge_equations(lab(model.replace(old, new)), seed=0)
+    wrong = {finding.criterion for finding in findings if finding.score < 1.0}
+    assert wrong == {f'model.{equation}' for equation in equations.split()}
+    for finding in findings:
+        assert finding.criterion not in wrong or words in finding.message
+
+
+def test_euler_with_the_new_speed_is_named(lab: Lab, model: str) -> None:
+    lines = model.splitlines(keepends=True)
+    speed = next(line for line in lines if 'v_next =' in line)
+    lines.remove(speed)
+    lines.insert(lines.index(next(line for line in lines if 'x_next =' in line)), speed)
+    text = ''.join(lines).replace('ts * v ', 'ts * v_next ')
+    findings = judge_equations(lab(text), seed=0)
+    assert [finding.passed for finding in findings] == [False, False, False, True]
+    assert all('the new v is used' in finding.message for finding in findings[:3])
+
+
+def test_two_mistakes_at_once_are_both_named(lab: Lab, model: str) -> None:
+    text = model.replace('drag + friction', 'friction').replace('(theta)', '(radians(theta))')
+    *_, speed = judge_equations(lab(text), seed=0)
+    assert speed.message.startswith('two things at once: ')
+    assert 'air drag is missing' in speed.message
+    assert 'theta arrives in radians' in speed.message
+
+
+def test_what_nothing_explains_is_shown_with_its_largest_error(lab: Lab, model: str) -> None:
+    *_, speed = judge_equations(lab(model.replace('sin(theta)', 'sin(theta)**3')), seed=0)
+    assert speed.message.startswith('v_next is wrong in: uphill, downhill, ')
+    assert 'The largest error: bikeFE(x=' in speed.message
+    assert 'expected' in speed.message
+
+
+@pytest.mark.parametrize(
+    ('head', 'extra'),
+    [('import random', '1e-3 * random.random()'), ('calls = []', 'calls.append(0) or len(calls)')],
+    ids=['random', 'global'],
+)
+def test_answers_that_change_are_named(lab: Lab, model: str, head: str, extra: str) -> None:
+    text = f'{head}\n{model}'.replace('[x_next', f'[x_next + ({extra})')
+    findings = judge_equations(lab(text), seed=0)
+    assert all(finding.score == 0.0 for finding in findings)
+    assert 'the same arguments give different answers' in findings[0].message
+
+
+@pytest.mark.parametrize(
+    ('body', 'words'),
+    [
+        ('    raise NotImplementedError', 'TODO'),
+        ('    pass', 'is its return missing?'),
+        ('    return [x, y, psi]', 'four finite numbers'),
+        ('    return [x, y, psi, float("nan")]', 'four finite numbers'),
+        ('    return "x"', 'four finite numbers'),
+        ('    return [x, y, psi, v]', 'stays as it was: is '),
+        ('    return [0.0, 0.0, 0.0, 0.0]', 'is always 0'),
+    ],
+)
+def test_an_empty_template_gets_zero(lab: Lab, model: str, body: str, words: str) -> None:
+    head = model[: model.index('    beta')]
+    code = lab(f'{head}{body}\n')
+    findings = [*judge_equations(code, seed=0), judge_trajectory(code)]
+    assert [finding.score for finding in findings] == [0.0] * 5
+    assert all(words in finding.message for finding in findings[:4])
+
+
+def test_a_failure_in_reverse_costs_only_that(lab: Lab, model: str) -> None:
+    text = model.replace('    beta =', '    assert v >= 0, "no reverse"\n    beta =')
+    findings = judge_equations(lab(text), seed=0)
+    assert all(0.5 < finding.score < 1.0 for finding in findings)
+    assert all('no reverse' in finding.message for finding in findings)
+    assert 'reversing' in findings[0].message
+
+
+def test_the_model_leaves_the_references_trajectory(lab: Lab, model: str) -> None:
+    finding = judge_trajectory(lab(model.replace('+ gravity', '')))
+    assert 0.0 < finding.score < 0.5
+    assert 'leaves the reference after' in finding.message
+    assert 'm/s away' in finding.message
+
+
+def test_a_model_that_runs_away_is_followed_no_further(lab: Lab, model: str) -> None:
+    finding = judge_trajectory(lab(model.replace('ts * (a', '1e6 * v + ts * (a')))
+    assert finding.score < 0.1
+    assert 'and then this world' in finding.message

@@ -1,0 +1,52 @@
+"""Submissions to grade: right ones, and the kernel's leave to confine them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import barc_sim
+from barc_sim.errors import UserError
+from barc_sim.lab.grade.process import check
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_PACKAGE = Path(barc_sim.__file__).parent
+
+
+@pytest.fixture(scope='session')
+def confinement() -> None:
+    """Skip where the kernel confines nothing."""
+    try:
+        check(sandbox=True)
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope='session')
+def model() -> str:
+    """Return the text of a right `bike_model.py`."""
+    return (_PACKAGE / 'vehicle' / 'bike_model.py').read_text()
+
+
+@pytest.fixture(scope='session')
+def controller() -> str:
+    """Return the text of a right `controller.py`."""
+    return (_PACKAGE / 'control' / 'pid.py').read_text()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Callable[..., Path]:
+    """Return a function that writes a folder of files, given by name."""
+
+    def write(name: str = 'student', **files: str) -> Path:
+        path = tmp_path / name
+        path.mkdir()
+        for stem, text in files.items():
+            (path / f'{stem}.py').write_text(text)
+        return path
+
+    return write

@@ -1,0 +1,130 @@
+"""Submissions on several processes, of this machine or of a cluster."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.lab.grade import batch, rubric
+from barc_sim.lab.grade.start import Limits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from barc_sim.lab.grade.submissions import Submission
+
+
+def run(paths: list[Path], *, at_once: int = 2) -> dict[str, object]:
+    with (
+        ThreadPoolExecutor(2) as pool,
+        batch.run(pool, paths, rubric.load(), Limits(), at_once=at_once, sandbox=True) as outcomes,
+    ):
+        return {path.name: outcome for path, outcome in outcomes}
+
+
+def test_each_has_its_outcome(folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    def report(submission: Submission, **_: object) -> str:
+        return f'report of {submission.name}'
+
+    monkeypatch.setattr(batch, 'report', report)
+    paths = [folder(f's{i}') for i in range(5)]
+
+    assert run(paths) == {f's{i}': f'report of s{i}' for i in range(5)}
+
+
+def test_a_fault_of_the_grader_does_not_stop_the_others(
+    folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def report(submission: Submission, **_: object) -> str:
+        if submission.name == 's1':
+            raise MemoryError('too little')
+        return submission.name
+
+    monkeypatch.setattr(batch, 'report', report)
+
+    assert run([folder(f's{i}') for i in range(3)]) == {
+        's0': 's0',
+        's1': batch.Failure('MemoryError: too little'),
+        's2': 's2',
+    }
+
+
+def test_those_that_have_not_begun_never_do_when_it_is_left(
+    folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun = []
+    go_on = Event()
+
+    def report(submission: Submission, **_: object) -> None:
+        begun.append(submission.name)
+        if submission.name != 's0':
+            go_on.wait(30.0)
+
+    monkeypatch.setattr(batch, 'report', report)
+    paths = [folder(f's{i}') for i in range(9)]
+    with ThreadPoolExecutor(1) as pool:
+        with batch.run(pool, paths, rubric.load(), Limits(), at_once=4, sandbox=True) as outcomes:
+            assert next(outcomes)[0].name == 's0'
+        go_on.set()
+
+    assert len(begun) <= 2
+
+
+@pytest.mark.usefixtures('confinement')
+def test_a_cluster_gives_the_same_scores(
+    folder: Callable[..., Path], controller: str, tmp_path: Path
+) -> None:
+    pytest.importorskip('distributed')
+    paths = [folder(f's{i}', controller=controller) for i in range(2)]
+    # In a process of its own, for its event loops and its warnings.
+    script = f"""
+from distributed import LocalCluster
+from barc_sim.commands.grade import main
+if __name__ == '__main__':
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        print(main([{str(tmp_path / 'class')!r}, '--out', {str(tmp_path / 'grades')!r},
+                    '--scheduler', cluster.scheduler_address]))
+"""
+    (tmp_path / 'class').mkdir()
+    for path in paths:
+        path.rename(tmp_path / 'class' / path.name)
+    (tmp_path / 'script.py').write_text(script)
+
+    done = subprocess.run(
+        [sys.executable, str(tmp_path / 'script.py')],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+
+    assert done.stdout.endswith('\n0\n'), done.stderr
+    lines = (tmp_path / 'grades' / 'class.csv').read_text().splitlines()
+    assert [line.split(',')[:2] for line in lines[1:]] == [['s0', '50.0'], ['s1', '50.0']]
+
+
+def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+
+    with (
+        pytest.raises(UserError, match=r"--scheduler 'tcp://x:1' needs Dask"),
+        batch.dask('tcp://x:1'),
+    ):
+        pass
+
+
+def test_a_scheduler_that_does_not_answer_is_named() -> None:
+    pytest.importorskip('distributed')
+
+    with (
+        pytest.raises(UserError, match="no Dask scheduler answers at 'nowhere:'"),
+        batch.dask('nowhere:'),
+    ):
+        pass

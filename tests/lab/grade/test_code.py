@@ -1,0 +1,152 @@
+"""A submission's functions, called in another process."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.control.pid import PID
+from barc_sim.errors import UserError
+from barc_sim.lab.check.code import Row
+from barc_sim.lab.grade.code import ConfinedCode
+from barc_sim.lab.grade.start import Limits
+from barc_sim.vehicle.bike_model import bikeFE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+pytestmark = pytest.mark.usefixtures('confinement')
+
+_RANDOM = Random(6)  # noqa: S311 (a simulation)
+ROWS = [Row(*(_RANDOM.uniform(0.1, 1.0) for _ in range(11))) for _ in range(3_000)]
+SAMPLES = [(8.0, _RANDOM.uniform(0.0, 9.0), 0.02) for _ in range(500)]
+QUICK = Limits(call=1.0)
+PID_LOOPING_AT_5 = """
+class PID:
+    def __init__(self, kp, ki, kd):
+        pass
+    def acc_calculate(self, speed_reference, speed_current):
+        while speed_current == 5.0:
+            pass
+        return 1.0
+"""
+
+
+def test_the_model_gives_the_same_as_in_this_process(
+    folder: Callable[..., Path], model: str
+) -> None:
+    with ConfinedCode(folder(bike_model=model)) as code:
+        assert code.bike_fe(ROWS) == [tuple(bikeFE(*row)) for row in ROWS]
+        assert code.bike_fe(ROWS[:1], l_f=1.2, l_r=1.9) == [
+            tuple(bikeFE(*ROWS[0], l_f=1.2, l_r=1.9))
+        ]
+
+
+def test_a_controller_gives_the_same_as_in_this_process(
+    folder: Callable[..., Path], controller: str
+) -> None:
+    here = PID(3.0, 2.0, 0.1, output_min=-8.0, output_max=8.0)
+    with ConfinedCode(folder(controller=controller)) as code:
+        there = code.new_pid(3.0, 2.0, 0.1)
+        expected = [here.acc_calculate(*sample) for sample in SAMPLES]
+        assert there.acc_sequence(SAMPLES) == expected
+        assert there.reset()
+        assert there.acc_calculate(*SAMPLES[0]) == expected[0]
+
+
+def test_controllers_do_not_share_what_they_remember(
+    folder: Callable[..., Path], controller: str
+) -> None:
+    with ConfinedCode(folder(controller=controller)) as code:
+        first, second = code.new_pid(0.0, 1.0, 0.0), code.new_pid(0.0, 1.0, 0.0)
+        first.acc_sequence(SAMPLES)
+
+        assert second.acc_calculate(8.0, 0.0, 0.02) == 0.0
+
+
+def test_a_class_without_reset_says_so(folder: Callable[..., Path]) -> None:
+    with ConfinedCode(folder(controller=PID_LOOPING_AT_5)) as code:
+        assert not code.new_pid(1.0, 1.0, 1.0).reset()
+
+
+@pytest.mark.parametrize(
+    'answer',
+    [
+        'None', '1.0', '[1.0, 2.0]', '"four"', '[1.0, 2.0, 3.0, float("nan")]',
+        '[1.0, 2.0, 3.0, float("inf")]', '[10 ** 400] * 4', '[1j] * 4', '[None] * 4',
+        'iter(int, 1)',
+    ],
+)  # fmt: skip
+def test_an_answer_that_is_no_state_is_refused(folder: Callable[..., Path], answer: str) -> None:
+    text = f'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return {answer}\n'
+    with (
+        ConfinedCode(folder(bike_model=text), QUICK) as code,
+        pytest.raises(UserError, match='bikeFE'),
+    ):
+        code.bike_fe(ROWS[:1])
+
+
+def test_an_infinity_that_is_forged_is_refused(folder: Callable[..., Path]) -> None:
+    text = """
+import os, struct
+def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
+    frame = struct.pack('=III4d', 1, 0, 4, *[float('inf')] * 4)
+    for i in range(3, 64):
+        try:
+            os.write(i, frame)
+        except OSError:
+            pass
+    while True:
+        pass
+"""
+    with (
+        ConfinedCode(folder(bike_model=text), QUICK) as code,
+        pytest.raises(UserError, match='not finite'),
+    ):
+        code.bike_fe(ROWS[:1])
+
+
+def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
+    with ConfinedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
+        stuck = code.new_pid(1.0, 1.0, 1.0)
+        with pytest.raises(UserError, match='within 1 s'):
+            stuck.acc_calculate(8.0, 5.0, 0.02)
+
+        with pytest.raises(UserError, match='process that held this controller has ended'):
+            stuck.acc_calculate(8.0, 4.0, 0.02)
+        assert code.new_pid(1.0, 1.0, 1.0).acc_calculate(8.0, 4.0, 0.02) == 1.0
+
+
+def test_a_function_that_keeps_ending_its_process_is_not_called_again(
+    folder: Callable[..., Path], controller: str
+) -> None:
+    text = 'import os\nprint("called")\nos._exit(3)\n'
+    with ConfinedCode(folder(bike_model=text, controller=controller)) as code:
+        for _ in range(5):
+            with pytest.raises(UserError, match='ended itself with exit code 3'):
+                code.bike_fe(ROWS[:1])
+
+        assert code.printed.count('called') == 2
+        assert code.new_pid(1.0, 0.0, 0.0).acc_calculate(8.0, 7.0, 0.02) == 1.0
+
+
+def test_the_beginning_of_what_is_printed_is_kept(folder: Callable[..., Path]) -> None:
+    text = 'print("first")\nprint("x" * 10_000)\nraise ValueError\n'
+    with ConfinedCode(folder(bike_model=text), Limits(output=100)) as code:
+        with pytest.raises(UserError, match='ValueError'):
+            code.bike_fe(ROWS[:1])
+        code.close()
+
+        assert code.printed == f'first\n{"x" * 94}\n[and more]'
+
+
+def test_an_exception_that_cannot_be_printed_is_told_of(folder: Callable[..., Path]) -> None:
+    text = 'class E(BaseException):\n    def __str__(self): raise self\nraise E\n'
+    with (
+        ConfinedCode(folder(bike_model=text), QUICK) as code,
+        pytest.raises(UserError, match='cannot be printed'),
+    ):
+        code.bike_fe(ROWS[:1])

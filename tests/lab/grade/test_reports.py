@@ -1,0 +1,177 @@
+"""The files that tell a grade, whatever a submission has put into them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from barc_sim.lab.check.evidence import Comparison, Trajectory
+from barc_sim.lab.grade import gradescope, html, page, summary
+from barc_sim.lab.grade.batch import Failure
+from barc_sim.lab.grade.grade import Grade, Item
+from barc_sim.lab.grade.report import Report
+from barc_sim.lab.grade.rubric import Rubric
+from barc_sim.simulation.closed_loop import rollout
+
+HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
+LOG = rollout(distance=20.0)
+TIMES = np.arange(50, dtype=np.float64) * 0.02
+STATES = np.stack([TIMES, 2.0 * TIMES, TIMES, TIMES], axis=1)
+RUBRIC = Rubric('The lab', 1, 'visible', {'model.x': 3.0, 'loop.lab_road': 7.0})
+
+
+def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
+    own = STATES + 0.0
+    own[20:] = np.nan
+    return Grade(
+        name=text,
+        title='The lab',
+        seed=1,
+        visibility='after_due_date',
+        items=(
+            Item('model.x', points, 3.0, text, Trajectory(TIMES, own, STATES) if drawn else None),
+            Item('loop.lab_road', 7.0, 7.0, text, Comparison(LOG, LOG) if drawn else None),
+        ),
+        notes=(text,),
+        printed=text,
+        hashes=(('bike_model.py', '0' * 64),),
+    )
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text = ''
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        del attrs
+        self.tags.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text += data
+
+
+def test_a_score_is_the_sum_of_its_points() -> None:
+    assert (grade().score, grade().max_score) == (8.25, 10.0)
+
+
+def test_gradescope_is_told_each_criterion() -> None:
+    content = json.loads(gradescope.results(grade()))
+
+    assert content['score'] == 8.25
+    assert content['stdout_visibility'] == 'hidden'
+    first, second = content['tests']
+    assert first == {
+        'name': 'Model: position x',
+        'number': 'model.x',
+        'score': 1.25,
+        'max_score': 3.0,
+        'status': 'failed',
+        'output': 'fine',
+        'output_format': 'text',
+        'visibility': 'after_due_date',
+    }
+    assert second['status'] == 'passed'
+
+
+def test_the_html_report_says_what_is_hostile_and_does_not_do_it() -> None:
+    text = html.page(grade(HOSTILE), b'')
+    parser = _Tags()
+    parser.feed(text)
+
+    assert 'script' not in parser.tags
+    assert parser.text.count(HOSTILE) == 6
+    assert 'img' not in parser.tags
+
+
+def test_the_html_report_needs_no_network() -> None:
+    text = html.page(grade(), b'PNG')
+
+    assert 'src="data:image/png;base64,UE5H"' in text
+    assert not re.search(r'(src|href)=(?!"data:)', text)
+    assert not re.search(r'https?:', text)
+
+
+def test_the_page_has_the_proportions_of_a4() -> None:
+    sheet, figures = page.draw(grade())
+
+    image = Image.open(io.BytesIO(sheet))
+    assert image.size == (1240, 1753)
+    assert image.info['dpi'] == pytest.approx((150, 150), abs=0.1)
+    assert Image.open(io.BytesIO(figures)).width == 1240
+
+
+def test_without_anything_to_draw_there_are_no_figures() -> None:
+    sheet, figures = page.draw(grade(drawn=False))
+
+    assert Image.open(io.BytesIO(sheet)).size == (1240, 1753)
+    assert figures == b''
+
+
+def test_the_page_takes_any_text() -> None:
+    assert page.draw(grade(HOSTILE))[0]
+    assert page.draw(grade(''))[0]
+
+
+def test_the_page_is_the_same_each_time() -> None:
+    assert page.draw(grade()) == page.draw(grade())
+
+
+def report(name: str, points: float, remark: str = '') -> Report:
+    both = {'model.x': points, 'loop.lab_road': 7.0}
+    return Report(name, points + 7.0, 10.0, both, remark, {})
+
+
+def test_the_class_is_listed_by_name() -> None:
+    reports = [report('eve', 3.0), report('ada', 1.5, 'x is wrong')]
+    failures = {'bob': Failure('no memory')}
+
+    rows = [*csv.reader(io.StringIO(summary.as_csv(reports, failures, RUBRIC)))]
+
+    assert rows == [
+        ['name', 'score', 'max_score', 'model.x', 'loop.lab_road', 'remark'],
+        ['ada', '8.5', '10.0', '1.5', '7.0', 'x is wrong'],
+        ['bob', '', '10.0', '', '', 'not graded: no memory'],
+        ['eve', '10.0', '10.0', '3.0', '7.0', ''],
+    ]
+
+
+def test_no_cell_of_the_class_is_a_formula() -> None:
+    text = summary.as_csv([report('=1+1', 3.0, '@SUM(A1)\nnext')], {}, RUBRIC)
+
+    assert [*csv.reader(io.StringIO(text))][1] == [
+        "'=1+1", '10.0', '10.0', '3.0', '7.0', "'@SUM(A1) next",
+    ]  # fmt: skip
+
+
+def printed(*reports: Report) -> list[list[str]]:
+    console = Console(width=100, file=io.StringIO(), record=True)
+    console.print(summary.as_table(reports, RUBRIC))
+    return [line.split('  ') for line in console.export_text().splitlines()]
+
+
+def test_the_table_of_a_class_has_means() -> None:
+    text = printed(report('ada', 1.0), report('eve', 3.0))
+    words = [[word.strip() for word in line if word.strip()] for line in text]
+
+    assert ['Model: position x', '2.00', '3', '1 of 2'] in words
+    assert ['Score', '9.00', '10', 'median 9, 8 to 10'] in words
+
+
+def test_the_table_of_one_has_its_points() -> None:
+    words = [[word.strip() for word in line if word.strip()] for line in printed(report('a', 1.0))]
+
+    assert ['Model: position x', '1.00', '3'] in words
+
+
+def test_the_table_of_none_is_empty() -> None:
+    assert printed()

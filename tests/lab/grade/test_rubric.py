@@ -1,0 +1,89 @@
+"""The rubric: a YAML file, or one sentence with the line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.lab.check.finding import CRITERIA
+from barc_sim.lab.grade.labels import label
+from barc_sim.lab.grade.rubric import load
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def loaded(path: Path, text: str) -> object:
+    file = path / 'rubric.yaml'
+    file.write_text(text)
+    return load(file)
+
+
+def test_the_default_one_gives_points_for_every_criterion() -> None:
+    rubric = load()
+
+    assert tuple(rubric.points) == CRITERIA
+    assert rubric.max_score == 100.0
+
+
+def test_every_criterion_has_a_label() -> None:
+    assert all(label(criterion) != criterion for criterion in CRITERIA)
+
+
+def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path) -> None:
+    file = tmp_path / 'rubric.yaml'
+    file.write_text('seed: 7\ncriteria: {pid.reset: 2.5, model.x: 1, model.y: 0}\n')
+
+    rubric = load(file)
+
+    assert (rubric.seed, rubric.max_score) == (7, 3.5)
+    assert [*rubric.points] == ['model.x', 'pid.reset']
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('', 'is empty: expected title, seed, visibility, criteria'),
+        ('a: [', 'is no YAML'),
+        ('\x00', 'is no YAML'),
+        ('- 1', 'line 1: the rubric is no mapping'),
+        ('seed: 1', 'line 1: there is no key criteria'),
+        ('seed: 1\nweights: {}', "line 2: 'weights' is unknown: expected one of title, seed"),
+        ('criteria:\n  model.z: 1', "line 2: 'model.z' is unknown: expected one of model.x"),
+        ('criteria:\n  model.x: 1\n  model.x: 2', "line 3: 'model.x' is there twice"),
+        ('criteria:\n  model.x: -1', 'line 2: model.x is worth -1.0: expected points from 0'),
+        ('criteria:\n  model.x: many', "line 2: model.x is worth 'many'"),
+        ('criteria:\n  model.x: .nan', 'line 2: model.x is worth nan'),
+        ('criteria:\n  model.x: true', 'line 2: model.x is worth True'),
+        ('criteria:\n  model.x: [1]', "line 2: model.x is worth 'a list'"),
+        ('criteria:\n  model.x: {a: 1}', "line 2: model.x is worth 'a mapping'"),
+        ('criteria:\n  model.x: 0', 'line 2: no criterion is worth any points'),
+        ('criteria: 3', 'line 1: criteria is no mapping'),
+        ('seed: 1.5', 'line 1: seed is 1.5: expected a whole number from 0 on'),
+        ('seed: -1', 'line 1: seed is -1'),
+        ('title: 3', 'line 1: title is 3: expected a text'),
+        ('visibility: everybody', "visibility is 'everybody': expected one of visible, hidden"),
+        ('? [a]\n: 1', "line 1: '' is unknown"),
+        ('seed: !!python/object:os.system 1', 'line 1: seed'),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(UserError) as error:
+        loaded(tmp_path, text)
+
+    assert message.replace('-1.0', '-1') in str(error.value)
+    assert 'rubric.yaml' in str(error.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"rubric '.*none.yaml' cannot be read: No such file"):
+        load(tmp_path / 'none.yaml')
+
+
+def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
+    (tmp_path / 'rubric.yaml').write_bytes(b'\xff\xfe\x00')
+
+    with pytest.raises(UserError, match='cannot be read'):
+        load(tmp_path / 'rubric.yaml')

@@ -1,0 +1,199 @@
+"""What students hand in, read with care."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.lab.grade.submissions import MAX_FILE, MAX_FILES, find, read
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def test_a_folder_with_a_graded_file_is_one_submission(folder: Callable[..., Path]) -> None:
+    path = folder(controller='')
+
+    assert find(path) == [path]
+
+
+def test_a_link_that_the_grader_names_is_followed(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = folder(controller='')
+    (tmp_path / 'link').symlink_to(path)
+
+    assert find(tmp_path / 'link') == [path]
+    assert [*read(*find(tmp_path / 'link')).files] == ['controller.py']
+
+
+def test_the_folders_and_archives_in_a_folder_are_submissions(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    paths = [folder('ada', bike_model=''), folder('bob'), tmp_path / 'eve.zip']
+    paths[-1].touch()
+    folder('.hidden', bike_model='')
+    (tmp_path / 'list.csv').touch()
+
+    assert find(tmp_path) == paths
+
+
+def test_where_there_is_none_is_said(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match='is no submission and holds none'):
+        find(tmp_path)
+    with pytest.raises(UserError, match=r"there is no folder '.*nowhere'"):
+        find(tmp_path / 'nowhere')
+
+
+def test_its_files_are_taken_and_those_of_tools_are_not(folder: Callable[..., Path]) -> None:
+    path = folder(bike_model='1', helper='2')
+    for name in ('data/gains.csv', '__pycache__/helper.pyc', '.git/config', '.DS_Store'):
+        (path / name).parent.mkdir(exist_ok=True)
+        (path / name).write_text('3')
+
+    submission = read(path)
+
+    assert submission.files == {'bike_model.py': b'1', 'helper.py': b'2', 'data/gains.csv': b'3'}
+    assert submission.notes == ()
+
+
+def test_they_are_written_as_they_were(folder: Callable[..., Path], tmp_path: Path) -> None:
+    path = folder(bike_model='1')
+    (path / 'data').mkdir()
+    (path / 'data' / 'gains.csv').write_bytes(b'\xff')
+    (tmp_path / 'copy').mkdir()
+
+    read(path).write(tmp_path / 'copy')
+
+    assert read(tmp_path / 'copy').files == read(path).files
+
+
+def test_links_are_not_followed(folder: Callable[..., Path], tmp_path: Path) -> None:
+    neighbour = folder('neighbour', bike_model='right')
+    path = folder(controller='')
+    (path / 'bike_model.py').symlink_to(neighbour / 'bike_model.py')
+    (path / 'others').symlink_to(neighbour)
+    link = tmp_path / 'link'
+    link.symlink_to(neighbour)
+
+    assert [*read(path).files] == ['controller.py']
+    assert read(path).notes[0] == 'bike_model.py is a link, which is not followed'
+    assert read(link).files == {}
+    assert read(link).notes == ('the folder is a link, which is not followed',)
+
+
+def test_what_is_no_regular_file_is_not_read(folder: Callable[..., Path]) -> None:
+    path = folder(controller='')
+    os.mkfifo(path / 'bike_model.py')
+
+    assert [*read(path).files] == ['controller.py']
+    assert read(path).notes == ('bike_model.py cannot be read: it is no regular file',)
+
+
+def test_a_file_that_may_not_be_read_is_told_of(
+    folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = folder(controller='', bike_model='')
+
+    def refuse(path: Path, flags: int) -> int:
+        if path.name == 'bike_model.py':
+            raise PermissionError(13, 'Permission denied')
+        return opened(path, flags)
+
+    opened = os.open
+    monkeypatch.setattr('os.open', refuse)
+
+    assert [*read(path).files] == ['controller.py']
+    assert read(path).notes == ('bike_model.py cannot be read: Permission denied',)
+
+
+def test_a_file_that_is_too_large_is_left_out(folder: Callable[..., Path]) -> None:
+    path = folder(controller='')
+    (path / 'run.mcap').write_bytes(bytes(MAX_FILE + 1))
+
+    assert [*read(path).files] == ['controller.py']
+    assert read(path).notes == ('run.mcap has more than 1 MiB',)
+
+
+def test_of_too_many_files_those_at_the_top_are_taken(folder: Callable[..., Path]) -> None:
+    path = folder(controller='')
+    (path / 'a').mkdir()
+    for i in range(MAX_FILES):
+        (path / 'a' / f'{i}').touch()
+
+    submission = read(path)
+
+    assert len(submission.files) == MAX_FILES
+    assert 'controller.py' in submission.files
+    assert submission.notes == ('more than 200 files or 8 MiB: the rest is out',)
+
+
+def zipped(path: Path, **files: bytes) -> Path:
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+    return path
+
+
+def test_an_archive_is_read_from_where_its_files_are(tmp_path: Path) -> None:
+    path = zipped(
+        tmp_path / 'eve.zip',
+        **{'lab/src/bike_model.py': b'1', 'lab/src/sub/a.py': b'2', 'lab/notes.txt': b'3'},
+    )
+
+    submission = read(path)
+
+    assert submission.files == {'bike_model.py': b'1', 'sub/a.py': b'2'}
+    assert submission.name == 'eve.zip'
+
+
+def test_nothing_leads_out_of_an_archive(tmp_path: Path) -> None:
+    path = tmp_path / 'eve.zip'
+    link = zipfile.ZipInfo('link.py')
+    link.external_attr = 0o120777 << 16
+    zipped(path, **{'controller.py': b'', '../bike_model.py': b'', '/tmp/a.py': b''})  # noqa: S108
+    with zipfile.ZipFile(path, 'a') as archive:
+        archive.writestr(link, '/etc/passwd')
+
+    submission = read(path)
+
+    assert [*submission.files] == ['controller.py']
+    assert '../bike_model.py leads out of the archive' in submission.notes
+    assert 'link.py leads out of the archive' in submission.notes
+
+
+def test_an_archive_that_swells_is_cut(tmp_path: Path) -> None:
+    path = zipped(tmp_path / 'bomb.zip', **{'controller.py': b'', 'zeros': bytes(100 << 20)})
+
+    assert [*read(path).files] == ['controller.py']
+    assert read(path).notes == ('zeros has more than 1 MiB',)
+
+
+@pytest.mark.parametrize('data', [b'', b'PK\x03\x04 but no more', b'not an archive'])
+def test_what_is_no_archive_is_told_of(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / 'eve.zip'
+    path.write_bytes(data)
+
+    assert read(path).files == {}
+    assert read(path).notes[0].startswith('it cannot be read: ')
+
+
+def test_a_broken_member_is_told_of(tmp_path: Path) -> None:
+    path = zipped(tmp_path / 'eve.zip', **{'controller.py': b'x' * 1000})
+    data = bytearray(path.read_bytes())
+    data[45:50] = b'\xff' * 5
+    path.write_bytes(data)
+
+    assert read(path).notes[0].startswith('controller.py cannot be read: ')
+
+
+def test_a_name_cannot_steer_a_terminal(tmp_path: Path) -> None:
+    path = tmp_path / '\x1b[2Jeve'
+    path.mkdir()
+
+    assert read(path).name == '\ufffd[2Jeve'

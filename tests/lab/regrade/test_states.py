@@ -1,0 +1,181 @@
+"""Recorded commands through a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from barc_sim.control.driver import Drive
+from barc_sim.lab.regrade import states
+from barc_sim.lab.user_code.loading import StudentError
+from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.log import Log
+from barc_sim.vehicle.bike_model import Input, State, bikeFE
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+NOISE = Deviation(0.1, 0.1, 0.01, 0.2, 0.1, 0.05)
+
+
+def judge(log: Log, new: Any = Plant, **options: Any) -> states.Verdict:  # noqa: ANN401
+    return states.judge(log, new, 'barc_sim', **options)[0]
+
+
+def part(log: Log, rows: Sequence[int]) -> Log:
+    return Log(**{name: getattr(log, name)[rows] for name in log.__dataclass_fields__})
+
+
+def test_a_run_of_the_model_is_its_bit_for_bit() -> None:
+    log = rollout()
+    verdict = judge(log)
+    assert verdict.possible
+    assert verdict.exact == verdict.values == len(log)
+
+
+def test_noise_of_the_same_seed_comes_out_bit_for_bit() -> None:
+    new = partial(Plant, noise=NOISE, seed=3)
+    verdict = judge(rollout(new(), distance=30.0), new)
+    assert verdict.exact == verdict.values
+
+
+def test_noise_of_another_seed_is_subtracted() -> None:
+    log = rollout(Plant(noise=NOISE, seed=3), distance=30.0)
+    verdict = judge(log, partial(Plant, noise=NOISE, seed=4))
+    assert verdict.possible
+    assert verdict.exact < verdict.values
+    assert 0.0 < verdict.greatest < 1e-12
+
+
+@pytest.mark.parametrize('name', ['x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'])
+def test_a_changed_state_is_named(name: str) -> None:
+    log = rollout(distance=30.0)
+    column = getattr(log, name).copy()
+    column[40] += 1e-6
+    verdict = judge(replace(log, **{name: column}))
+    assert not verdict.possible
+    assert f'(state 40) {name} is ' in verdict.first
+
+
+def test_a_changed_command_is_seen_in_the_next_state() -> None:
+    log = rollout(distance=30.0)
+    motor = log.motor.copy()
+    motor[40] += 1e-6
+    verdict = judge(replace(log, motor=motor))
+    assert not verdict.possible
+    assert '(state 41) v_x is ' in verdict.first
+    assert verdict.deviating == 1
+
+
+def test_another_model_is_not_it() -> None:
+    def model(*row: float, **vehicle: float) -> list[float]:
+        x, y, psi, v = bikeFE(*row, **vehicle)
+        return [x, y, psi, v + 1e-4]
+
+    verdict = judge(rollout(distance=30.0), partial(Plant, model=model))
+    assert not verdict.possible
+    assert verdict.deviating == verdict.values - 1
+
+
+def test_a_model_that_fails_is_not_it() -> None:
+    def model(*_: float, **__: float) -> list[float]:
+        raise StudentError('line 3: wrong')
+
+    assert judge(rollout(distance=1.0), partial(Plant, model=model)).first == 'line 3: wrong'
+
+
+def test_where_a_deadline_was_missed_the_last_command_held() -> None:
+    log = rollout(distance=30.0)
+    plant, rows, missed = Plant(), [], np.zeros(60, dtype=bool)
+    missed[[50, 51, 55]] = True
+    for k in range(60):
+        seen = plant.observe()
+        rows.append(seen.measured)
+        plant.advance(None if missed[k] else Input(log.motor[k].item(), 0.0))
+    names = ('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot')
+    columns = dict(zip(names, np.array(rows).T, strict=True))
+    log = replace(part(log, range(60)), **columns, missed=missed)
+    assert judge(log).exact == 60
+    assert not judge(replace(log, missed=np.zeros(60, dtype=bool))).possible
+
+
+def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
+    wishes = [(0.0, Drive(forward=1.0)), (0.4, Drive(forward=1.0, turn=1.0)), (0.8, Drive())]
+    log = drive(wishes, 2.0)
+    # Published close to a deadline, a command may be recorded with the state before.
+    motor, servo = np.roll(log.motor, -1), np.roll(log.servo, -1)
+    flat = partial(Plant, road=Road.flat())
+    assert judge(log, flat).possible
+    assert judge(replace(log, motor=motor, servo=servo), flat).possible
+    assert not judge(replace(log, motor=motor + 0.1), flat).possible
+
+
+def test_braking_by_the_simulator_itself_is_followed() -> None:
+    log = drive([(0.0, Drive(forward=1.0))], 1.0)
+    plant, rows = Plant(road=Road.flat()), []
+    for k in range(len(log)):
+        rows.append(plant.observe().measured)
+        if k < 20:
+            plant.advance(Input(log.motor[k].item(), log.servo[k].item()))
+        else:
+            plant.brake(8.0)
+    columns = dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), np.array(rows).T, strict=True))
+    log = replace(log, **columns)
+    flat = partial(Plant, road=Road.flat())
+    assert judge(log, flat, braking=8.0).possible
+    assert not judge(log, flat).possible
+
+
+def test_a_car_that_began_anew_is_followed() -> None:
+    log = rollout(distance=10.0)
+    n = len(log)
+    twice = part(log, [*range(n), *range(n)])
+    twice = replace(twice, t=np.arange(2 * n) * 0.02)
+    verdict, resets = states.judge(twice, Plant, 'barc_sim')
+    assert verdict.exact == 2 * n
+    assert resets == {n}
+
+
+def test_a_car_that_was_put_elsewhere_is_followed_where_somebody_asked_for_it() -> None:
+    plant, log = Plant(), rollout(distance=10.0)
+    rows, n = [], 40
+    for k in range(n):
+        rows.append(plant.observe().measured)
+        if k == 20:
+            plant.place(State(50.0, 1.0, 0.1, 0.0))
+        else:
+            plant.advance(Input(log.motor[k].item(), 0.0))
+    columns = dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), np.array(rows).T, strict=True))
+    log = replace(part(log, range(n)), **columns)
+    verdict = judge(log, placements=1)
+    assert verdict.possible
+    assert verdict.placements == 1
+    assert not judge(log).possible
+
+
+def test_what_follows_a_gap_is_taken_as_it_is() -> None:
+    log = rollout(distance=30.0)
+    verdict = judge(part(log, [*range(50), *range(60, len(log))]))
+    assert verdict.possible
+    assert verdict.gaps == 1
+
+
+def test_a_bag_that_begins_later_is_followed_from_there() -> None:
+    verdict = judge(part(rollout(distance=30.0), range(50, 100)))
+    assert verdict.possible
+    assert verdict.gaps == 1
+    assert verdict.values == 49
+
+
+def test_errors_that_a_killed_run_has_not_told_count_as_none() -> None:
+    log = rollout(distance=10.0)
+    unknown = log.e_v_x.copy()
+    unknown[-5:] = np.nan
+    assert judge(replace(log, e_v_x=unknown)).possible

@@ -1,0 +1,144 @@
+"""A student's folder of modules, apart from all others."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.lab.user_code.importing import Folder
+from barc_sim.lab.user_code.source import StudentError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def folder(path: Path, **files: str) -> Folder:
+    path.mkdir(exist_ok=True)
+    for name, text in files.items():
+        (path / f'{name}.py').write_text(text)
+    return Folder(path)
+
+
+def test_helpers_of_one_name_are_not_mixed(tmp_path: Path) -> None:
+    folders = [
+        folder(tmp_path / name, main='import helpers', helpers=f'name = {name!r}')
+        for name in ('one', 'other')
+    ]
+    modules = [each.load(each.path / 'main.py') for each in folders]
+    assert [module.helpers.name for module in modules] == ['one', 'other']
+
+
+def test_a_helper_that_is_imported_late_is_the_folders_own(tmp_path: Path) -> None:
+    text = 'def name():\n    import helpers\n    return helpers.name()\n'
+    late = 'def name():\n    from more import name\n    return name\n'
+    folders = [
+        folder(tmp_path / name, main=text, helpers=late, more=f'name = {name!r}')
+        for name in ('one', 'other')
+    ]
+    modules = [each.load(each.path / 'main.py') for each in folders]
+    assert [module.name() for module in modules] == ['one', 'other']
+
+
+def test_nothing_is_left_behind(tmp_path: Path) -> None:
+    before, path, finders = set(sys.modules), list(sys.path), list(sys.meta_path)
+    own = folder(tmp_path, main='import helpers', helpers='')
+    own.load(own.path / 'main.py')
+    assert set(sys.modules) == before
+    assert (sys.path, sys.meta_path) == (path, finders)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['helpers.py', 'main.py']
+
+
+def test_nothing_is_left_behind_where_loading_fails(tmp_path: Path) -> None:
+    before, finders = set(sys.modules), list(sys.meta_path)
+    own = folder(tmp_path, main='import helpers', helpers='1 / 0')
+    with pytest.raises(ZeroDivisionError):
+        own.load(own.path / 'main.py')
+    assert set(sys.modules) == before
+    assert sys.meta_path == finders
+
+
+def test_a_module_of_that_name_elsewhere_stays_what_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = object()
+    monkeypatch.setitem(sys.modules, 'helpers', elsewhere)
+    own = folder(tmp_path, main='import helpers', helpers='mine = True')
+    assert own.load(own.path / 'main.py').helpers.mine
+    assert sys.modules['helpers'] is elsewhere
+
+
+def test_modules_may_import_one_another(tmp_path: Path) -> None:
+    own = folder(
+        tmp_path, main='import helpers', helpers='import main\ndef f(): return main.helpers'
+    )
+    module = own.load(own.path / 'main.py')
+    assert module.helpers.f() is module.helpers
+
+
+def test_a_file_is_loaded_once(tmp_path: Path) -> None:
+    own = folder(tmp_path, main='import helpers', helpers='')
+    assert own.load(own.path / 'helpers.py') is own.load(own.path / 'main.py').helpers
+
+
+def test_a_package_is_imported_with_its_modules(tmp_path: Path) -> None:
+    package = tmp_path / 'tools'
+    folder(package, __init__='', one='from .two import x', two='x = 3')
+    own = folder(tmp_path, main='from tools.one import x\nimport tools.two as two')
+    module = own.load(own.path / 'main.py')
+    assert module.x == module.two.x == 3
+    assert str(tmp_path / 'tools' / 'two.py') in own.sources
+    assert own.sources[str(tmp_path / 'tools' / 'two.py')].name == 'tools/two.py'
+
+
+def test_a_standard_module_is_not_hidden_by_a_file_of_its_name(tmp_path: Path) -> None:
+    own = folder(tmp_path, main='import random', random='mine = True')
+    assert not hasattr(own.load(own.path / 'main.py').random, 'mine')
+
+
+def test_a_file_named_like_a_standard_module_can_be_loaded(tmp_path: Path) -> None:
+    own = folder(tmp_path, random='mine = True')
+    assert own.load(own.path / 'random.py').mine
+    assert not hasattr(sys.modules.get('random'), 'mine')
+
+
+def test_an_edited_file_is_read_anew(tmp_path: Path) -> None:
+    for value in (1, 2, 3):
+        own = folder(tmp_path, main='from helpers import x', helpers=f'x = {value}')
+        assert own.load(own.path / 'main.py').x == value
+
+
+def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> None:
+    text = (
+        'from __future__ import annotations\nfrom dataclasses import dataclass\n'
+        '@dataclass\nclass A:\n    x: int = 1\n'
+    )
+    own = folder(tmp_path, main=text)
+    assert own.load(own.path / 'main.py').A().x == 1
+
+
+def test_a_folder_that_cannot_be_written_to_is_read(tmp_path: Path) -> None:
+    own = folder(tmp_path, main='import helpers', helpers='')
+    tmp_path.chmod(0o555)
+    try:
+        own.load(own.path / 'main.py')
+    finally:
+        tmp_path.chmod(0o755)
+    assert not (tmp_path / '__pycache__').exists()
+
+
+def test_a_folder_that_has_gone_keeps_what_was_loaded(tmp_path: Path) -> None:
+    text = 'import helpers\ndef late():\n    import helpers\n    return helpers.x\n'
+    own = folder(tmp_path / 'lab', main=text, helpers='x = 1')
+    module = own.load(own.path / 'main.py')
+    for file in own.path.iterdir():
+        file.unlink()
+    own.path.rmdir()
+    assert module.late() == 1
+
+
+def test_a_helper_that_cannot_be_compiled_is_named(tmp_path: Path) -> None:
+    own = folder(tmp_path, main='import helpers', helpers='x = (')
+    with pytest.raises(StudentError, match=r'^helpers\.py, line 1: this is no Python 3'):
+        own.load(own.path / 'main.py')

@@ -1,0 +1,451 @@
+"""Loading a student's files, and calling what they define."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from barc_sim.lab.user_code.loading import (
+    StudentError,
+    load,
+    load_controller,
+    load_lab,
+    load_model,
+    load_relay,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.lab.user_code.loading import Controllers, Model
+
+ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)
+SAID = (
+    'bikeFE(x=1.0, y=2.0, psi=0.5, v=8.0, a=0.25, d_f=0.1, a0=0.013, m=2000.0, Ff=0.017, '
+    'theta=0.1, ts=0.02)'
+)
+FOUR = 'expected four finite numbers, [x_next, y_next, psi_next, v_next]'
+HEAD = 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n'
+SHORT = 0.2
+
+
+def lab(tmp_path: Path, **files: str) -> Path:
+    for name, text in files.items():
+        (tmp_path / f'{name}.py').write_text(text)
+    return tmp_path
+
+
+def model(tmp_path: Path, body: str, before: str = '') -> Model:
+    path = lab(tmp_path, bike_model=f'{before}{HEAD}    {body}\n') / 'bike_model.py'
+    return load_model(path, budget=SHORT)
+
+
+@pytest.mark.parametrize(
+    'body',
+    [
+        'return [x, y, psi, v]',
+        'return x, y, psi, v',
+        'import numpy as np; return np.array([x, y, psi, v])',
+        'import numpy as np; return np.array([[x], [y], [psi], [v]])',
+        'import numpy as np; return [np.float64(x), np.array([y]), np.array(psi), v]',
+        'import math; return [math.fabs(x), int(y), psi, v]',
+    ],
+)
+def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> None:
+    result = model(tmp_path, body)(*ROW)
+    assert result == [1.0, 2.0, 0.5, 8.0]
+    assert [type(value) for value in result] == [float] * 4
+
+
+@pytest.mark.parametrize(
+    ('body', 'shown'),
+    [
+        ('pass', 'None; ' + FOUR + ': is its return missing?'),
+        ('return [x, y, psi]', '[1.0, 2.0, 0.5]; ' + FOUR),
+        ('return [x, y, psi, v, 0]', '[1.0, 2.0, 0.5, 8.0, 0]; ' + FOUR),
+        ('return [x, y, psi, float("nan")]', '[1.0, 2.0, 0.5, nan]; ' + FOUR),
+        ('return [x, y, psi, float("-inf")]', '[1.0, 2.0, 0.5, -inf]; ' + FOUR),
+        ('return "abcd"', "'abcd'; " + FOUR),
+        ('return [x, y, psi, "8"]', "[1.0, 2.0, 0.5, '8']; " + FOUR),
+        ('return [x, y, psi, None]', '[1.0, 2.0, 0.5, None]; ' + FOUR),
+        ('return {x, y, psi, v}', '{0.5, 1.0, 2.0, 8.0}; ' + FOUR),
+        ('return [x, y, psi, 1j]', '[1.0, 2.0, 0.5, 1j]; ' + FOUR),
+        ('return x', '1.0; ' + FOUR),
+        ('return list(range(10 ** 4))', ', '.join(map(str, range(99)))),
+    ],
+)
+def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
+    tmp_path: Path, body: str, shown: str
+) -> None:
+    with pytest.raises(StudentError) as caught:
+        model(tmp_path, body)(*ROW)
+    sentence = str(caught.value)
+    assert sentence.startswith(f'bike_model.py, line 1: {SAID} returned ')
+    head, _, tail = shown.partition('; ')
+    if tail:
+        assert sentence.endswith(f' returned {shown}')
+    else:
+        assert len(sentence) < 500
+        assert head[:50] in sentence
+
+
+@pytest.mark.parametrize(
+    ('body', 'told'),
+    [
+        ('return [x / (y - y), 0, 0, 0]', 'ZeroDivisionError: float division by zero'),
+        ('return foo', "NameError: name 'foo' is not defined"),
+        ('raise ValueError', 'ValueError'),
+        ('exit()', 'SystemExit'),
+        ('input()', 'EOFError: nobody can answer input() here'),
+        ('return bikeFE(*[0] * 11)', 'RecursionError: '),
+    ],
+)
+def test_an_exception_names_its_line_and_what_was_passed_in(
+    tmp_path: Path, body: str, told: str
+) -> None:
+    with pytest.raises(StudentError) as caught:
+        model(tmp_path, body)(*ROW)
+    said = str(caught.value)
+    assert said.startswith(f'bike_model.py, line 2: {SAID} raised {told}')
+    assert said.endswith(f'; {FOUR}')
+    assert caught.value.__cause__ is not None
+
+
+def test_an_exception_names_the_line_of_a_helper(tmp_path: Path) -> None:
+    lab(tmp_path, helpers='def half(x):\n    return x / 0\n')
+    with pytest.raises(StudentError, match=r'^helpers\.py, line 2: bikeFE\(.* ZeroDivisionError'):
+        model(tmp_path, 'from helpers import half; return half(x)')(*ROW)
+
+
+def test_an_exception_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> None:
+    before = 'class E(Exception):\n    def __str__(self):\n        return 1 / 0\n'
+    with pytest.raises(StudentError, match=r'line 5: .* raised E; expected'):
+        model(tmp_path, 'raise E', before)(*ROW)
+
+
+def test_a_result_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> None:
+    before = 'class R:\n    def __repr__(self):\n        return 1 / 0\n'
+    with pytest.raises(StudentError, match=r'returned <R instance at .*>; expected'):
+        model(tmp_path, 'return R()', before)(*ROW)
+
+
+def test_unfinished_code_is_called_unfinished(tmp_path: Path) -> None:
+    with pytest.raises(StudentError, match=r'line 2: bikeFE is not written yet \(TODO\)'):
+        model(tmp_path, 'raise NotImplementedError')(*ROW)
+
+
+def test_a_loop_without_end_is_ended(tmp_path: Path) -> None:
+    with pytest.raises(StudentError, match=r'line 2: .* within 0.2 s; expected .* does not end\?'):
+        model(tmp_path, 'while True: pass')(*ROW)
+
+
+@pytest.mark.skipif(
+    sys.version_info < (3, 11), reason='Python 3.10 lets no other thread run beside such a loop'
+)
+def test_code_that_catches_all_is_ended_too(tmp_path: Path) -> None:
+    body = 'while True:\n        try:\n            x += 1\n        except:\n            pass'
+    with pytest.raises(StudentError, match='has not returned within'):
+        model(tmp_path, body)(*ROW)
+
+
+def test_a_call_without_a_budget_starts_no_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('threading.Thread.start', None)
+    path = lab(tmp_path, bike_model=f'{HEAD}    return [x, y, psi, v]\n') / 'bike_model.py'
+    assert load_model(path, budget=None)(*ROW)[3] == 8.0
+
+
+def test_the_geometry_is_told_to_those_who_ask_for_it(tmp_path: Path) -> None:
+    head = HEAD.replace('ts)', 'ts, g=1, l_r=2)')
+    path = lab(tmp_path, bike_model=f'{head}    return [g, l_r, 0, 0]\n') / 'bike_model.py'
+    f = load_model(path)
+    assert f(*ROW, l_f=1.5, l_r=1.25, g=9.5) == [9.5, 1.25, 0.0, 0.0]
+    assert f(*ROW) == [1.0, 2.0, 0.0, 0.0]
+
+
+def test_any_keyword_is_told_to_those_who_take_any(tmp_path: Path) -> None:
+    text = 'def bikeFE(*row, **options):\n    return [*options.values(), row[0]]\n'
+    f = load_model(lab(tmp_path, bike_model=text) / 'bike_model.py')
+    assert f(*ROW, l_f=1.5, l_r=1.25, g=9.5) == [1.5, 1.25, 9.5, 1.0]
+
+
+def test_extra_arguments_with_defaults_keep_them(tmp_path: Path) -> None:
+    head = HEAD.replace('ts)', 'ts, gain=3.0)')
+    path = lab(tmp_path, bike_model=f'{head}    return [gain, 0, 0, 0]\n') / 'bike_model.py'
+    assert load_model(path)(*ROW, l_f=1.5, l_r=1.5, g=9.8)[0] == 3.0
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        ('x = 1\n', 'bike_model.py defines no bikeFE'),
+        ('bikeFE = 3\n', 'bike_model.py: bikeFE is 3; expected a function'),
+        (
+            '\ndef bikeFE(x, y):\n    pass\n',
+            'line 2: bikeFE takes (x, y); expected (x, y, psi, v, a, d_f, a0, m, Ff, theta, ts)',
+        ),
+        ('x = (\n', "bike_model.py, line 1: this is no Python 3: '(' was never closed: x = ("),
+        ('import nowhere_at_all\n', "bike_model.py, line 1: there is no module 'nowhere_at_all'"),
+        ('\n1 / 0\n', 'bike_model.py, line 2: loading the file raised ZeroDivisionError: '),
+        ('\nexit(3)\n', 'bike_model.py, line 2: loading the file raised SystemExit: 3'),
+        ('\0', 'is no Python 3: source code string cannot contain null bytes'),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
+    with pytest.raises(StudentError) as caught:
+        load_model(lab(tmp_path, bike_model=text) / 'bike_model.py')
+    assert sentence.replace('is no Python', 'no Python') in str(caught.value).replace(
+        'is no Python', 'no Python'
+    )
+    assert '\n' not in str(caught.value)
+
+
+def test_a_loop_without_end_outside_of_functions_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.lab.user_code.loading._LOADING', SHORT)
+    with pytest.raises(StudentError, match=r'line 2: loading the file took longer than 0.2 s'):
+        load_model(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(StudentError, match=r"nothing\.py' cannot be read: No such file"):
+        load_model(tmp_path / 'nothing.py')
+
+
+PID = """
+class PID:
+    def __init__(self, kp, ki, kd, scale=1.0):
+        self.kp, self.ki, self.kd, self.scale = kp, ki, kd, scale
+        self.calls = 0
+
+    def acc_calculate(self, speed_reference, speed_current):
+        self.calls += 1
+        self.proportional = self.scale * self.kp * (speed_reference - speed_current)
+        return self.proportional + self.calls
+"""
+
+
+def controller(tmp_path: Path, text: str) -> Controllers:
+    return load_controller(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT)
+
+
+def test_each_controller_has_a_state_of_its_own(tmp_path: Path) -> None:
+    new = controller(tmp_path, PID)
+    one, other = new(2.0, 0.0, 0.0), new(3.0, 0.0, 0.0)
+    assert [one.acc_calculate(8.0, 7.0, 0.02) for _ in range(2)] == [3.0, 4.0]
+    assert other.acc_calculate(8.0, 7.0, 0.02) == 4.0
+
+
+def test_options_are_told_to_a_class_that_takes_them(tmp_path: Path) -> None:
+    new = controller(tmp_path, PID)
+    assert new(1.0, 0.0, 0.0, scale=2.0, limit=8.0).acc_calculate(8.0, 7.0, 0.0) == 3.0
+
+
+@pytest.mark.parametrize('dt', ['dt', 'dt=None', 'interval', '*, dt', 'gain=2, dt=None'])
+def test_dt_is_told_to_those_who_take_it(tmp_path: Path, dt: str) -> None:
+    name = dt.rsplit(maxsplit=1)[-1].partition('=')[0]
+    text = PID.replace('speed_current):', f'speed_current, {dt}):')
+    text = text.replace('return self.proportional', f'return {name}  #')
+    assert controller(tmp_path, text)(1.0, 1.0, 1.0).acc_calculate(8.0, 7.0, 0.02) == 0.02
+
+
+def test_gains_and_terms_are_those_of_the_object(tmp_path: Path) -> None:
+    pid = controller(tmp_path, PID)(1.0, 2.0, 3.0)
+    assert math.isnan(pid.tell('proportional'))
+    pid.set_gains(5.0, 6.0, 7.0)
+    pid.acc_calculate(8.0, 7.0, 0.02)
+    assert [pid.tell(name) for name in ('kp', 'ki', 'kd', 'proportional')] == [5.0, 6.0, 7.0, 5.0]
+    assert math.isnan(pid.tell('integral'))
+
+
+def test_gains_that_the_object_has_not_are_not_set(tmp_path: Path) -> None:
+    text = (
+        'class PID:\n    __slots__ = ()\n    def __init__(self, kp, ki, kd): pass\n'
+        '    def acc_calculate(self, r, c): return 1\n'
+    )
+    pid = controller(tmp_path, text)(1.0, 2.0, 3.0)
+    pid.set_gains(5.0, 6.0, 7.0)
+    assert pid.acc_calculate(8.0, 7.0, 0.02) == 1.0
+
+
+@pytest.mark.parametrize(
+    ('result', 'said'),
+    [
+        ('None', 'None; expected a finite number, the acceleration [m/s²]: is its return missing?'),
+        ('float("nan")', 'nan; expected a finite number'),
+        ('"fast"', "'fast'; expected a finite number"),
+        ('[1.0]', '[1.0]; expected a finite number'),
+    ],
+)
+def test_a_command_that_is_no_number_is_refused(tmp_path: Path, result: str, said: str) -> None:
+    text = PID.replace('return self.proportional + self.calls', f'return {result}')
+    with pytest.raises(StudentError) as caught:
+        controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
+    call = 'acc_calculate(speed_reference=8.0, speed_current=7.0)'
+    assert f'controller.py, line 7: {call} returned {said}' in str(caught.value)
+
+
+def test_a_numpy_command_is_a_float(tmp_path: Path) -> None:
+    text = PID.replace(
+        'return self.proportional', 'import numpy\n        return numpy.float64(1.0)'
+    )
+    value = controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
+    assert type(value) is float
+    assert value == 2.0
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('class PD: pass\n', 'controller.py defines no PID'),
+        ('def PID(kp, ki, kd): pass\n', 'expected a class'),
+        ('class PID: pass\n', 'PID takes (); expected (kp, ki, kd)'),
+        (
+            'class PID:\n    def __init__(self, kp, ki, kd): pass\n',
+            'the class PID has no method acc_calculate(self, speed_reference, speed_current)',
+        ),
+    ],
+)
+def test_a_class_that_cannot_be_used_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(StudentError) as caught:
+        controller(tmp_path, text)
+    assert said in str(caught.value)
+
+
+def test_a_constructor_that_fails_names_the_gains(tmp_path: Path) -> None:
+    text = PID.replace('self.calls = 0', 'raise ValueError(kp)')
+    with pytest.raises(
+        StudentError, match=r'line 5: PID\(kp=30.0, ki=2.0, kd=0.0\) raised ValueError: 30.0'
+    ):
+        controller(tmp_path, text)(30.0, 2.0, 0.0)
+
+
+def test_a_method_that_takes_too_little_is_refused_when_a_controller_is_made(
+    tmp_path: Path,
+) -> None:
+    text = PID.replace('speed_reference, speed_current):', 'speed_current):')
+    with pytest.raises(
+        StudentError,
+        match=r'acc_calculate takes \(speed_current\); expected \(speed_reference, speed_current',
+    ):
+        controller(tmp_path, text)(1.0, 2.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'def relay(linear_x, angular_z):\n    return 4 * linear_x, angular_z / 2\n',
+        'def relay(linear_x, angular_z, dt):\n    return [4 * linear_x, angular_z / 2]\n',
+        'class Relay:\n    def relay(self, x, z):\n        return 4 * x, z / 2\n',
+    ],
+)
+def test_a_relay_is_a_function_or_a_class(tmp_path: Path, text: str) -> None:
+    new = load_relay(lab(tmp_path, relay=text) / 'relay.py')
+    assert new().relay(1.0, -1.0, 0.05) == (4.0, -0.5)
+
+
+def test_relays_of_a_class_have_a_state_of_their_own(tmp_path: Path) -> None:
+    text = (
+        'class Relay:\n    n = 0\n    def relay(self, x, z, dt):\n'
+        '        self.n += dt\n        return 0, self.n\n'
+    )
+    new = load_relay(lab(tmp_path, relay=text) / 'relay.py')
+    first = new()
+    first.relay(0.0, 0.0, 1.0)
+    assert first.relay(0.0, 0.0, 1.0) == (0.0, 2.0)
+    assert new().relay(0.0, 0.0, 1.0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ('text', 'said'),
+    [
+        ('x = 1\n', 'relay.py defines no relay nor Relay'),
+        ('relay = 1\n', 'relay.py: relay is 1; expected a function'),
+        ('def relay(x): pass\n', 'relay takes (x); expected (linear_x, angular_z)'),
+        ('class Relay: pass\n', 'the class Relay has no method relay(self, linear_x, angular_z)'),
+        ('class Relay:\n    def __init__(self, x): pass\n', 'Relay takes (x); expected ()'),
+    ],
+)
+def test_a_relay_that_cannot_be_used_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(StudentError) as caught:
+        load_relay(lab(tmp_path, relay=text) / 'relay.py')
+    assert said in str(caught.value)
+
+
+def test_a_lab_has_what_its_folder_has(tmp_path: Path) -> None:
+    folder = lab(tmp_path, controller='import helpers\n' + PID, helpers='', unused='')
+    found = load_lab(folder)
+    assert found.model is None
+    assert found.relay is None
+    assert found.controller
+    assert sorted(source.name for source in found.sources) == ['controller.py', 'helpers.py']
+    controller_source = next(s for s in found.sources if s.name == 'controller.py')
+    data = (folder / 'controller.py').read_bytes()
+    assert controller_source.text.encode() == data
+    assert controller_source.sha256 == hashlib.sha256(data).hexdigest()
+
+
+def test_only_the_parts_that_are_asked_for_are_loaded(tmp_path: Path) -> None:
+    folder = lab(tmp_path, controller=PID, relay='1 / 0\n')
+    assert load_lab(folder, ['model', 'controller']).relay is None
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
+    with pytest.raises(
+        StudentError, match=r"no folder '.*my_lab': python -m barc_sim new /.*my_lab"
+    ):
+        load_lab(tmp_path / 'my_lab')
+
+
+def test_a_folder_with_nothing_in_it_is_named(tmp_path: Path) -> None:
+    with pytest.raises(StudentError, match=r'has no bike_model\.py, controller\.py, relay\.py'):
+        load_lab(tmp_path)
+
+
+def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
+    (tmp_path / 'a').mkdir()
+    (tmp_path / 'b').mkdir()
+    one = lab(
+        tmp_path / 'a',
+        bike_model=f'from h import f\n{HEAD}    return f()\n',
+        h='f = lambda: [1] * 4',
+    )
+    two = lab(
+        tmp_path / 'b',
+        relay='from h import f\ndef relay(x, z): return f()\n',
+        h='f = lambda: [2] * 2',
+    )
+    both = load({'model': one / 'bike_model.py', 'relay': two / 'relay.py'})
+    assert both.model
+    assert both.relay
+    assert both.model(*ROW) == [1.0] * 4
+    assert both.relay().relay(0.0, 0.0, 0.0) == (2.0, 2.0)
+    assert len(both.sources) == 4
+
+
+def test_what_is_printed_goes_where_it_is_wanted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = lab(
+        tmp_path,
+        bike_model=f'print("loaded")\n{HEAD}    print(x, y, sep="-", end="")\n    return [0] * 4\n',
+    )
+    printed: list[str] = []
+    found = load_lab(folder, output=printed.append)
+    assert found.model
+    found.model(*ROW)
+    assert printed == ['loaded\n', '1.0-2.0']
+    assert capsys.readouterr().out == ''
+
+
+def test_numpy_needs_not_be_there(tmp_path: Path) -> None:
+    assert np.array_equal(model(tmp_path, 'return [x, y, psi, v]')(*ROW), [1.0, 2.0, 0.5, 8.0])

@@ -1,0 +1,196 @@
+"""The server of the Foxglove app, as a client of its protocol sees it."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import time
+from contextlib import contextmanager
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+pytest.importorskip('foxglove')
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+from websockets.sync.client import connect
+
+from barc_sim.bags.schemas import definition
+from barc_sim.errors import UserError
+from barc_sim.nodes.foxglove.node import FoxgloveServer
+from barc_sim.ros.conversions import to_header
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+    from websockets.sync.client import ClientConnection
+
+PROTOCOL = 'foxglove.sdk.v1'
+DEADLINE = 20.0  # [s]
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MESSAGE, TIME = 1, 2
+
+
+class Client:
+    """A client that subscribes to all there is.
+
+    Attributes
+    ----------
+    channels
+        As they were advertised, by topic.
+    messages
+        Log time [ns] and data, by topic.
+    times
+        [ns] that the server has told.
+    """
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self._connection = connection
+        self._names: dict[int, str] = {}
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.messages: dict[str, list[tuple[int, bytes]]] = {}
+        self.times: list[int] = []
+
+    def until(self, condition: Callable[[], bool]) -> None:
+        """Receive until a condition holds, which is looked at again and again, or fail."""
+        end = time.monotonic() + DEADLINE
+        while not condition():
+            assert time.monotonic() < end
+            try:
+                received = self._connection.recv(timeout=0.02)
+            except TimeoutError:
+                continue
+            if isinstance(received, str):
+                self._hear(json.loads(received))
+            elif received[0] == MESSAGE:
+                number, at = struct.unpack_from('<IQ', received, 1)
+                self.messages[self._names[number]].append((at, received[13:]))
+            elif received[0] == TIME:
+                self.times += struct.unpack_from('<Q', received, 1)
+
+    def _hear(self, told: dict[str, Any]) -> None:
+        if told['op'] == 'advertise':
+            for channel in told['channels']:
+                self.channels[channel['topic']] = channel
+                self._names[channel['id']] = channel['topic']
+                self.messages.setdefault(channel['topic'], [])
+            self._subscribe([channel['id'] for channel in told['channels']])
+        elif unknown := re.match(r'Unknown channel ID: (\d+)', told.get('message', '')):
+            # The SDK advertises a channel a moment before it takes subscriptions to it.
+            self._subscribe([int(unknown[1])])
+
+    def _subscribe(self, channels: list[int]) -> None:
+        wanted = [{'id': number, 'channelId': number} for number in channels]
+        self._connection.send(json.dumps({'op': 'subscribe', 'subscriptions': wanted}))
+
+    def latest(self, topic: str) -> tuple[int, bytes]:
+        """Return the newest message of a topic, once there is one."""
+        self.until(lambda: bool(self.messages.get(topic)))
+        return self.messages[topic][-1]
+
+
+@pytest.fixture
+def source(ros: Context) -> Iterator[Node]:
+    """Return a node beside a server that looks for topics; it publishes."""
+    node = Node('source', context=ros)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def server(ros: Context) -> Iterator[FoxgloveServer]:
+    """Return a server at a free port, spun in a thread."""
+    node = FoxgloveServer(0, context=ros)
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(node)
+    thread = Thread(target=executor.spin)
+    thread.start()
+    yield node
+    executor.shutdown()
+    thread.join()
+    node.destroy_node()
+
+
+@contextmanager
+def client_of(server: FoxgloveServer) -> Iterator[Client]:
+    with connect(server.url, subprotocols=[PROTOCOL]) as connection:
+        assert connection.subprotocol == PROTOCOL
+        yield Client(connection)
+
+
+def test_channels_are_cdr_with_the_schemas_that_bags_have(
+    server: FoxgloveServer, source: Node
+) -> None:
+    publisher = source.create_publisher(Header, 'header', LATCHED)
+    publisher.publish(Header())
+    with client_of(server) as client:
+        client.latest('/header')
+        channel = client.channels['/header']
+    assert (channel['encoding'], channel['schemaEncoding']) == ('cdr', 'ros2msg')
+    assert channel['schemaName'] == 'std_msgs/msg/Header'
+    assert channel['schema'] == definition('std_msgs/msg/Header')
+
+
+def test_messages_arrive_as_they_were_published(server: FoxgloveServer, source: Node) -> None:
+    publisher = source.create_publisher(Header, 'header', 10)
+    with client_of(server) as client:
+        sent = []
+
+        def arrived() -> bool:
+            sent.append(to_header(len(sent), 'map'))
+            publisher.publish(sent[-1])
+            return len(client.messages.get('/header', ())) >= 5
+
+        client.until(arrived)
+        before = time.time_ns()
+        found = [deserialize_message(data, Header) for _, data in client.messages['/header']]
+        assert all(header in sent for header in found)
+        assert [header.stamp.nanosec for header in found] == sorted(
+            header.stamp.nanosec for header in found
+        )
+        assert all(abs(before - at) < 60e9 for at, _ in client.messages['/header'])
+
+
+def test_latched_message_is_there_for_who_comes_late(server: FoxgloveServer, source: Node) -> None:
+    publisher = source.create_publisher(Header, 'latched', LATCHED)
+    publisher.publish(to_header(7))
+    for _ in range(2):
+        with client_of(server) as client:
+            _, data = client.latest('/latched')
+            assert deserialize_message(data, Header) == to_header(7)
+
+
+def test_time_is_the_simulated_one_where_a_clock_tells_it(
+    server: FoxgloveServer, source: Node
+) -> None:
+    clock = source.create_publisher(Clock, '/clock', 10)
+    publisher = source.create_publisher(Header, 'header', 10)
+    with client_of(server) as client:
+
+        def arrived() -> bool:
+            clock.publish(Clock(clock=to_header(5_000_000_001).stamp))
+            publisher.publish(Header())
+            return any(at == 5_000_000_001 for at, _ in client.messages.get('/header', ()))
+
+        client.until(arrived)
+        assert set(client.times) == {5_000_000_001}
+
+
+def test_port_that_is_taken_is_refused_in_one_line(server: FoxgloveServer, ros: Context) -> None:
+    port = int(server.url.rpartition(':')[2])
+    with pytest.raises(UserError, match=f'^port {port} cannot be had for Foxglove: .*in use') as no:
+        FoxgloveServer(port, context=ros)
+    assert '\n' not in str(no.value)
+
+
+def test_server_is_for_this_machine_only(server: FoxgloveServer) -> None:
+    assert server.url.startswith('ws://127.0.0.1:')

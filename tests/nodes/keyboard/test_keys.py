@@ -1,0 +1,183 @@
+"""Keys of a terminal: what bytes mean, however they arrive, and for how long a key is held."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barc_sim.control.driver import COAST, FULL_BRAKE, Drive
+from barc_sim.nodes.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys, KeyDecoder, KeyEvent
+
+KEYS = {
+    b'w': 'up',
+    b'W': 'up',
+    b'a': 'left',
+    b's': 'down',
+    b'D': 'right',
+    b' ': 'space',
+    b'r': 'reset',
+    b'q': 'quit',
+    b'\x03': 'quit',
+    b'\x1b[A': 'up',
+    b'\x1b[B': 'down',
+    b'\x1b[C': 'right',
+    b'\x1b[D': 'left',
+    b'\x1bOA': 'up',
+    b'\x1b[1;2D': 'left',
+    b'\x1b[1;1:1A': 'up',
+    b'\x1b[1;1:2A': 'up',
+    b'\x1b[119u': 'up',
+    b'\x1b[119:87;2u': 'up',
+    b'\x1b[32;1:1u': 'space',
+    b'\x1b[99;5u': 'quit',
+    b'\x1b[O': 'blur',
+    b'\x1b[?0u': 'kitty',
+}
+
+
+def events(*pieces: bytes) -> list[KeyEvent]:
+    decoder = KeyDecoder()
+    return [event for piece in pieces for event in decoder.decode(piece)]
+
+
+@pytest.mark.parametrize(('data', 'key'), KEYS.items())
+def test_each_key_is_understood_also_byte_by_byte(data: bytes, key: str) -> None:
+    assert events(data) == [KeyEvent(key)]
+    assert events(*(bytes([byte]) for byte in data)) == [KeyEvent(key)]
+
+
+@pytest.mark.parametrize('data', [b'\x1b[1;1:3A', b'\x1b[119;1:3u'])
+def test_a_release_is_understood(data: bytes) -> None:
+    assert events(data) == [KeyEvent('up', released=True)]
+
+
+@pytest.mark.parametrize(
+    'data',
+    [
+        b'xyz\xff\x00\r\n\t',
+        b'\x1bw',
+        b'\x1b[3~',
+        b'\x1b[I',
+        b'\x1b[?62;c',
+        b'\x1b[24;80R',
+        b'\x1b[57441;2u',
+        b'\x1b[119;5u',
+        b'\x1b[99999999999999999999u',
+        b'\x1bOP',
+        b'\x1b[1;;A',
+    ],
+)
+def test_other_keys_are_ignored(data: bytes) -> None:
+    assert events(data, b'\x1b\x1b[A') == [KeyEvent('up')]
+
+
+def test_a_paste_is_ignored_whatever_is_in_it() -> None:
+    assert events(b'\x1b[200~wasd \x1b[A rq\x1b', b'[201~w') == [KeyEvent('up')]
+
+
+def test_ctrl_c_counts_even_in_a_paste_or_a_sequence() -> None:
+    assert events(b'\x1b[200~www\x03') == [KeyEvent('quit')]
+    assert events(b'\x1b[1;\x03', b'w') == [KeyEvent('quit'), KeyEvent('up')]
+
+
+def test_a_sequence_without_end_is_given_up() -> None:
+    assert KeyEvent('up') in events(b'\x1b[' + b'1' * 1000, b'w', b'w')
+
+
+@given(st.binary(max_size=200), st.lists(st.integers(0, 200)))
+def test_where_the_bytes_are_cut_makes_no_difference(data: bytes, cuts: list[int]) -> None:
+    edges = sorted({0, len(data), *(cut for cut in cuts if cut < len(data))})
+    assert events(*(data[a:b] for a, b in pairwise(edges))) == events(data)
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_do_harm(data: bytes) -> None:
+    keys = HeldKeys()
+    for event in events(data):
+        keys.hear(event, 0.0)
+    wish = keys.wish(0.0)
+    assert wish is None or all(-1.0 <= share <= 1.0 for share in wish)
+
+
+def press(*keys: str, releases: bool = False) -> HeldKeys:
+    held = HeldKeys()
+    held.releases = releases
+    for key in keys:
+        held.hear(KeyEvent(key), 0.0)
+    return held
+
+
+@pytest.mark.parametrize(
+    ('keys', 'wish'),
+    [
+        (['up'], Drive(forward=1.0)),
+        (['down'], Drive(forward=-1.0)),
+        (['left'], Drive(turn=1.0)),
+        (['right'], Drive(turn=-1.0)),
+        (['up', 'left'], Drive(forward=1.0, turn=1.0)),
+        (['up', 'down'], COAST),
+        (['up', 'left', 'space'], FULL_BRAKE),
+    ],
+)
+def test_keys_wish(keys: list[str], wish: Drive) -> None:
+    assert press(*keys).wish(0.1) == wish
+
+
+def test_a_press_holds_until_a_repeat_may_come_then_it_is_zero_once_and_silent() -> None:
+    held = press('up')
+    assert held.wish(PRESS_HOLD) == Drive(forward=1.0)
+    assert held.wish(PRESS_HOLD + 0.01) == COAST
+    assert held.wish(PRESS_HOLD + 0.06) is None
+    assert held.wish(9.0) is None
+
+
+def test_a_key_that_repeats_is_held_until_shortly_after_the_last_repeat() -> None:
+    held = press('up')
+    last = 0.5 + 33 * 0.03
+    for k in range(34):  # as a keyboard does: half a second's delay, then 33 a second
+        t = 0.5 + k * 0.03
+        assert held.held(t) == ('up',)
+        held.hear(KeyEvent('up'), t)
+    assert held.wish(last + REPEAT_HOLD - 0.01) == Drive(forward=1.0)
+    assert held.wish(last + REPEAT_HOLD + 0.01) == COAST
+
+
+def test_a_press_after_the_hold_is_a_first_press_again() -> None:
+    held = press('up')
+    held.hear(KeyEvent('up'), 10.0)
+    assert held.wish(10.0 + PRESS_HOLD) == Drive(forward=1.0)
+
+
+def test_where_releases_are_told_a_key_is_held_until_then() -> None:
+    held = press('up', 'left', releases=True)
+    assert held.wish(100.0) == Drive(forward=1.0, turn=1.0)
+    held.hear(KeyEvent('left', released=True), 100.0)
+    assert held.wish(100.0) == Drive(forward=1.0)
+    held.hear(KeyEvent('up', released=True), 101.0)
+    assert held.wish(101.0) == COAST
+    assert held.wish(101.1) is None
+
+
+def test_nothing_follows_the_brake_so_that_it_stays_on() -> None:
+    held = press('space', releases=True)
+    assert held.wish(0.0) == FULL_BRAKE
+    held.hear(KeyEvent('space', released=True), 0.2)
+    assert held.wish(0.2) is None
+
+
+def test_a_key_still_held_when_the_brake_is_let_go_counts_again() -> None:
+    held = press('up', 'space', releases=True)
+    assert held.wish(0.0) == FULL_BRAKE
+    held.hear(KeyEvent('space', released=True), 0.2)
+    assert held.wish(0.2) == Drive(forward=1.0)
+
+
+def test_letting_go_of_all_keys_is_coasting() -> None:
+    held = press('up', 'left', releases=True)
+    assert held.wish(0.0)
+    held.release()
+    assert held.wish(0.1) == COAST
+    assert held.wish(0.2) is None

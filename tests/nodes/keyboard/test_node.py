@@ -1,0 +1,233 @@
+"""The keyboard node in a pseudo-terminal: what keys publish, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import pty
+import random
+import subprocess
+import sys
+import termios
+import time
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from geometry_msgs.msg import Twist
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+import barc_sim
+from barc_sim.control.driver import COAST, FULL_BRAKE, Drive
+from barc_sim.nodes.keyboard.keys import HeldKeys, KeyDecoder
+from barc_sim.nodes.keyboard.node import Keyboard
+from barc_sim.nodes.keyboard.terminal import Terminal
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_drive
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+UP, LEFT = Drive(forward=1.0), Drive(turn=1.0)
+
+
+class Bench:
+    """A keyboard node on a pseudo-terminal, and a node that hears it and can be reset."""
+
+    def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
+        self.user, self.fd = pty.openpty()
+        self.before = termios.tcgetattr(self.fd)
+        self.heard: list[Drive] = []
+        self.resets = 0
+        self.peer = Node('vehicle_simulator', context=context)
+        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, topic_names.QOS)
+        self.peer.create_service(Trigger, '~/reset', self._on_reset)
+        self.keyboard = Keyboard(Terminal(self.fd), context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.peer)
+        self.executor.add_node(self.keyboard)
+        self.until = partial(spin_until, self.executor)
+
+    def _on_twist(self, twist: Twist) -> None:
+        self.heard.append(to_drive(twist))
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.resets += 1
+        return response
+
+    def type(self, data: bytes) -> None:
+        """Send what keys send."""
+        os.write(self.user, data)
+
+    @property
+    def changes(self) -> list[Drive]:
+        """What was heard, each once."""
+        return [wish for wish, _ in groupby(self.heard)]
+
+    def close(self) -> None:
+        """End the node."""
+        self.executor.shutdown()
+        self.keyboard.destroy_node()
+        self.peer.destroy_node()
+        os.close(self.fd)
+        os.close(self.user)
+
+
+@pytest.fixture
+def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Bench]:
+    bench = Bench(ros, spin_until)
+    yield bench
+    bench.close()
+
+
+def spin_for(bench: Bench, seconds: float) -> None:
+    """Spin for so long: how long a key counts as held is a matter of time."""
+    end = time.monotonic() + seconds
+    bench.until(lambda: time.monotonic() > end)
+
+
+def test_a_press_drives_then_coasts_once_and_falls_silent(bench: Bench) -> None:
+    bench.type(b'w')
+    bench.until(lambda: COAST in bench.heard)
+    assert bench.changes == [UP, COAST]
+    assert bench.heard.count(UP) > 5
+    count = len(bench.heard)
+    spin_for(bench, 0.3)
+    assert len(bench.heard) == count
+
+
+def test_what_is_published_is_what_the_keys_wish_for(bench: Bench) -> None:
+    script = [b'\x1b[A', b'\x1b[D', b' ', b'\x1b[C', b's']
+    keys, decoder, expected = HeldKeys(), KeyDecoder(), []
+    for k, data in enumerate(script):
+        for event in decoder.decode(data):
+            keys.hear(event, float(k))
+        expected += [keys.wish(k + 0.1), keys.wish(k + 0.9)]
+    for data in script:
+        bench.type(data)
+        before = len(bench.heard)
+        if data == b' ':
+            bench.until(lambda before=before: len(bench.heard) > before)
+            spin_for(bench, 0.7)
+        else:
+            bench.until(lambda before=before: COAST in bench.heard[before:])
+    assert bench.changes == [wish for wish in expected if wish is not None]
+
+
+def test_with_releases_keys_combine_and_end_when_let_go(bench: Bench) -> None:
+    bench.type(b'\x1b[?0u\x1b[119;1:1u')
+    bench.until(lambda: UP in bench.heard)
+    spin_for(bench, 0.8)
+    bench.type(b'\x1b[97;1:1u')
+    both = Drive(forward=1.0, turn=1.0)
+    bench.until(lambda: both in bench.heard)
+    bench.type(b'\x1b[119;1:3u')
+    bench.until(lambda: LEFT in bench.heard)
+    bench.type(b'\x1b[O')
+    bench.until(lambda: COAST in bench.heard)
+    assert bench.changes == [UP, both, LEFT, COAST]
+
+
+def test_nothing_follows_the_brake(bench: Bench) -> None:
+    bench.type(b' ')
+    bench.until(lambda: FULL_BRAKE in bench.heard)
+    spin_for(bench, 0.9)
+    assert bench.changes == [FULL_BRAKE]
+
+
+def test_reset_is_called_once_for_a_key_held(bench: Bench) -> None:
+    bench.until(lambda: bench.keyboard.count_publishers('cmd_vel') == 1)
+    bench.type(b'rrrr')
+    bench.until(lambda: bench.resets == 1)
+    bench.type(b'w')
+    bench.until(lambda: COAST in bench.heard)
+    assert bench.resets == 1
+    assert bench.changes == [UP, COAST]
+
+
+@pytest.mark.parametrize('key', [b'q', b'\x03', b'\x1b[99;5u'])
+def test_quit_gives_the_terminal_back_and_finishes(bench: Bench, key: bytes) -> None:
+    bench.type(key)
+    bench.until(bench.keyboard.finished.done)
+    # The terminal is given back in a callback of that future.
+    bench.until(lambda: termios.tcgetattr(bench.fd) == bench.before)
+
+
+def test_its_end_is_the_brake(bench: Bench) -> None:
+    bench.type(b'w')
+    bench.until(lambda: UP in bench.heard)
+    bench.executor.remove_node(bench.keyboard)
+    bench.keyboard.destroy_node()
+    bench.until(lambda: FULL_BRAKE in bench.heard)
+    assert termios.tcgetattr(bench.fd) == bench.before
+
+
+def test_random_bytes_pastes_and_cut_sequences_leave_it_running(bench: Bench) -> None:
+    rng = random.Random(4)  # noqa: S311 (no secret)
+    noise = bytes(rng.choice([b for b in range(256) if b not in b'qQ\x03']) for _ in range(10_000))
+    # What would be a quit in the kitty protocol, and a paste that never ends, are not random.
+    noise = noise.replace(b'u', b'v').replace(b'~', b'}')
+    position = 0
+    while position < len(noise):
+        size = rng.randrange(1, 200)
+        bench.type(noise[position : position + size])
+        position += size
+        bench.executor.spin_once(timeout_sec=0.0)
+    bench.type(b'\x18\x1b[200~wwww q \x1b[A')
+    bench.type(b'\x1b[201~')
+    spin_for(bench, 1.0)
+    bench.heard.clear()
+    bench.type(b'\x1b')
+    spin_for(bench, 0.05)
+    bench.type(b'[A')
+    bench.until(lambda: UP in bench.heard)
+    assert not bench.keyboard.finished.done()
+    assert all(-1.0 <= share <= 1.0 for wish in bench.heard for share in wish)
+
+
+def test_closing_its_terminal_brakes_where_it_runs_alone(
+    ros: Context, spin_until: Callable[..., None]
+) -> None:
+    heard: list[Drive] = []
+    peer = Node('peer', context=ros)
+    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_drive(t)), topic_names.QOS)
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(peer)
+    user, fd = pty.openpty()
+    take = 'import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n'
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            '-c',
+            f'{take}from barc_sim.nodes.keyboard.node import main; sys.exit(main())',
+        ],
+        env=os.environ | {'PYTHONPATH': str(Path(barc_sim.__file__).parents[1])},
+        stdin=fd,
+        start_new_session=True,
+    )
+    os.close(fd)
+    try:
+        # It is known to this node by then, though this node may not be known to it yet.
+        spin_until(executor, lambda: peer.count_publishers('cmd_vel') == 1)
+
+        def drives() -> bool:
+            os.write(user, b'w')
+            return UP in heard
+
+        spin_until(executor, drives)
+        os.close(user)
+        spin_until(executor, lambda: heard[-1] == FULL_BRAKE)
+        assert process.wait(20.0) == 0
+    finally:
+        process.kill()
+        process.wait()
+        executor.shutdown()
+        peer.destroy_node()

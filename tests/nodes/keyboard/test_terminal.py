@@ -1,0 +1,180 @@
+"""The terminal as a keyboard, in a real pseudo-terminal: raw for a while, and then as before."""
+
+from __future__ import annotations
+
+import os
+import pty
+import queue
+import termios
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.nodes.keyboard.keys import KeyEvent
+from barc_sim.nodes.keyboard.terminal import Terminal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DEADLINE = 20.0
+
+
+class Pty:
+    """A pseudo-terminal, and what a Terminal on it makes of what is typed."""
+
+    def __init__(self) -> None:
+        self.user, self.fd = pty.openpty()
+        self.before = termios.tcgetattr(self.fd)
+        self.events: queue.Queue[KeyEvent] = queue.Queue()
+
+    def type(self, data: bytes) -> None:
+        """Send what keys send."""
+        os.write(self.user, data)
+
+    def next(self) -> KeyEvent:
+        """Return the next event."""
+        return self.events.get(timeout=DEADLINE)
+
+    def shown(self, end: bytes) -> bytes:
+        """Return what is written to the terminal, up to `end`."""
+        data = b''
+        while not data.endswith(end):
+            data += os.read(self.user, 1)
+        return data
+
+    def settings(self) -> list[object]:
+        """Return the terminal's settings."""
+        return termios.tcgetattr(self.fd)
+
+
+@pytest.fixture
+def console() -> Iterator[Pty]:
+    console = Pty()
+    yield console
+    os.close(console.fd)
+    with suppress(OSError):  # a test may have done so
+        os.close(console.user)
+
+
+@pytest.fixture
+def terminal(console: Pty) -> Iterator[Terminal]:
+    with Terminal(console.fd) as terminal:
+        terminal.listen(console.events.put)
+        yield terminal
+
+
+def test_keys_are_heard_without_enter_and_not_echoed(console: Pty, terminal: Terminal) -> None:
+    assert console.shown(b'\x1b[?u')
+    console.type(b'w')
+    assert console.next() == KeyEvent('up')
+    console.type(b'\x1b')
+    console.type(b'[D')
+    assert console.next() == KeyEvent('left')
+    terminal.close()
+    assert console.shown(b'\x1b[?2004l') == b'\x1b[?1004l\x1b[?2004l'
+
+
+@pytest.mark.parametrize('key', [b'\x03', b'q'])
+def test_ctrl_c_is_a_key(console: Pty, terminal: Terminal, key: bytes) -> None:
+    assert terminal
+    console.type(key)
+    assert console.next() == KeyEvent('quit')
+
+
+@pytest.mark.usefixtures('terminal')
+def test_ctrl_s_and_ctrl_z_do_nothing(console: Pty) -> None:
+    console.type(b'\x13\x1a\x1cw')
+    assert console.next() == KeyEvent('up')
+
+
+def test_settings_are_as_before_after_close_and_not_meanwhile(
+    console: Pty, terminal: Terminal
+) -> None:
+    assert console.settings() != console.before
+    terminal.close()
+    assert console.settings() == console.before
+    terminal.close()
+    assert console.settings() == console.before
+
+
+def test_settings_are_as_before_after_an_error(console: Pty) -> None:
+    def fail() -> None:
+        with Terminal(console.fd) as terminal:
+            terminal.listen(console.events.put)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert console.settings() == console.before
+
+
+def test_what_is_written_still_begins_at_the_left(console: Pty, terminal: Terminal) -> None:
+    assert terminal
+    console.shown(b'\x1b[?u')
+    os.write(console.fd, b'a\nb')
+    assert console.shown(b'b') == b'a\r\nb'
+
+
+def test_kitty_protocol_is_used_where_offered_and_ended(console: Pty, terminal: Terminal) -> None:
+    console.shown(b'\x1b[?u')
+    console.type(b'\x1b[?0u')
+    assert console.next() == KeyEvent('kitty')
+    assert console.shown(b'u') == b'\x1b[>11u'
+    console.type(b'\x1b[119;1:1u\x1b[119;1:3u')
+    assert console.next() == KeyEvent('up')
+    assert console.next() == KeyEvent('up', released=True)
+    terminal.close()
+    assert console.shown(b'\x1b[?2004l').startswith(b'\x1b[<u')
+
+
+@pytest.mark.usefixtures('terminal')
+def test_end_of_the_terminal_is_a_quit(console: Pty) -> None:
+    os.close(console.user)
+    assert console.next() == KeyEvent('quit')
+
+
+def test_close_does_not_wait_for_a_terminal_that_takes_no_output(
+    console: Pty, terminal: Terminal
+) -> None:
+    os.set_blocking(console.fd, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(console.fd, b'x' * 1000)
+    os.set_blocking(console.fd, True)
+    terminal.close()
+    assert console.settings() == console.before
+
+
+def test_close_from_the_reading_thread_works(console: Pty) -> None:
+    terminal = Terminal(console.fd)
+
+    def on_event(event: KeyEvent) -> None:
+        terminal.close()
+        console.events.put(event)
+
+    terminal.listen(on_event)
+    console.type(b'q')
+    console.next()
+    assert console.settings() == console.before
+    terminal.close()  # the thread has ended when this returns
+
+
+def test_what_is_no_terminal_is_refused() -> None:
+    reader, writer = os.pipe()
+    try:
+        with pytest.raises(UserError, match='the standard input is no terminal: start it in the'):
+            Terminal(reader)
+    finally:
+        os.close(reader)
+        os.close(writer)
+
+
+def test_terminal_of_another_foreground_is_not_touched(
+    console: Pty, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, 'tcgetpgrp', lambda _: os.getpgrp() + 1)
+    with pytest.raises(UserError, match='as this process runs in the background'):
+        Terminal(console.fd)
+    assert console.settings() == console.before

@@ -1,0 +1,92 @@
+"""What is said of a run's health."""
+
+from __future__ import annotations
+
+import pytest
+
+from barc_sim.nodes.mirrors.diagnosis import Diagnosis, Facts, Heard, Level, diagnose
+from barc_sim.vehicle.sensor import Deviation
+
+WELL = Facts(0, 0, False, 1.0, Deviation(), 100, 0)
+REAL = Heard(factor=1.0, command_age=0.01)
+
+
+def named(found: list[Diagnosis]) -> dict[str, Diagnosis]:
+    return {diagnosis.name: diagnosis for diagnosis in found}
+
+
+def test_run_that_is_well_is_ok_in_everything() -> None:
+    found = diagnose(WELL, WELL, REAL)
+    assert [diagnosis.name for diagnosis in found] == ['timing', 'command', 'noise', 'bag']
+    assert {diagnosis.level for diagnosis in found} == {Level.OK}
+
+
+def test_figures_are_told() -> None:
+    found = named(diagnose(WELL, WELL, REAL))
+    assert found['timing'].values == {
+        'missed deadlines': '0',
+        'slipped periods': '0',
+        'real-time factor': '1.000',
+    }
+    assert found['command'].values == {'age [s]': '0.010000'}
+    assert found['bag'].values == {'recorded messages': '100', 'lost messages': '0'}
+
+
+@pytest.mark.parametrize(
+    ('facts', 'heard', 'message'),
+    [
+        (
+            WELL._replace(missed=2),
+            REAL,
+            '2 commands were not there when they were due',
+        ),
+        (
+            WELL._replace(slipped=3),
+            REAL,
+            'simulated time has fallen behind by 3 periods',
+        ),
+        (
+            WELL._replace(wanted_factor=5.0),
+            Heard(factor=3.0),
+            'simulated time runs at 3.00, not at 5',
+        ),
+    ],
+)
+def test_run_that_is_late_is_warned_of(facts: Facts, heard: Heard, message: str) -> None:
+    timing = named(diagnose(facts, WELL, heard))['timing']
+    assert (timing.level, timing.message) == (Level.WARN, message)
+
+
+def test_deadline_that_was_missed_long_ago_is_only_counted() -> None:
+    late = WELL._replace(missed=2, slipped=1)
+    timing = named(diagnose(late, late, REAL))['timing']
+    assert (timing.level, timing.values['missed deadlines']) == (Level.OK, '2')
+
+
+def test_time_that_stands_still_on_purpose_is_ok() -> None:
+    timing = named(diagnose(WELL._replace(paused=True), WELL, Heard(factor=0.0)))['timing']
+    assert (timing.level, timing.message) == (Level.OK, 'paused')
+
+
+def test_as_fast_as_it_goes_is_never_too_slow() -> None:
+    timing = named(diagnose(WELL._replace(wanted_factor=0.0), WELL, Heard(factor=0.1)))['timing']
+    assert timing.level == Level.OK
+
+
+def test_noisy_signals_are_named() -> None:
+    facts = WELL._replace(noise=Deviation(epsi=0.01, v_x=0.1))
+    noise = named(diagnose(facts, WELL, REAL))['noise']
+    assert noise.message == 'of epsi, v_x'
+    assert (noise.values['epsi'], noise.values['s']) == ('0.01', '0')
+
+
+def test_loss_is_a_warning_and_a_bag_that_cannot_be_written_an_error() -> None:
+    lossy = named(diagnose(WELL._replace(lost=7), WELL, REAL))['bag']
+    assert (lossy.level, lossy.message) == (Level.WARN, '7 messages are lost')
+    broken = named(diagnose(WELL._replace(lost=7, failure='disk full'), WELL, REAL))['bag']
+    assert (broken.level, broken.message) == (Level.ERROR, 'disk full')
+
+
+def test_nothing_is_said_of_what_is_not_known() -> None:
+    (timing,) = diagnose(Facts(), Facts(), Heard())
+    assert (timing.level, timing.values) == (Level.OK, {})

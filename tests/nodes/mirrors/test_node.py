@@ -1,0 +1,292 @@
+"""The mirrors alone: what they make of states and commands, and that each can be off."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import isclose, nan, radians, tan
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU, ZDynBkMdl
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import AccelStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
+
+from barc_sim.errors import UserError
+from barc_sim.nodes import mirror as module
+from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
+from barc_sim.nodes.mirrors.diagnosis import Facts
+from barc_sim.nodes.mirrors.messages import JOINTS
+from barc_sim.nodes.mirrors.node import MirrorNode
+from barc_sim.nodes.mirrors.options import MIRRORS
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_header, to_nanoseconds
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+STEP = 20_000_000  # [ns]
+TYPES = {
+    'odom': Odometry,
+    'accel': AccelStamped,
+    'joint_states': JointState,
+    'markers': MarkerArray,
+    'path': Path,
+    '/diagnostics': DiagnosticArray,
+}
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Bench:
+    """A mirror, and a node that sends it states and commands and hears what it publishes."""
+
+    def __init__(
+        self,
+        context: Context,
+        spin_until: Callable[..., None],
+        *,
+        namespace: str = '',
+        facts: Callable[[], Facts] = Facts,
+        **parameters: float | str | bool,
+    ) -> None:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.mirror = MirrorNode(
+            facts=facts, context=context, namespace=namespace, parameter_overrides=overrides
+        )
+        self.peer = Node('peer', context=context, namespace=namespace)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.mirror)
+        self.executor.add_node(self.peer)
+        self.until = partial(spin_until, self.executor)
+        self.heard: dict[str, list[Any]] = {topic: [] for topic in TYPES}
+        for topic, kind in TYPES.items():
+            self.peer.create_subscription(kind, topic, self.heard[topic].append, topic_names.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
+        self.commands = self.peer.create_publisher(ECU, 'ecu', topic_names.QOS)
+        self.sent = 0
+
+    def send(self, **state: float) -> None:
+        """Publish the next state."""
+        self.sent += 1
+        self.states.publish(ZDynBkMdl(header=to_header(self.sent * STEP), **state))
+
+    def answer(self, topic: str, **state: float) -> Any:  # noqa: ANN401 (as the topic has it)
+        """Return what is published on a topic when a state is."""
+        messages = self.heard[topic]
+        before = len(messages)
+        self.send(**state)
+        self.until(lambda: len(messages) > before)
+        return messages[-1]
+
+    def mirrored(self) -> set[str]:
+        """Return the names of the topics that the mirror publishes."""
+        own = {'rosout', 'parameter_events'}
+        return {end.topic_name.lstrip('/') for end in self.mirror.publishers} - own
+
+
+@pytest.fixture
+def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
+    benches = []
+
+    def create(**options: Any) -> Bench:  # noqa: ANN401 (as Bench has them)
+        benches.append(Bench(ros, spin_until, **options))
+        return benches[-1]
+
+    yield create
+    for each in benches:
+        each.executor.shutdown()
+        each.mirror.destroy_node()
+        each.peer.destroy_node()
+
+
+def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Callable[..., Bench]) -> None:
+    odom = bench().answer('odom', x=110.0, y=1.5, v_x=8.0, v_y=0.5, psi_dot=0.1)
+    there, turn = odom.pose.pose.position, odom.pose.pose.orientation
+    road = Road.lab()
+    assert (there.x, there.y, there.z) == (road.horizontal(110.0), 1.5, road.elevation(110.0))
+    assert there.x < 110.0 - 1.0
+    assert isclose(turn.y / turn.w, -tan(radians(15.0)))
+    assert (odom.header.frame_id, odom.child_frame_id) == ('odom', 'base_link')
+    assert to_nanoseconds(odom.header.stamp) == STEP
+    twist = odom.twist.twist
+    assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
+
+
+def test_every_state_has_its_message_with_its_stamp(bench: Callable[..., Bench]) -> None:
+    world = bench()
+    for k in range(20):
+        world.send(x=0.16 * k, v_x=8.0)
+    for topic in ('odom', 'accel', 'joint_states'):
+        world.until(lambda topic=topic: len(world.heard[topic]) == 20)
+        found = [to_nanoseconds(message.header.stamp) for message in world.heard[topic]]
+        assert found == [STEP * (k + 1) for k in range(20)]
+
+
+def test_acceleration_is_the_change_of_speed(bench: Callable[..., Bench]) -> None:
+    world = bench()
+    assert world.answer('accel', v_x=5.0).accel.linear.x == 0.0
+    accel = world.answer('accel', x=0.1, v_x=5.1)
+    assert accel.accel.linear.x == pytest.approx(5.0)
+    assert accel.header.frame_id == 'base_link'
+
+
+def test_joints_are_the_steering_and_the_wheels(bench: Callable[..., Bench]) -> None:
+    world = bench()
+    world.commands.publish(ECU(servo=0.3))
+    world.until(
+        lambda: (
+            world.answer('joint_states', v_x=3.6).position[JOINTS.index('front_left_steering')]
+            > 0.3
+        )
+    )
+    joints = world.heard['joint_states'][-1]
+    assert tuple(joints.name) == JOINTS
+    found = dict(zip(joints.name, joints.velocity, strict=True))
+    assert found['rear_left_wheel'] == found['rear_right_wheel'] == 3.6 / WHEEL_RADIUS
+    assert 0.0 < joints.position[JOINTS.index('front_right_steering')] < 0.3
+
+
+def test_command_that_is_not_finite_turns_no_wheel(bench: Callable[..., Bench]) -> None:
+    world = bench()
+    world.commands.publish(ECU(servo=nan))
+    world.commands.publish(ECU(servo=0.1))
+    world.until(lambda: world.answer('joint_states').position[0] > 0.1)
+    assert not [
+        each for each in world.heard['joint_states'] if each.position[0] != each.position[0]
+    ]
+
+
+def test_state_that_is_not_finite_is_left_out(bench: Callable[..., Bench]) -> None:
+    world = bench()
+    world.send(x=nan)
+    odom = world.answer('odom', x=1.0)
+    assert [odom] == world.heard['odom']
+    assert odom.pose.pose.position.x == 1.0
+
+
+def test_car_is_drawn_to_scale_on_its_wheels(bench: Callable[..., Bench]) -> None:
+    body, _, *tyres = bench(l_f=1.0, l_r=2.0).answer('markers', x=5.0).markers
+    assert (body.type, [tyre.type for tyre in tyres]) == (Marker.CUBE, [Marker.CYLINDER] * 4)
+    places = [(tyre.pose.position.x, tyre.pose.position.z) for tyre in tyres]
+    assert places == [(6.0, WHEEL_RADIUS)] * 2 + [(3.0, WHEEL_RADIUS)] * 2
+    left, right = (tyre.pose.position.y for tyre in tyres[:2])
+    assert left == -right > 0.0
+    assert body.scale.x == pytest.approx(4.4)
+    assert len({(marker.ns, marker.id) for marker in (body, *tyres)}) == 5
+
+
+def test_cylinders_lie_on_their_axles(bench: Callable[..., Bench]) -> None:
+    tyre = bench().answer('markers', psi=0.5).markers[-1]
+    turn = tyre.pose.orientation
+    # The cylinder's z axis in `odom`: the third column of the rotation's matrix.
+    axis = (
+        2.0 * (turn.x * turn.z + turn.w * turn.y),
+        2.0 * (turn.y * turn.z - turn.w * turn.x),
+        1.0 - 2.0 * (turn.x * turn.x + turn.y * turn.y),
+    )
+    assert [abs(part) for part in axis] == pytest.approx([0.479426, 0.877583, 0.0], abs=1e-6)
+
+
+def test_road_is_there_for_who_comes_late(bench: Callable[..., Bench]) -> None:
+    world = bench()
+    roads: list[MarkerArray] = []
+    world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
+    world.until(lambda: bool(roads))
+    surface, line = roads[0].markers
+    highest = Road.lab().elevation(120.0)
+    assert max(point.z for point in surface.points) == pytest.approx(highest)
+    assert len(surface.points) == 6 * 9
+    assert {point.y for point in surface.points} == {-3.0, 3.0}
+    assert [point.y for point in line.points] == [0.0] * 10
+
+
+def test_path_is_the_way_so_far(
+    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, '_SLOW_PERIOD', 0.0)
+    world = bench()
+    for k in range(10):
+        path = world.answer('path', x=1.0 * k, v_x=50.0)
+    assert [pose.pose.position.x for pose in path.poses] == [1.0 * k for k in range(10)]
+    assert path.header.frame_id == 'odom'
+    assert to_nanoseconds(path.poses[-1].header.stamp) == 10 * STEP
+
+
+def test_frames_and_joints_bear_the_namespace(bench: Callable[..., Bench]) -> None:
+    world = bench(namespace='/car2')
+    odom = world.answer('odom')
+    assert (odom.header.frame_id, odom.child_frame_id) == ('car2/odom', 'car2/base_link')
+    assert world.answer('joint_states').name[0] == 'car2/front_left_steering'
+    assert world.answer('markers').markers[0].header.frame_id == 'car2/odom'
+
+
+def test_diagnostics_tell_what_the_composition_and_the_topics_know(
+    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, '_SLOW_PERIOD', 0.02)
+    known = Facts(missed=3, slipped=1, recorded=100, lost=0)
+    world = bench(namespace='/car2', facts=lambda: known)
+    told: dict[str, Any] = {}
+
+    def is_told() -> bool:
+        world.send()
+        world.commands.publish(ECU())
+        for message in world.heard['/diagnostics']:
+            told.update({status.name: status for status in message.status})
+        return '/car2/mirror: command' in told and len(world.heard['/diagnostics']) > 2
+
+    world.until(is_told)
+    first = world.heard['/diagnostics'][0].status[0]
+    assert (first.level, first.name) == (b'\x01', '/car2/mirror: timing')
+    timing = {entry.key: entry.value for entry in told['/car2/mirror: timing'].values}
+    assert (timing['missed deadlines'], timing['slipped periods']) == ('3', '1')
+    assert float(timing['real-time factor']) >= 0.0
+    (age,) = told['/car2/mirror: command'].values
+    assert 0.0 <= float(age.value) < 60.0
+    assert told['/car2/mirror: bag'].level == b'\x00'
+
+
+@pytest.mark.parametrize(
+    ('off', 'topics'),
+    [
+        ('odom', {'odom'}),
+        ('path', {'path'}),
+        ('markers', {'markers', 'road_markers'}),
+        ('accel', {'accel'}),
+        ('joint_states', {'joint_states'}),
+        ('diagnostics', {'diagnostics'}),
+    ],
+)
+def test_mirror_that_is_off_has_no_publisher(
+    bench: Callable[..., Bench], off: str, topics: set[str]
+) -> None:
+    every = bench().mirrored()
+    assert topics <= every
+    assert bench(**{off: False}).mirrored() == every - topics
+
+
+def test_topics_that_no_mirror_needs_are_not_heard(bench: Callable[..., Bench]) -> None:
+    def heard(**on: bool) -> set[str]:
+        mirror = bench(**({name: name in on for name in MIRRORS})).mirror
+        return {end.topic_name for end in mirror.subscriptions}
+
+    assert heard() == set()
+    assert heard(odom=True) == heard(path=True) == heard(accel=True) == {'/z_vhcl'}
+    assert heard(joint_states=True) == heard(markers=True) == {'/z_vhcl', '/ecu'}
+
+
+def test_road_that_is_none_is_refused(ros: Context) -> None:
+    with pytest.raises(UserError, match="road 'nowhere' is neither"):
+        MirrorNode(context=ros, parameter_overrides=[Parameter('road', value='nowhere')])

@@ -1,0 +1,583 @@
+"""The recorder: what it keeps, from when, and how its bag ends."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+import mcap_doctor
+import pytest
+import yaml
+from barc_interfaces.msg import ECU
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_profile_system_default,
+)
+from rclpy.serialization import deserialize_message
+from rclpy.service_introspection import ServiceIntrospectionState
+from rosbags.highlevel import AnyReader
+from std_msgs.msg import ColorRGBA, Float64, String
+from std_srvs.srv import SetBool, SetBool_Event, Trigger
+
+from barc_sim.bags import reader as bag
+from barc_sim.errors import UserError
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder.options import Recording
+from barc_sim.ros.executor.executor import QuickExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.context import Context
+    from rclpy.publisher import Publisher
+
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.fixture
+def recorder(ros: Context, tmp_path: Path) -> Iterator[BagRecorder]:
+    node = BagRecorder(tmp_path, metadata={'command': 'test'}, context=ros)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def talker(ros: Context, recorder: BagRecorder) -> Iterator[Node]:  # noqa: ARG001 (begins first)
+    node = Node('talker', context=ros)
+    yield node
+    node.destroy_node()
+
+
+@pytest.fixture
+def executor(ros: Context, recorder: BagRecorder) -> Iterator[QuickExecutor]:
+    executor = QuickExecutor(2, context=ros)
+    executor.add_node(recorder)
+    yield executor
+    executor.shutdown()
+
+
+def messages(path: Path, topic: str) -> list[Any]:
+    """Return the messages of a topic, read by a reader that is not ours."""
+    (file,) = path.glob('*.mcap')
+    with file.open('rb') as stream:
+        reader = SeekingReader(stream, validate_crcs=True)
+        return [message for _, _, message in reader.iter_messages(topics=[topic])]
+
+
+def topics_so_far(path: Path) -> set[str]:
+    """Return the topics that have messages in a bag that is still being written."""
+    channels = {}
+    found = set()
+    for file in path.glob('*.mcap'):
+        with file.open('rb') as stream, suppress(Exception):  # a record may be half written
+            for record in StreamReader(stream).records:
+                if isinstance(record, Channel):
+                    channels[record.id] = record.topic
+                elif isinstance(record, Message):
+                    found.add(channels[record.channel_id])
+    return found
+
+
+def test_keeps_every_message_as_it_was_sent(recorder: BagRecorder, talker: Node) -> None:
+    publisher = talker.create_publisher(ECU, 'ecu', 100)
+    recorder.discover()
+    sent = [ECU(motor=0.1 * k, servo=-0.01 * k) for k in range(250)]
+    for message in sent:
+        publisher.publish(message)
+    recorder.close()
+    kept = messages(recorder.path, '/ecu')
+    assert [deserialize_message(message.data, ECU) for message in kept] == sent
+    assert [message.sequence for message in kept] == list(range(1, 251))
+
+
+def test_log_time_is_reception_and_publish_time_is_the_source(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    before = time.time_ns()
+    publisher.publish(Float64())
+    after = time.time_ns()
+    recorder.close()
+    (message,) = messages(recorder.path, '/value')
+    assert before <= message.publish_time <= message.log_time <= after
+
+
+def test_finds_topics_and_keeps_what_was_latched_while_it_is_spun(
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    publisher.publish(Float64(data=7.0))
+    spin_until(executor, lambda: recorder.counts.get('/value') == 1)
+    publisher.publish(Float64(data=8.0))
+    spin_until(executor, lambda: recorder.counts.get('/value') == 2)
+    recorder.close()
+    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
+    assert kept == [7.0, 8.0]
+
+
+def test_what_was_recorded_reaches_the_file_while_it_is_spun(
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    publisher.publish(Float64())
+    spin_until(executor, lambda: '/value' in topics_so_far(recorder.path))
+
+
+def test_keeps_what_nodes_say_while_they_are_being_set_up(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    talker.declare_parameter('gain', 2.0)
+    talker.get_logger().info('ready')
+    recorder.close()
+    events = [
+        deserialize_message(message.data, ParameterEvent)
+        for message in messages(recorder.path, '/parameter_events')
+    ]
+    of_talker = [
+        parameter.name
+        for event in events
+        if event.node == '/talker'
+        for parameter in event.new_parameters
+    ]
+    assert 'use_sim_time' in of_talker
+    assert 'gain' in of_talker
+    said = [
+        deserialize_message(message.data, Log) for message in messages(recorder.path, '/rosout')
+    ]
+    assert ('talker', 'ready') in [(log.name, log.msg) for log in said]
+    assert 'bag_recorder' in [log.name for log in said]
+
+
+def test_keeps_the_quality_of_service_that_was_offered(recorder: BagRecorder, talker: Node) -> None:
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    recorder.discover()
+    publisher.publish(Float64())
+    recorder.close()
+    metadata = yaml.safe_load((recorder.path / 'metadata.yaml').read_text())
+    topics = metadata['rosbag2_bagfile_information']['topics_with_message_count']
+    (topic,) = [
+        topic['topic_metadata'] for topic in topics if topic['topic_metadata']['name'] == '/value'
+    ]
+    forever = {'sec': 9223372036, 'nsec': 854775807}
+    assert topic['offered_qos_profiles'] == [
+        {
+            'history': 'unknown',
+            'depth': 0,
+            'reliability': 'reliable',
+            'durability': 'transient_local',
+            'deadline': forever,
+            'lifespan': forever,
+            'liveliness': 'automatic',
+            'liveliness_lease_duration': forever,
+            'avoid_ros_namespace_conventions': False,
+        }
+    ]
+
+
+@pytest.mark.parametrize('offered', [LATCHED, BEST_EFFORT], ids=['latched', 'best effort'])
+def test_hears_publishers_whatever_they_offer(
+    recorder: BagRecorder, talker: Node, offered: QoSProfile
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', offered)
+    recorder.discover()
+    publisher.publish(Float64())
+    recorder.close()
+    assert recorder.counts['/value'] == 1
+
+
+def test_hears_a_later_publisher_that_offers_less(recorder: BagRecorder, talker: Node) -> None:
+    reliable = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    reliable.publish(Float64(data=1.0))
+    lesser = talker.create_publisher(Float64, 'value', BEST_EFFORT)
+    recorder.discover()
+    lesser.publish(Float64(data=2.0))
+    reliable.publish(Float64(data=3.0))
+    recorder.close()
+    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
+    assert sorted(kept) == [1.0, 2.0, 3.0]
+
+
+def test_leaves_hidden_topics_out(recorder: BagRecorder, talker: Node) -> None:
+    hidden = talker.create_publisher(Float64, 'arm/_goal/value', 10)
+    recorder.discover()
+    hidden.publish(Float64())
+    recorder.close()
+    assert set(recorder.counts) == {'/parameter_events', '/rosout'}
+
+
+def test_names_a_topic_whose_type_has_no_definition(
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    said: list[str] = []
+
+    def definition(type_name: str) -> str:
+        raise LookupError(f'no definition of {type_name}')
+
+    monkeypatch.setattr('barc_sim.ros.offers.definition', definition)
+    monkeypatch.setattr('barc_sim.nodes.recorder.describing._definition', lambda *_: None)
+    talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
+    executor.add_node(talker)
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    spin_until(executor, lambda: any(text.startswith('/value is not recorded') for text in said))
+    recorder.discover()
+    recorder.close()
+    assert '/value' not in recorder.counts
+    assert 'std_msgs/msg/Float64' in bag.info(recorder.path)['not recorded /value']
+    kept = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
+    assert len([text for text in kept if text.startswith('/value is not recorded')]) == 1
+
+
+def test_asks_the_publisher_for_a_definition_that_is_not_installed(
+    recorder: BagRecorder,
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def definition(type_name: str) -> str:
+        raise LookupError(f'no definition of {type_name}')
+
+    monkeypatch.setattr('barc_sim.ros.offers.definition', definition)
+    executor.add_node(talker)
+    talker.create_publisher(ColorRGBA, 'color', LATCHED).publish(ColorRGBA(r=1.0))
+    spin_until(executor, lambda: recorder.counts.get('/color') == 1)
+    recorder.close()
+    assert 'not recorded /color' not in bag.info(recorder.path)
+    with AnyReader([recorder.path]) as reader:
+        ((connection, _, data),) = reader.messages(
+            [connection for connection in reader.connections if connection.topic == '/color']
+        )
+        assert reader.deserialize(data, connection.msgtype).r == 1.0  # type: ignore[attr-defined]
+
+
+def test_other_readers_open_the_bag_and_count_as_its_metadata_does(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    publishers = [
+        talker.create_publisher(ECU, 'ecu', 100),
+        talker.create_publisher(String, 'text', 10),
+    ]
+    recorder.discover()
+    for _ in range(20):
+        publishers[0].publish(ECU())
+    publishers[1].publish(String(data='ü'))
+    recorder.close()
+    metadata = yaml.safe_load((recorder.path / 'metadata.yaml').read_text())
+    information = metadata['rosbag2_bagfile_information']
+    expected = {
+        topic['topic_metadata']['name']: topic['message_count']
+        for topic in information['topics_with_message_count']
+    }
+    assert expected == recorder.counts
+    assert expected['/ecu'] == 20
+
+    read = dict.fromkeys(expected, 0)
+    with AnyReader([recorder.path]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+            read[connection.topic] += 1
+        assert reader.message_count == sum(expected.values())
+    assert read == expected
+    assert {topic: len(messages(recorder.path, topic)) for topic in expected} == expected
+
+
+def test_metadata_may_be_added_until_the_end(recorder: BagRecorder) -> None:
+    recorder.add_metadata({'missed deadlines': '0'})
+    recorder.close()
+    assert bag.info(recorder.path) == {
+        'command': 'test',
+        'missed deadlines': '0',
+        'lost_messages': '0',
+    }
+
+
+def test_closing_again_changes_nothing(recorder: BagRecorder) -> None:
+    recorder.close()
+    contents = {file.name: file.read_bytes() for file in recorder.path.iterdir()}
+    recorder.close()
+    recorder.destroy_node()
+    assert {file.name: file.read_bytes() for file in recorder.path.iterdir()} == contents
+
+
+def test_the_parameter_says_where(ros: Context, tmp_path: Path) -> None:
+    override = Parameter('bag_dir', value=str(tmp_path / 'here'))
+    node = BagRecorder(tmp_path / 'there', context=ros, parameter_overrides=[override])
+    node.destroy_node()
+    assert node.path.parent == tmp_path / 'here'
+
+
+def test_a_file_in_the_way_is_refused(ros: Context, tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(UserError, match="file' is not a folder"):
+        BagRecorder(tmp_path / 'file' / 'bags', context=ros)
+
+
+@pytest.fixture
+def alone(ros_domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:  # noqa: ARG001
+    """Start a recorder in a process of its own."""
+    with subprocess.Popen(
+        [
+            *(sys.executable, '-m', 'barc_sim', 'node', 'bag_recorder'),
+            *('--ros-args', '-p', f'bag_dir:={tmp_path / "bags"}'),
+        ],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+    ) as process:
+        yield process
+        process.kill()
+
+
+@pytest.fixture
+def publisher(ros: Context) -> Iterator[Publisher]:
+    node = Node('talker', context=ros)
+    yield node.create_publisher(Float64, 'value', LATCHED)
+    node.destroy_node()
+
+
+def wait_for(condition: Callable[[], bool], deadline: float = 30.0) -> None:
+    end = time.monotonic() + deadline
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_alone_it_keeps_what_it_received_before_a_signal(
+    alone: subprocess.Popen[bytes], publisher: Publisher, tmp_path: Path, number: signal.Signals
+) -> None:
+    wait_for(lambda: publisher.get_subscription_count() == 1)
+    for _ in range(5):
+        publisher.publish(Float64())
+    assert publisher.wait_for_all_acked(Duration(seconds=30))
+    alone.send_signal(number)
+    assert alone.wait(30) == 0
+    path = bag.newest(tmp_path / 'bags')
+    assert (path / 'metadata.yaml').exists()
+    assert len(messages(path, '/value')) == 5
+
+
+def test_killed_it_leaves_what_had_reached_the_file(
+    alone: subprocess.Popen[bytes],
+    publisher: Publisher,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    publisher.publish(Float64())
+    wait_for(lambda: any('/value' in topics_so_far(p) for p in (tmp_path / 'bags').glob('*')))
+    alone.kill()
+    alone.wait(30)
+    path = bag.newest(tmp_path / 'bags')
+    assert not (path / 'metadata.yaml').exists()
+    with pytest.raises(UserError, match='no states of a car'):
+        bag.read(path)
+    assert f'{path.name}_0.mcap is unfinished or damaged' in caplog.text
+
+
+def test_losses_are_counted_for_each_publisher_and_kept(
+    ros: Context, recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.ros.topic_subscriptions._DEPTH', 5)
+    other = Node('other', context=ros)
+    first = talker.create_publisher(Float64, 'value', 100)
+    second = other.create_publisher(Float64, 'value', 100)
+    recorder.discover()
+    with stopped(recorder):
+        for publisher, count in ((first, 1), (second, 1)):
+            for _ in range(count):
+                publisher.publish(Float64())
+        take(recorder)
+        for _ in range(20):
+            first.publish(Float64())
+        for _ in range(3):
+            second.publish(Float64())
+    recorder.destroy_node()
+    other.destroy_node()
+    assert recorder.counts['/value'] == 2 + 5
+    assert recorder.lost['/value'] == {'talker': 18}
+    assert bag.info(recorder.path)['lost_messages'] == '18'
+    assert bag.info(recorder.path)['lost /value'] == '18 (18 of talker)'
+    text = (recorder.path / 'metadata.yaml').read_text()
+    custom = yaml.safe_load(text)['rosbag2_bagfile_information']['custom_data']
+    assert custom['lost /value'] == '18 (18 of talker)'
+
+
+@contextmanager
+def stopped(recorder: BagRecorder) -> Iterator[None]:
+    """Keep the recorder's thread from taking messages."""
+    with recorder._pump._lock:  # noqa: SLF001 (as a slow disk would)
+        yield
+
+
+def take(recorder: BagRecorder) -> None:
+    recorder._pump._move()  # noqa: SLF001 (as its thread would)
+
+
+def test_a_late_publisher_that_offers_less_costs_the_others_nothing(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    first = talker.create_publisher(Float64, 'value', LATCHED)
+    recorder.discover()
+    for k in range(50):
+        first.publish(Float64(data=float(k)))
+        if k == 20:
+            late = talker.create_publisher(Float64, 'value', BEST_EFFORT)
+            recorder.discover()
+    late.publish(Float64(data=-1.0))
+    recorder.close()
+    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
+    assert sorted(kept) == [-1.0, *map(float, range(50))]
+    assert recorder.lost['/value'] == {}
+
+
+def test_only_wanted_topics_are_recorded(ros: Context, tmp_path: Path) -> None:
+    recording = Recording(topics=re.compile('value'), exclude=re.compile('2$'))
+    recorder = BagRecorder(tmp_path, recording, context=ros)
+    talker = Node('talker', context=ros)
+    for name in ('value1', 'value2', 'other'):
+        talker.create_publisher(Float64, name, LATCHED).publish(Float64())
+    recorder.discover()
+    recorder.destroy_node()
+    talker.destroy_node()
+    assert set(recorder.counts) == {'/value1'}
+
+
+def test_hidden_topics_and_services_events_are_recorded_if_asked_for(
+    ros: Context, tmp_path: Path
+) -> None:
+    recorder = BagRecorder(tmp_path, Recording(include_hidden_topics=True), context=ros)
+    talker = Node('talker', context=ros)
+    service = talker.create_service(SetBool, 'switch', lambda _, response: response)
+    client = talker.create_client(SetBool, 'switch')
+    client.configure_introspection(
+        talker.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+    )
+    hidden = talker.create_publisher(Float64, '_value', 10)
+    recorder.discover()
+    hidden.publish(Float64())
+    client.call_async(SetBool.Request(data=True))
+    recorder.destroy_node()
+    talker.destroy_service(service)
+    talker.destroy_node()
+    assert recorder.counts['/_value'] == 1
+    (event,) = messages(recorder.path, '/switch/_service_event')
+    (request,) = deserialize_message(event.data, SetBool_Event).request
+    assert request.data
+
+
+def test_a_latched_message_is_waited_for_at_the_end(ros: Context, tmp_path: Path) -> None:
+    talker = Node('talker', context=ros)
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    recorder = BagRecorder(tmp_path, context=ros)
+    recorder.destroy_node()
+    talker.destroy_node()
+    assert recorder.counts['/value'] == 1
+
+
+@pytest.fixture
+def request_service(
+    talker: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+) -> Callable[[str], tuple[bool, str]]:
+    """Return a function that calls one of the recorder's services."""
+    executor.add_node(talker)
+
+    def call(name: str) -> tuple[bool, str]:
+        client = talker.create_client(Trigger, f'bag_recorder/{name}')
+        response = client.call_async(Trigger.Request())
+        spin_until(executor, response.done)
+        return response.result().success, response.result().message
+
+    return call
+
+
+def test_services_pause_and_resume(
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    assert request_service('is_paused') == (True, 'false')
+    publisher.publish(Float64(data=1.0))
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    assert request_service('pause') == (True, 'paused')
+    assert request_service('is_paused') == (True, 'true')
+    publisher.publish(Float64(data=2.0))
+    take(recorder)
+    assert request_service('resume') == (True, 'recording')
+    publisher.publish(Float64(data=3.0))
+    recorder.close()
+    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
+    assert kept == [1.0, 3.0]
+    assert recorder.lost['/value'] == {}
+
+
+def test_services_split_stop_and_record_anew(
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
+    talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
+    recorder.discover()
+    first = recorder.path
+    assert request_service('split_bagfile') == (True, str(first))
+    assert len(list(first.glob('*.mcap'))) == 2
+    success, said = request_service('record')
+    assert not success
+    assert said.endswith('is being recorded: call stop first')
+    assert request_service('stop') == (True, str(first))
+    assert (first / 'metadata.yaml').exists()
+    success, said = request_service('split_bagfile')
+    assert not success
+    assert said == 'nothing is being recorded: call record first'
+    assert request_service('record') == (True, str(recorder.path))
+    assert recorder.path != first
+    recorder.close()
+    for path in (first, recorder.path):
+        with AnyReader([path]) as reader:
+            assert reader.topics['/value'].msgcount == 1
+
+
+@pytest.mark.parametrize('policy', ['stop', 'continue'])
+def test_a_write_error_ends_the_run_if_asked_for(ros: Context, tmp_path: Path, policy: str) -> None:
+    recorder = BagRecorder(tmp_path, Recording(on_write_error=policy), context=ros)
+    shutil.rmtree(recorder.path)
+    wait_for(lambda: recorder.failure is not None)
+    if policy == 'stop':
+        wait_for(recorder.finished.done)
+    recorder.destroy_node()
+    assert recorder.finished.done() == (policy == 'stop')
+    mcap_doctor.check(recorder.path / f'{recorder.path.name}_0.mcap')
+
+
+def test_a_directory_of_ones_own_is_never_overwritten(ros: Context, tmp_path: Path) -> None:
+    (tmp_path / 'mine').mkdir()
+    with pytest.raises(UserError, match="mine' exists: name a new folder for the bag"):
+        BagRecorder(path=tmp_path / 'mine', context=ros)

@@ -1,0 +1,71 @@
+"""The options of a recording."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from math import inf
+
+import pytest
+
+from barc_sim.nodes.recorder.options import Recording, add_arguments, from_options
+
+
+def parse(*arguments: str) -> Recording:
+    parser = ArgumentParser()
+    add_arguments(parser)
+    return from_options(parser.parse_args(arguments))
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'wanted'),
+    [
+        ((), {'/ecu', '/car2/ecu', '/rosout'}),
+        (('--topics', 'ecu'), {'/ecu', '/car2/ecu'}),
+        (('--topics', '^/ecu$|rosout'), {'/ecu', '/rosout'}),
+        (('--exclude', '^/car2'), {'/ecu', '/rosout'}),
+        (('--topics', 'ecu', '--exclude', '^/car2'), {'/ecu'}),
+        (
+            ('--include-hidden-topics',),
+            {'/ecu', '/car2/ecu', '/rosout', '/_hidden', '/arm/_action/status'},
+        ),
+    ],
+)
+def test_topics_are_chosen_by_regular_expressions(
+    arguments: tuple[str, ...], wanted: set[str]
+) -> None:
+    topics = ('/ecu', '/car2/ecu', '/rosout', '/_hidden', '/arm/_action/status')
+    assert {topic for topic in topics if parse(*arguments).wants(topic)} == wanted
+
+
+def test_without_options_everything_is_recorded_into_one_file() -> None:
+    assert parse() == Recording() == from_options(Namespace(speed=8.0))
+    assert (Recording().max_bag_size, Recording().max_bag_duration) == (inf, inf)
+
+
+def test_options_are_taken_as_they_are_given() -> None:
+    given = parse(
+        *('--max-bag-size', '1e6', '--max-bag-duration', '60'),
+        *('--on-write-error', 'continue', '--min-free-space', '0.5'),
+    )
+    assert (given.max_bag_size, given.max_bag_duration) == (1e6, 60.0)
+    assert (given.on_write_error, given.reserve) == ('continue', 2**19)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (('--topics', '('), "'(' is not a regular expression"),
+        (('--max-bag-size', '0'), "'0' is not a positive number of bytes"),
+        (('--max-bag-duration', 'nan'), "'nan' is not a positive number of seconds"),
+        (('--max-bag-duration', 'inf'), "'inf' is not a positive number of seconds"),
+        (('--min-free-space', '-1'), "'-1' is not a positive number of MiB"),
+        (('--min-free-space', 'much'), "'much' is not a positive number of MiB"),
+        (('--on-write-error', 'ignore'), "invalid choice: 'ignore'"),
+    ],
+)
+def test_what_cannot_be_used_is_named(
+    arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        parse(*arguments)
+    assert reason in capsys.readouterr().err

@@ -1,0 +1,231 @@
+"""`/clock`: others keep time with the simulator, whatever its pace."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU, ZDynBkMdl
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.nodes import simulator as module
+from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_nanoseconds
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+ROOT = Path(barc_sim.__file__).parents[1]
+#: As rclpy's and rclcpp's time sources subscribe.
+CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+#: A plain node in a process of its own that knows the time from /clock alone.
+FOLLOWER = """
+import json
+import rclpy
+from rclpy.parameter import Parameter
+rclpy.init()
+node = rclpy.create_node(
+    'follower', parameter_overrides=[Parameter('use_sim_time', value=True)]
+)
+print('ready', flush=True)
+found = []
+while len(set(found)) < 40:
+    rclpy.spin_once(node)
+    found.append(node.get_clock().now().nanoseconds)
+print(json.dumps(found))
+"""
+
+
+class Bench:
+    """A simulator, a driver that answers it, and what the clock and the states tell."""
+
+    def __init__(
+        self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
+    ) -> None:
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        self.simulator = VehicleSimulator(context=context, parameter_overrides=overrides)
+        self.peer = Node('peer', context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.simulator)
+        self.executor.add_node(self.peer)
+        self.until = partial(spin_until, self.executor)
+        self.times: list[int] = []
+        self.stamps: list[int] = []
+        self.commands = self.peer.create_publisher(ECU, 'ecu', topic_names.QOS)
+        self.peer.create_subscription(ZDynBkMdl, 'z_vhcl', self._on_state, topic_names.QOS)
+        self.peer.create_subscription(Clock, '/clock', self._on_clock, 100)
+
+    def _on_state(self, state: ZDynBkMdl) -> None:
+        self.stamps.append(to_nanoseconds(state.header.stamp))
+        self.commands.publish(ECU(header=state.header, motor=1.0))
+
+    def _on_clock(self, message: Clock) -> None:
+        self.times.append(to_nanoseconds(message.clock))
+
+    def call(self, kind: type, name: str, **request: bool) -> None:
+        """Call a service of the simulator."""
+        client = self.peer.create_client(kind, name)
+        self.until(client.service_is_ready)
+        answer = client.call_async(kind.Request(**request))
+        self.until(answer.done)
+        self.peer.destroy_client(client)
+
+
+@pytest.fixture
+def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
+    benches = []
+
+    def create(**parameters: float | bool) -> Bench:
+        benches.append(Bench(ros, spin_until, **parameters))
+        return benches[-1]
+
+    yield create
+    for each in benches:
+        each.executor.shutdown()
+        each.simulator.destroy_node()
+        each.peer.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'expected'),
+    [
+        ({}, 0),
+        ({'clock': True}, 1),
+        ({'realtime_factor': 5.0}, 1),
+        ({'realtime_factor': 0.5}, 1),
+        ({'realtime_factor': 0.0}, 1),
+    ],
+)
+def test_clock_is_published_where_time_is_not_the_wall_clocks_or_it_is_asked_for(
+    bench: Callable[..., Bench], parameters: dict[str, float | bool], expected: int
+) -> None:
+    assert bench(**parameters).peer.count_publishers('/clock') == expected
+
+
+@pytest.mark.parametrize('parameters', [{'clock': True}, {'realtime_factor': 0.0}])
+def test_clock_tells_the_stamp_of_each_state(
+    bench: Callable[..., Bench], parameters: dict[str, float | bool]
+) -> None:
+    world = bench(**parameters)
+    world.until(lambda: len(world.stamps) >= 20)
+    world.until(lambda: len(world.times) >= 20)
+    assert world.times[:20] == world.stamps[:20]
+
+
+def test_clock_is_offered_to_who_asks_for_the_best_effort(bench: Callable[..., Bench]) -> None:
+    world = bench(realtime_factor=0.0)
+    times: list[Clock] = []
+    world.peer.create_subscription(Clock, '/clock', times.append, CLOCK_QOS)
+    world.until(lambda: len(times) > 5)
+
+
+def test_clock_stands_while_paused_and_is_told_to_who_comes_late(
+    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, '_CHECK_PERIOD', 0.02)
+    world = bench(realtime_factor=5.0)
+    world.until(lambda: len(world.times) > 5)
+    world.call(SetBool, 'vehicle_simulator/pause', data=True)
+    late: list[Clock] = []
+    world.peer.create_subscription(Clock, '/clock', late.append, CLOCK_QOS)
+    world.until(lambda: len(late) > 5)
+    assert {to_nanoseconds(message.clock) for message in late} == {world.stamps[-1]}
+    world.call(SetBool, 'vehicle_simulator/pause', data=False)
+    world.until(lambda: world.times[-1] > to_nanoseconds(late[0].clock))
+
+
+@pytest.mark.parametrize('realtime_factor', [0.0, 5.0])
+def test_clock_never_goes_back_at_a_reset(
+    bench: Callable[..., Bench], realtime_factor: float
+) -> None:
+    world = bench(realtime_factor=realtime_factor)
+    world.until(lambda: len(world.times) > 20)
+    before = len(world.times)
+    world.call(Trigger, 'vehicle_simulator/reset')
+    world.until(lambda: len(world.times) > before + 20)
+    assert all(earlier <= later for earlier, later in pairwise(world.times))
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize('factor', ['5', 'max'])
+def test_plain_node_in_another_process_keeps_time_with_a_run(tmp_path: Path, factor: str) -> None:
+    environment = os.environ | {'PYTHONPATH': str(ROOT)}
+    options = ['--road', 'flat', '--distance', '0', '--realtime-factor', factor, '--quiet']
+    with subprocess.Popen(
+        [sys.executable, '-c', FOLLOWER], stdout=subprocess.PIPE, text=True
+    ) as follower:
+        assert follower.stdout
+        assert follower.stdout.readline() == 'ready\n'
+        with subprocess.Popen(
+            [sys.executable, '-m', 'barc_sim.run', 'acc', *options],
+            cwd=tmp_path,
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
+        ) as run:
+            told, _ = follower.communicate(timeout=60)
+            run.send_signal(signal.SIGINT)
+            path, _ = run.communicate(timeout=60)
+    followed = [time for time in json.loads(told) if time]
+    assert followed == sorted(followed)
+    stamps, times = recorded(tmp_path / path.strip())
+    assert set(followed) <= set(stamps)
+    assert set(times) == set(stamps)
+
+
+def recorded(path: Path) -> tuple[list[int], list[int]]:
+    """Return the states' stamps and the clock's times [ns] in a bag."""
+    stamps, times = [], []
+    with AnyReader([path]) as reader:
+        wanted = [each for each in reader.connections if each.topic in {'/z_vhcl', '/clock'}]
+        for connection, _, data in reader.messages(connections=wanted):
+            message = reader.deserialize(data, connection.msgtype)
+            if connection.topic == '/clock':
+                times.append(to_nanoseconds(message.clock))
+            else:
+                stamps.append(to_nanoseconds(message.header.stamp))
+    return stamps, times
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_own_nodes_do_the_same_with_simulated_time(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [
+            *(sys.executable, '-m', 'barc_sim.run', 'acc', '--realtime-factor', 'max', '--quiet'),
+            *('--mirrors', 'all', '--ros-args', '-p', 'use_sim_time:=true'),
+        ],
+        cwd=tmp_path,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    path = tmp_path / done.stdout.strip()
+    assert np.array_equal(bag.read(path).v_x, rollout().v_x)
+    assert bag.info(path)['lost_messages'] == '0'

@@ -1,0 +1,692 @@
+"""The simulator alone: its clock, its commands, and what it says."""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Header
+from std_srvs.srv import SetBool, Trigger
+
+from barc_sim.errors import UserError
+from barc_sim.nodes import simulator as module
+from barc_sim.nodes.simulator import start_gate as gate
+from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_header, to_nanoseconds
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Input, motion
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.tyres import Handling
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+    from rclpy.publisher import Publisher
+
+LOCK_STEP = 0.0
+
+
+class World:
+    """An executor with a simulator and whoever drives it."""
+
+    def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
+        self.context = context
+        self.executor = SingleThreadedExecutor(context=context)
+        self.until = partial(spin_until, self.executor)
+        self.nodes: list[Node] = []
+        self.states: list[ZDynBkMdl] = []
+
+    def add(self, node: Any) -> Any:  # noqa: ANN401 (as it came)
+        """Have `node` spun, and destroyed at the end."""
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def simulator(self, *, namespace: str = '', **parameters: Any) -> VehicleSimulator:  # noqa: ANN401
+        """Return a simulator with these parameters."""
+        on_step = parameters.pop('on_step', None)
+        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
+        return self.add(
+            VehicleSimulator(
+                on_step=on_step,
+                context=self.context,
+                namespace=namespace,
+                parameter_overrides=overrides,
+            )
+        )
+
+    def driver(self, answer: Callable[[ZDynBkMdl], ECU] | None = None) -> Publisher:
+        """Return a publisher of commands; each state is kept, and answered by `answer`."""
+        node = self.add(Node('driver', context=self.context))
+        commands = node.create_publisher(ECU, 'ecu', topic_names.QOS)
+
+        def on_state(state: ZDynBkMdl) -> None:
+            self.states.append(state)
+            if answer:
+                commands.publish(answer(state))
+
+        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, topic_names.QOS)
+        return commands
+
+    def heard(self, message_type: type[Any], topic: str) -> list[Any]:
+        """Return a list that grows by each message."""
+        messages: list[Any] = []
+        node = self.add(Node('listener', context=self.context))
+        node.create_subscription(message_type, topic, messages.append, topic_names.QOS)
+        return messages
+
+
+@pytest.fixture
+def world(ros: Context, spin_until: Callable[..., None]) -> Iterator[World]:
+    world = World(ros, spin_until)
+    yield world
+    world.executor.shutdown()
+    for node in world.nodes:
+        node.destroy_node()
+
+
+@pytest.fixture
+def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the simulator look for peers that it cannot hear at once, not each second."""
+    monkeypatch.setattr(module, '_CHECK_PERIOD', 0.02)
+
+
+def command(motor: float, stamp_of: ZDynBkMdl | None = None) -> ECU:
+    """Return a command that answers a state; without, one that bears no stamp."""
+    return ECU(header=stamp_of.header if stamp_of else Header(), motor=motor)
+
+
+def stamps(messages: list[Any]) -> list[int]:
+    return [to_nanoseconds(message.header.stamp) for message in messages]
+
+
+# Time
+
+
+@pytest.mark.parametrize('rate', [50.0, 100.0, 30.0])
+def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: float) -> None:
+    errors, environments = (
+        world.heard(EZDynBkMdl, 'ez_vhcl'),
+        world.heard(Environment, 'environment'),
+    )
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, rate=rate)
+    world.until(lambda: len(world.states) >= 20)
+    world.until(lambda: min(len(errors), len(environments)) >= 20)
+    begin = stamps(world.states)[0]
+    expected = [begin + k * round(1e9 / rate) for k in range(20)]
+    assert stamps(world.states)[:20] == expected
+    assert stamps(errors)[:20] == stamps(environments)[:20] == expected
+    assert abs(begin - time.time_ns()) < 3600e9
+    assert simulator.missed == 0
+
+
+def test_lock_step_steps_on_the_answer_to_the_present_state_only(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    (state,) = world.states
+    present = to_nanoseconds(state.header.stamp)
+    for stamp in (present - 20_000_000, present + 20_000_000, present - 1):
+        commands.publish(ECU(header=to_header(stamp), motor=5.0))
+    commands.publish(command(1.0, state))
+    world.until(lambda: len(world.states) == 2)
+    assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
+    assert simulator.steps == 2
+
+
+def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance(world: World) -> None:
+    answers = world.heard(ECU, 'ecu')
+    world.driver(partial(command, 8.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, distance=2.0)
+    world.until(simulator.finished.done)
+    world.until(lambda: len(answers) == len(world.states) == simulator.steps)
+    assert world.states[-2].x < 2.0 <= world.states[-1].x
+
+
+def test_finished_run_takes_no_further_step(world: World) -> None:
+    commands = world.driver(partial(command, 8.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, distance=0.1)
+    answers = world.heard(ECU, 'ecu')
+    world.until(simulator.finished.done)
+    steps = simulator.steps
+    commands.publish(command(8.0))
+    world.until(lambda: len(answers) == steps + 1)
+    assert simulator.steps == steps
+
+
+def test_on_step_is_told_simulated_time_and_state(world: World) -> None:
+    told: list[tuple[float, float]] = []
+    world.driver(partial(command, 8.0))
+    simulator = world.simulator(
+        realtime_factor=LOCK_STEP,
+        distance=0.1,
+        on_step=lambda t, seen: told.append((t, seen.true.v_x)),
+    )
+    world.until(simulator.finished.done)
+    assert len(told) == simulator.steps > 3
+    assert [t for t, _ in told] == pytest.approx([0.02 * k for k in range(len(told))])
+    assert told[-1][1] > told[0][1] == 0.0
+
+
+def test_time_that_the_process_loses_is_counted_and_not_made_up(world: World) -> None:
+    def stall(t: float, _: object) -> None:
+        if t == pytest.approx(0.02):
+            time.sleep(0.2)  # 20 periods
+
+    world.driver()
+    simulator = world.simulator(wait_for_controller=False, rate=100.0, on_step=stall)
+    world.until(lambda: len(world.states) >= 6)
+    assert simulator.slipped >= 10
+    begin, *later = stamps(world.states)
+    assert later == [begin + k * 10_000_000 for k in range(1, len(world.states))]
+
+
+# Who drives
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_waits_for_a_controller_and_says_so_once(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    sentence = 'waiting for a controller that publishes /car2/ecu'
+    ticks = world.heard(ZDynBkMdl, 'never')
+    simulator = world.simulator(namespace='car2')
+    log = ''
+
+    def waited_for() -> bool:
+        nonlocal log
+        log += capfd.readouterr().err
+        ticks.append(None)
+        return len(ticks) > 10 and sentence in log
+
+    world.until(waited_for)
+    assert simulator.steps == 0
+    assert log.count(sentence) == 1
+
+
+def test_runs_without_a_controller_where_told_to_and_counts_what_is_missing(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    simulator = world.simulator(wait_for_controller=False, realtime_factor=10.0)
+    world.until(lambda: simulator.steps >= 5)
+    assert simulator.missed == simulator.steps - 1
+    assert 'missed deadline 1: no command answers state 0 in time' in capfd.readouterr().err
+
+
+def test_command_without_a_stamp_holds_and_nothing_is_missed(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=10.0)
+    commands.publish(command(2.0))
+    world.until(lambda: len(world.states) >= 10)
+    assert simulator.missed == 0
+    assert world.states[9].v_x == pytest.approx(9 * 0.02 * 2.0, rel=1e-3)
+
+
+def test_command_before_the_first_state_makes_no_step(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    seen_before = world.heard(ECU, 'ecu')
+    commands.publish(command(1.0))
+    world.until(lambda: len(seen_before) == 1)
+    assert simulator.steps == 0
+    world.until(lambda: len(world.states) == 1)
+    assert world.states[0].v_x == 0.0
+    assert simulator.steps == 1
+
+
+def test_late_commands_are_missed_and_the_last_one_holds(world: World) -> None:
+    def late(state: ZDynBkMdl) -> ECU:
+        previous = to_nanoseconds(state.header.stamp) - 20_000_000
+        return ECU(header=to_header(previous), motor=3.0)
+
+    world.driver(late)
+    simulator = world.simulator(realtime_factor=5.0)
+    world.until(lambda: len(world.states) >= 10)
+    assert simulator.missed >= 9
+    assert world.states[9].v_x > world.states[5].v_x > 0.0
+
+
+@pytest.mark.parametrize(
+    ('motor', 'servo'),
+    [('nan', '0'), ('-inf', '0'), ('0', 'nan'), ('101', '0'), ('1', '-1.6'), ('1e300', '0')],
+)
+def test_command_that_is_not_finite_or_out_of_range_is_refused(
+    world: World, motor: str, servo: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    (state,) = world.states
+    commands.publish(ECU(header=state.header, motor=float(motor), servo=float(servo)))
+    commands.publish(command(1.0, state))
+    world.until(lambda: len(world.states) == 2)
+    assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
+    assert simulator.steps == 2
+    assert simulator.refused == 1
+    assert f'beyond ±100 m/s² or ±1.5 rad: {float(motor)}, {float(servo)}' in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_lock_step_says_which_answer_it_waits_for(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    world.driver()
+    world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: 'for the command that answers state 0' in capfd.readouterr().err)
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_who_commands_anew_is_sent_the_state_that_waits_for_its_answer(world: World) -> None:
+    world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: simulator.steps == 1)
+    world.driver(partial(command, 1.0))
+    world.until(lambda: simulator.steps > 3)
+    waited = stamps(world.states)[0]
+    world.until(lambda: stamps(world.states).count(waited) >= 2)
+    assert simulator.missed == 0
+
+
+def test_command_that_comes_out_of_order_is_refused(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    commands.publish(command(1.0, world.states[0]))
+    world.until(lambda: len(world.states) == 2)
+    present = to_nanoseconds(world.states[1].header.stamp)
+    commands.publish(ECU(header=to_header(present - 40_000_000), motor=99.0))
+    commands.publish(command(1.0, world.states[1]))
+    world.until(lambda: len(world.states) == 3)
+    assert world.states[2].v_x == pytest.approx(0.04, rel=1e-3)
+    assert simulator.refused == 1
+    assert 'refused a command stamped -0.04 s from the present state' in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_publisher_that_cannot_be_heard_is_named_once(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    deaf = world.add(Node('joystick', context=world.context))
+    deaf.create_publisher(ECU, 'ecu', best_effort)
+    simulator = world.simulator(realtime_factor=1.0)
+    # Ten looks' time at least, as many as there are steps.
+    world.until(lambda: simulator.steps >= 10)
+    log = capfd.readouterr().err
+    assert log.count('vehicle_simulator cannot hear joystick on /ecu') == 1
+
+
+# Parameters, and the place of its own
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'), [('mass', 1.0), ('road', 'flat'), ('distance', 1.0), ('seed', 1)]
+)
+def test_parameter_cannot_be_changed_in_a_run(world: World, name: str, value: object) -> None:
+    simulator = world.simulator()
+    before = simulator.get_parameter(name).value
+    (result,) = simulator.set_parameters([Parameter(name, value=value)])
+    assert not result.successful
+    assert 'read-only' in result.reason
+    assert simulator.get_parameter(name).value == before
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'reason'),
+    [
+        ('mass', -1.0, 'mass of vehicle_simulator must lie between 1.0 and 1000000.0'),
+        ('rate', 0.0, 'rate of vehicle_simulator must lie between 1.0 and 1000.0'),
+        ('noise_s', float('nan'), 'noise_s of vehicle_simulator must lie between 0.0 and'),
+        ('seed', -1, 'seed of vehicle_simulator must lie between 0 and'),
+        ('mass', 'heavy', 'mass of vehicle_simulator must be of type float'),
+        ('road', 'nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
+        ('integrator', 'heun', "integrator 'heun' must be 'euler' or 'rk4'"),
+        ('dynamics', 'flying', "dynamics 'flying' must be 'kinematic' or 'dynamic'"),
+        ('motor_lag', -0.1, 'motor_lag of vehicle_simulator must lie between 0.0 and 100.0'),
+    ],
+)
+def test_bad_parameter_is_refused_and_leaves_the_topic_free(
+    world: World, name: str, value: object, reason: str
+) -> None:
+    with pytest.raises(UserError, match=reason):
+        world.simulator(**{name: value})
+    world.simulator()
+
+
+def test_steering_car_with_everything_on_is_the_plant_to_the_last_bit(world: World) -> None:
+    plant = Plant(
+        road=Road.flat(),
+        motor=Actuator(delay=0.03, lag=0.2, rate=20.0, limit=4.0),
+        servo=Actuator(delay=0.05, lag=0.1, rate=0.4, limit=0.03),
+        integrator='rk4',
+        dynamics='dynamic',
+        handling=Handling(3500.0, 110e3, 150e3, 2.0),
+        noise=Deviation(0.1, 0.1, 0.01, 0.1, 0.1, 0.01),
+        seed=5,
+    )
+
+    def steered(v_x: float, v_y: float) -> Input:
+        return Input(8.0 - v_x, 0.01 * v_x - 0.1 * v_y)
+
+    def answer(state: ZDynBkMdl) -> ECU:
+        return ECU(header=state.header, **steered(state.v_x, state.v_y)._asdict())
+
+    errors = world.heard(EZDynBkMdl, 'ez_vhcl')
+    world.driver(answer)
+    noise = dict.fromkeys(('noise_s', 'noise_ey', 'noise_v_x', 'noise_v_y'), 0.1)
+    world.simulator(
+        realtime_factor=LOCK_STEP,
+        road='flat',
+        motor_delay=0.03,
+        motor_lag=0.2,
+        motor_rate_limit=20.0,
+        motor_limit=4.0,
+        servo_delay=0.05,
+        servo_lag=0.1,
+        servo_rate_limit=0.4,
+        servo_limit=0.03,
+        integrator='rk4',
+        dynamics='dynamic',
+        yaw_inertia=3500.0,
+        front_stiffness=110e3,
+        rear_stiffness=150e3,
+        dynamic_above=2.0,
+        noise_epsi=0.01,
+        noise_psi_dot=0.01,
+        seed=5,
+        **noise,
+    )
+    world.until(lambda: min(len(world.states), len(errors)) >= 150)
+    for state, error in zip(world.states[:150], errors, strict=False):
+        seen = plant.observe()
+        assert tuple(getattr(state, name) for name in seen.measured._fields) == seen.measured
+        assert tuple(getattr(error, name) for name in seen.error._fields) == seen.error
+        plant.advance(steered(seen.measured.v_x, seen.measured.v_y))
+    assert seen.true.v_x > 2.0
+    assert seen.true.v_y != motion(plant.state, seen.acting.servo, plant.vehicle).v_y
+
+
+def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: World) -> None:
+    first = world.simulator()
+    with pytest.raises(UserError, match=r'another simulator publishes /z_vhcl .*__ns:=/car2'):
+        world.simulator()
+    world.simulator(namespace='car2')
+    first.destroy_node()
+    world.simulator()
+
+
+def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: World) -> None:
+    foreign = world.add(Node('other', context=world.context))
+    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
+    simulator = world.simulator(wait_for_controller=False)
+    with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
+        world.until(simulator.finished.done)
+    assert simulator.steps == 0
+
+
+# Lost commands
+
+
+def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
+    world: World, capfd: pytest.CaptureFixture[str]
+) -> None:
+    commands = world.driver()
+    simulator = world.simulator(command_timeout=0.2, realtime_factor=4.0, road='flat')
+    world.until(lambda: simulator.steps > 0)
+    commands.publish(ECU(motor=4.0, servo=0.1))
+    world.until(lambda: bool(world.states) and world.states[-1].v_x > 2.0)
+    world.until(lambda: world.states[-1].v_x == pytest.approx(0.0, abs=1e-9))
+    stood = len(world.states)
+    world.until(lambda: len(world.states) > stood + 20)
+    assert min(state.v_x for state in world.states) >= -1e-12
+    assert world.states[-1].x == pytest.approx(world.states[stood].x, abs=1e-6)
+    braking = [b.v_x - a.v_x for a, b in pairwise(world.states)]
+    assert min(braking) == pytest.approx(-8.0 * 0.02, rel=0.02)
+    assert simulator.missed == 0
+    assert 'no command for 0.2 s: the car brakes to a standstill' in capfd.readouterr().err
+
+
+def test_car_goes_on_when_commands_return(world: World) -> None:
+    commands = world.driver()
+    world.simulator(command_timeout=0.05, realtime_factor=4.0, road='flat')
+    world.until(lambda: len(world.states) > 20)
+    assert world.states[-1].v_x == 0.0
+    commands.publish(ECU(motor=4.0))
+    world.until(lambda: world.states[-1].v_x > 0.0)
+
+
+def test_without_a_timeout_the_last_command_holds(world: World) -> None:
+    commands = world.driver()
+    world.simulator(realtime_factor=20.0, road='flat')
+    world.until(lambda: len(world.states) > 0)
+    commands.publish(ECU(motor=1.0))
+    world.until(lambda: len(world.states) > 300)
+    assert world.states[-1].v_x > world.states[-50].v_x
+
+
+# Services
+
+
+def call(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
+    """Return the response of the simulator's service, which is to succeed."""
+    response = ask(world, service_type, name, **request)
+    assert response.success
+    return response
+
+
+def ask(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
+    """Return the response of the simulator's service."""
+    node = world.add(Node('caller', context=world.context))
+    client = node.create_client(service_type, f'vehicle_simulator/{name}')
+    world.until(client.service_is_ready)
+    future = client.call_async(service_type.Request(**request))
+    world.until(future.done)
+    return future.result()
+
+
+def rows(states: list[ZDynBkMdl]) -> list[tuple[float, ...]]:
+    return [(state.x, state.y, state.psi, state.v_x, state.psi_dot) for state in states]
+
+
+@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
+def test_reset_gives_the_same_states_again_with_later_stamps(world: World, factor: float) -> None:
+    def answer(state: ZDynBkMdl) -> ECU:
+        return ECU(header=state.header, motor=3.0 - state.v_x, servo=0.05 * state.v_x)
+
+    told: list[float] = []
+    world.driver(answer)
+    simulator = world.simulator(
+        realtime_factor=factor,
+        noise_v_x=0.1,
+        noise_s=0.2,
+        seed=4,
+        on_step=lambda t, _: told.append(t),
+    )
+    world.until(lambda: len(world.states) >= 30)
+    for run in (2, 3, 4):
+        call(world, Trigger, 'reset')
+        world.until(lambda run=run: told.count(0.0) == run and told[-1] > 0.6)
+    world.until(lambda: len(world.states) == len(told) == simulator.steps)
+    starts = [k for k, t in enumerate(told) if t == 0.0]
+    assert len(starts) == 4
+    runs = [rows(world.states[k : k + 30]) for k in starts]
+    if simulator.missed == 0:
+        assert runs[0] == runs[1] == runs[2] == runs[3]
+    times = stamps(world.states)
+    assert all(a < b for a, b in pairwise(times))
+
+
+def test_reset_waits_for_whoever_commands_and_resets_it_once(world: World) -> None:
+    calls: list[int] = []
+
+    def on_reset(_: Any, response: Any) -> Any:  # noqa: ANN401
+        calls.append(simulator.steps)
+        return response
+
+    world.driver(partial(command, 1.0))
+    controller = world.add(Node('controller', context=world.context))
+    controller.create_service(Trigger, '~/reset', on_reset)
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 10)
+    call(world, Trigger, 'reset')
+    world.until(lambda: bool(calls))
+    world.until(lambda: simulator.steps > calls[0] + 5)
+    world.until(lambda: len(world.states) == simulator.steps)
+    assert len(calls) == 1
+    assert world.states[calls[0]].x == 0.0
+    assert world.states[calls[0] - 1].x > 0.0
+
+
+def test_reset_goes_on_though_whoever_commands_does_not_answer(
+    world: World, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(gate, '_RESET_TIMEOUT', 0.05)
+    world.driver(partial(command, 1.0))
+    deaf = Node('controller', context=world.context)  # not spun
+    deaf.create_service(Trigger, '~/reset', lambda _, response: response)
+    world.nodes.append(deaf)
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 5)
+    call(world, Trigger, 'reset')
+    before = simulator.steps
+    world.until(lambda: simulator.steps > before + 3)
+    assert 'has not answered its reset' in capfd.readouterr().err
+
+
+@pytest.mark.usefixtures('looks_often')
+def test_reset_helps_where_nobody_answers_the_present_state(world: World) -> None:
+    world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: simulator.steps == 1)
+    call(world, Trigger, 'reset')
+    world.until(lambda: simulator.steps == 2)
+
+
+@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
+def test_time_stands_still_while_paused(world: World, factor: float) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=factor)
+    world.until(lambda: len(world.states) >= 5)
+    assert call(world, SetBool, 'pause', data=True).message == 'paused'
+    world.until(lambda: len(world.states) == simulator.steps)
+    steps = simulator.steps
+    for _ in range(3):
+        call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == steps
+    assert call(world, SetBool, 'pause', data=False).message == 'running'
+    world.until(lambda: len(world.states) >= steps + 5)
+    times = stamps(world.states)
+    assert times == [times[0] + k * 20_000_000 for k in range(len(times))]
+
+
+def test_reset_while_paused_shows_the_start_and_stays_paused(world: World) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 5)
+    call(world, SetBool, 'pause', data=True)
+    world.until(lambda: len(world.states) == simulator.steps)
+    steps = simulator.steps
+    call(world, Trigger, 'reset')
+    world.until(lambda: len(world.states) == steps + 1)
+    assert world.states[-1].x == 0.0
+    call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == steps + 1
+    call(world, SetBool, 'pause', data=False)
+    world.until(lambda: len(world.states) >= steps + 5)
+
+
+@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
+def test_paused_time_goes_on_step_by_step(world: World, factor: float) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=factor)
+    world.until(lambda: len(world.states) >= 5)
+    call(world, SetBool, 'pause', data=True)
+    steps, missed = simulator.steps, simulator.missed
+    for k in range(1, 4):
+        call(world, Trigger, 'step')
+        world.until(lambda k=k: len(world.states) == steps + k)
+    call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == steps + 3
+    assert simulator.missed == missed
+    times = stamps(world.states)
+    assert times == [times[0] + k * 20_000_000 for k in range(len(times))]
+
+
+def test_step_asked_for_before_the_answer_follows_it(world: World) -> None:
+    commands = world.driver()
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) == 1)
+    call(world, SetBool, 'pause', data=True)
+    assert 'not answered yet' in call(world, Trigger, 'step').message
+    assert simulator.steps == 1
+    commands.publish(command(1.0, world.states[0]))
+    world.until(lambda: len(world.states) == 2)
+    commands.publish(command(1.0, world.states[1]))
+    call(world, SetBool, 'pause', data=True)
+    assert simulator.steps == 2
+
+
+def test_step_is_refused_while_time_runs(world: World) -> None:
+    world.driver(partial(command, 1.0))
+    world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: len(world.states) >= 2)
+    response = ask(world, Trigger, 'step')
+    assert (response.success, response.message) == (False, 'time runs: pause it first')
+
+
+def pose(x: float, y: float, z: float, w: float) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped()
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = z, w
+    return message
+
+
+def test_initial_pose_puts_the_car_there_at_rest(world: World) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP, road='flat')
+    chooser = world.add(Node('chooser', context=world.context))
+    places = chooser.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+    world.until(lambda: len(world.states) >= 5 and places.get_subscription_count() == 1)
+    places.publish(pose(-30.0, 5.0, 0.6, 0.8))
+    world.until(lambda: any(state.x < -29.0 for state in world.states))
+    placed = next(state for state in world.states if state.x < -29.0)
+    assert (placed.x, placed.y, placed.v_x) == (-30.0, 5.0, 0.0)
+    assert placed.psi == pytest.approx(2.0 * math.atan2(0.6, 0.8))
+    world.until(lambda: world.states[-1].v_x > 0.1)
+    assert simulator.refused == 0
+
+
+@pytest.mark.parametrize(
+    'place', [(math.nan, 0.0, 0.0, 1.0), (0.0, 1e300, 0.0, 1.0), (0.0, 0.0, 0.0, 0.0)]
+)
+def test_initial_pose_that_is_none_is_refused(
+    world: World, place: tuple[float, float, float, float]
+) -> None:
+    world.driver(partial(command, 1.0))
+    simulator = world.simulator(realtime_factor=LOCK_STEP)
+    chooser = world.add(Node('chooser', context=world.context))
+    places = chooser.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+    world.until(lambda: len(world.states) >= 5 and places.get_subscription_count() == 1)
+    places.publish(pose(*place))
+    world.until(lambda: simulator.refused == 1)
+    assert math.isfinite(world.states[-1].x)

@@ -1,0 +1,500 @@
+"""The live page in a real browser."""
+
+from __future__ import annotations
+
+import math
+import re
+import socket
+import time
+from contextlib import contextmanager, suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Lock, Thread
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+import pytest
+from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
+from browser import CHROMIUM, Browser, wait_until
+from geometry_msgs.msg import Twist
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.view.node import ViewNode
+from barc_sim.page.protocol import Status
+from barc_sim.ros import names as topic_names
+from barc_sim.ros.conversions import to_header
+from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.vehicle.bike_model import Input, State, Vehicle, motion, step
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from browser import Tab
+    from rclpy.context import Context
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed"),
+    pytest.mark.timeout(120),
+]
+TS = 0.02
+
+
+class Car(Node):
+    """A simulator that is driven by `cmd_vel`, or by `ecu` where it has a road."""
+
+    def __init__(self, context: Context, road: str) -> None:
+        super().__init__('vehicle_simulator', context=context)
+        self.declare_parameter('road', road)
+        self.declare_parameter('l_f', 1.5)
+        self.declare_parameter('l_r', 1.5)
+        self._road = Road.named(road)
+        self.state = State()
+        self.command = Input()
+        self.paused = self.braking = False
+        self.twists: list[tuple[float, float]] = []
+        self._stamp = 1_700_000_000_000_000_000
+        self._state_pub = self.create_publisher(ZDynBkMdl, topic_names.STATE, topic_names.QOS)
+        self._environment_pub = self.create_publisher(
+            Environment, topic_names.ENVIRONMENT, topic_names.QOS
+        )
+        self._ecu_pub = self.create_publisher(ECU, topic_names.ECU, topic_names.QOS)
+        group = QuickCallbackGroup()
+        self.create_subscription(Twist, 'cmd_vel', self._on_twist, 10, callback_group=group)
+        self.create_subscription(
+            ECU, topic_names.ECU, self._on_ecu, topic_names.QOS, callback_group=group
+        )
+        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
+        self.create_service(SetBool, '~/pause', self._on_pause, callback_group=group)
+        self.create_timer(TS, self._step, group)
+
+    def _step(self) -> None:
+        if self.paused:
+            return
+        theta = self._road.grade_deg(self.state.x)
+        if self.braking:
+            slower = min(8.0, abs(self.state.v) / TS)
+            self.command = Input(-math.copysign(slower, self.state.v))
+        self.state = step(self.state, self.command, math.radians(theta), Vehicle(), TS)
+        self._stamp += int(1e9 * TS)
+        header = to_header(self._stamp)
+        now = motion(self.state, self.command.servo, Vehicle())
+        self._environment_pub.publish(
+            Environment(header=header, theta=theta, elevation=self._road.elevation(now.x))
+        )
+        self._state_pub.publish(
+            ZDynBkMdl(
+                header=header,
+                x=now.x,
+                y=now.y,
+                psi=now.psi,
+                v_x=now.v_x,
+                v_y=now.v_y,
+                psi_dot=now.psi_dot,
+            )
+        )
+
+    def _on_twist(self, twist: Twist) -> None:
+        self.twists.append((twist.linear.x, twist.angular.z))
+        self.braking = twist.linear.z < 0.0
+        self.command = Input(4.0 * twist.linear.x, 0.3 * twist.angular.z)
+        self._ecu_pub.publish(
+            ECU(header=to_header(self._stamp), motor=self.command[0], servo=self.command[1])
+        )
+
+    def _on_ecu(self, ecu: ECU) -> None:
+        self.command = Input(ecu.motor, ecu.servo)
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.state = State()
+        response.success = True
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.paused = request.data
+        response.success = True
+        return response
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Browser]:
+    with Browser() as browser:
+        yield browser
+
+
+@contextmanager
+def run(context: Context, mode: str) -> Iterator[tuple[ViewNode, Car, CruiseController | None]]:
+    car = Car(context, 'lab' if mode == 'acc' else 'flat')
+    view = ViewNode(mode, context=context, status=lambda: Status(missed=2, paused=car.paused))
+    controller = CruiseController(context=context) if mode == 'acc' else None
+    nodes = [node for node in (view, car, controller) if node]
+    executor = QuickExecutor(2, context=context)
+    for node in nodes:
+        executor.add_node(node)
+    thread = Thread(target=executor.spin)
+    thread.start()
+    try:
+        yield view, car, controller
+    finally:
+        executor.shutdown()
+        thread.join(20.0)
+        for node in nodes:
+            node.destroy_node()
+
+
+@pytest.fixture
+def teleop(ros: Context) -> Iterator[tuple[ViewNode, Car]]:
+    with run(ros, 'teleop') as (view, car, _):
+        yield view, car
+
+
+@pytest.fixture
+def acc(ros: Context) -> Iterator[tuple[ViewNode, Car, CruiseController]]:
+    with run(ros, 'acc') as (view, car, controller):
+        assert controller
+        yield view, car, controller
+
+
+@pytest.fixture
+def open_(browser: Browser) -> Iterator[Callable[..., Tab]]:
+    """Return a function that opens a page that is live; none may complain on its console."""
+    tabs: list[Tab] = []
+
+    def open_page(url: str, **options: Any) -> Tab:  # noqa: ANN401 (Browser.open's)
+        tab = browser.open(url, **options)
+        tabs.append(tab)
+        tab.until("document.querySelector('#time').textContent !== '\\u2013'")
+        return tab
+
+    yield open_page
+    problems = [problem for tab in tabs for problem in tab.problems]
+    for tab in tabs:
+        tab.close()
+    assert problems == []
+
+
+SIZES = [pytest.param((1280, 800), id='1280'), pytest.param((360, 760), id='360')]
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_acc_shows_the_car_as_it_goes(
+    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab], size: tuple[int, int]
+) -> None:
+    view, car, _ = acc
+    tab = open_(view.url, width=size[0], height=size[1], touch=size[0] < 720)
+    wait_until(lambda: car.state.x > 5.0)
+    canvases = ('#scene', '#course', '#speed-chart', '#command-chart')
+    for canvas in canvases:
+        tab.remember(canvas)
+    wait_until(lambda: car.state.x > 15.0)
+    for canvas in canvases:
+        assert tab.changed(canvas) > 100, canvas
+    wait_until(lambda: 20.0 < tab.number('#position') < 40.0 and tab.text('#grade') == '10')
+    assert tab.number('#speed') == pytest.approx(8.0, abs=0.3)
+    assert tab.number('#reference') == 8.0
+    assert tab.text('#missed') == '2'
+    assert tab.text('#state') == 'Live'
+    assert tab.run('document.documentElement.scrollWidth') == size[0]
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_teleop_shows_the_car_from_above(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab], size: tuple[int, int]
+) -> None:
+    view, car = teleop
+    tab = open_(view.url, width=size[0], height=size[1], touch=size[0] < 720)
+    for canvas in ('#scene', '#dial'):
+        tab.remember(canvas)
+    tab.press('ArrowUp')
+    tab.press('ArrowLeft')
+    wait_until(lambda: car.state.psi > 0.5)
+    tab.release('ArrowUp')
+    tab.release('ArrowLeft')
+    wait_until(lambda: tab.number('#heading') > 28.0)
+    for canvas in ('#scene', '#dial'):
+        assert tab.changed(canvas) > 200, canvas
+    assert tab.run('document.documentElement.scrollWidth') == size[0]
+
+
+def test_keys_drive_as_long_as_they_are_held(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    tab.press('ArrowUp')
+    wait_until(lambda: car.state.v > 1.0)
+    assert tab.run("document.querySelector('kbd.held').dataset.held") == 'forward'
+    tab.release('ArrowUp')
+    wait_until(lambda: car.twists[-1] == (0.0, 0.0))
+    assert set(car.twists[:-1]) == {(1.0, 0.0)}
+    assert tab.run("document.querySelector('kbd.held')") is None
+    wait_until(lambda: tab.number('#speed') == pytest.approx(car.state.v, abs=0.02))
+    assert car.twists[-1] == (0.0, 0.0)
+
+
+def test_space_stops_and_does_not_drive_backwards(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    tab.press('ArrowUp')
+    wait_until(lambda: car.state.v > 2.0)
+    tab.release('ArrowUp')
+    tab.press('Space')
+    wait_until(lambda: abs(car.state.v) < 0.2)
+    since = time.monotonic()
+    while time.monotonic() < since + 0.5:
+        assert car.state.v > -0.3
+    tab.release('Space')
+    wait_until(lambda: car.twists[-1] == (0.0, 0.0))
+    assert not car.paused  # the key is none that presses a button
+
+
+def test_a_page_that_is_closed_while_a_key_is_held_stops_driving(
+    teleop: tuple[ViewNode, Car], browser: Browser
+) -> None:
+    view, car = teleop
+    tab = browser.open(view.url)
+    tab.until("document.querySelector('#time').textContent !== '\\u2013'")
+    tab.press('ArrowUp')
+    wait_until(lambda: len(car.twists) > 3)
+    tab.close()
+    wait_until(lambda: car.braking)
+    wait_until(lambda: car.state.v == 0.0)
+
+
+def test_a_page_that_loses_the_focus_lets_go(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    tab.press('ArrowUp')
+    wait_until(lambda: len(car.twists) > 3)
+    tab.run("dispatchEvent(new Event('blur'))")
+    wait_until(lambda: car.twists[-1] == (0.0, 0.0))
+
+
+def test_two_thumbs_drive(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
+    view, car = teleop
+    tab = open_(view.url, width=360, height=760, touch=True)
+    (x, y), (u, v) = tab.middle('#throttle'), tab.middle('#steer')
+    tab.touch('touchStart', (x, y), (u, v))
+    tab.touch('touchMove', (x, y - 40), (u - 40, v))
+    wait_until(lambda: car.state.v > 0.5 and car.state.psi > 0.01)
+    assert car.twists[-1][0] > 0.5
+    assert car.twists[-1][1] > 0.5
+    tab.touch('touchEnd')
+    wait_until(lambda: car.twists[-1] == (0.0, 0.0))
+
+
+def test_another_page_watches_and_is_told_who_drives(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    watcher = open_(view.url)
+    driver = open_(view.url)
+    driver.press('ArrowUp')
+    wait_until(lambda: car.state.v > 1.0)
+    wait_until(lambda: watcher.number('#speed') > 1.0)
+    wait_until(lambda: watcher.text('#driver') == 'Another page is driving.')
+    driver.release('ArrowUp')
+
+
+def test_sliders_set_the_controllers_parameters_and_follow_them(
+    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
+) -> None:
+    view, _, controller = acc
+    tab, other = open_(view.url), open_(view.url)
+    tab.until("document.querySelector('#kp').value === '30'")
+    tab.run(
+        "(() => { const s = document.querySelector('#speed_reference-slider'); s.value = 5;"
+        "s.dispatchEvent(new Event('input')); })()"
+    )
+    wait_until(lambda: controller.speed_reference == 5.0)
+    wait_until(lambda: tab.number('#speed') == pytest.approx(5.0, abs=0.2))
+    other.until("document.querySelector('#speed_reference-slider').value === '5'")
+
+
+def test_a_value_that_the_controller_refuses_is_told_and_put_back(
+    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
+) -> None:
+    view, _, controller = acc
+    tab = open_(view.url)
+    tab.until("document.querySelector('#kd').value === '0.1'")
+    tab.run(
+        "(() => { const n = document.querySelector('#kd'); n.value = -1;"
+        "n.dispatchEvent(new Event('change')); })()"
+    )
+    tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd was refused')")
+    assert tab.run("document.querySelector('#kd').value") == '0.1'
+    assert controller.get_parameter('kd').value == 0.1
+
+
+def test_the_buttons_pause_and_reset(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    car.state = State(x=50.0)
+    tab = open_(view.url)
+    tab.click('#pause')
+    wait_until(lambda: car.paused)
+    wait_until(lambda: tab.text('#state') == 'Paused')
+    tab.click('#pause')
+    wait_until(lambda: not car.paused)
+    tab.click('#reset')
+    wait_until(lambda: car.state.x == 0.0)
+    wait_until(lambda: tab.text('#place') == '0.0, 0.0')
+    tab.press('KeyP')
+    tab.release('KeyP')
+    wait_until(lambda: car.paused)
+
+
+def test_the_end_is_told_in_words(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
+    view, _ = teleop
+    tab = open_(view.url)
+    view.end('The run has ended: Ctrl-C was pressed.')
+    wait_until(lambda: tab.text('#message') == 'The run has ended: Ctrl-C was pressed.')
+    assert tab.text('#state') == 'Ended'
+    assert tab.run("document.querySelector('#reset').disabled") is True
+
+
+class Wire:
+    """Passes a port on, and can be cut."""
+
+    def __init__(self, port: int) -> None:
+        self._to = port
+        self._listener = socket.create_server(('127.0.0.1', 0))
+        self.port = self._listener.getsockname()[1]
+        self._lock = Lock()
+        self._ends: set[socket.socket] = set()
+        Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = self._listener.accept()
+                far = socket.create_connection(('127.0.0.1', self._to))
+                with self._lock:
+                    self._ends |= {near, far}
+                Thread(target=self._join, args=(near, far), daemon=True).start()
+
+    def _join(self, near: socket.socket, far: socket.socket) -> None:
+        with near, far:
+            back = Thread(target=_pass, args=(far, near), daemon=True)
+            back.start()
+            _pass(near, far)
+            back.join()
+            with self._lock:
+                self._ends -= {near, far}
+
+    def cut(self) -> None:
+        """Cut what is connected; what comes later is passed on."""
+        with self._lock:
+            for end in self._ends:
+                with suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+
+    def close(self) -> None:
+        """Pass nothing on any more."""
+        with suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        self.cut()
+        wait_until(lambda: not self._ends)
+
+
+def _pass(source: socket.socket, sink: socket.socket) -> None:
+    with suppress(OSError):
+        while data := source.recv(65536):
+            sink.sendall(data)
+    with suppress(OSError):
+        sink.shutdown(socket.SHUT_WR)
+
+
+def test_a_lost_connection_is_told_and_comes_back_by_itself(
+    teleop: tuple[ViewNode, Car], browser: Browser
+) -> None:
+    view, car = teleop
+    address = urlsplit(view.url)
+    wire = Wire(address.port or 0)
+    try:
+        tab = browser.open(f'http://127.0.0.1:{wire.port}{address.path}')
+        tab.until("document.querySelector('#time').textContent !== '\\u2013'")
+        tab.run(
+            'new MutationObserver(() => { window.told ||= '
+            "document.querySelector('#message').textContent; })"
+            ".observe(document.querySelector('#message'), {childList: true})"
+        )
+        wire.cut()
+        tab.until("(window.told ?? '').startsWith('The connection to the run was lost')")
+        wait_until(lambda: tab.text('#state') == 'Live')
+        assert tab.run("document.querySelector('#message').hidden") is True
+        car.state = State(x=33.0)
+        wait_until(lambda: tab.text('#place').startswith('33'))
+        tab.close()
+    finally:
+        wire.close()
+
+
+def test_a_page_of_another_origin_cannot_connect(
+    teleop: tuple[ViewNode, Car], browser: Browser
+) -> None:
+    view, _ = teleop
+
+    class Foreign(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_: Any) -> None:  # noqa: ANN401 (http.server's)
+            """Say nothing."""
+
+    with ThreadingHTTPServer(('127.0.0.1', 0), Foreign) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        tab = browser.open(f'http://127.0.0.1:{server.server_port}/')
+        address = re.sub('^http', 'ws', view.url) + 'socket'
+        said = tab.run(
+            'new Promise((done) => { const s = new WebSocket('
+            f"'{address}'); s.onopen = () => done('open'); s.onerror = () => done('refused'); }})"
+        )
+        tab.close()
+        server.shutdown()
+    assert said == 'refused'
+
+
+@pytest.fixture(params=['acc', 'teleop'])
+def either(ros: Context, request: pytest.FixtureRequest) -> Iterator[ViewNode]:
+    with run(ros, request.param) as (view, _, _):
+        yield view
+
+
+@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+def test_every_text_stands_out_from_its_ground(
+    either: ViewNode, open_: Callable[..., Tab], dark: bool
+) -> None:
+    tab = open_(either.url)
+    tab.dark(on=dark)
+    ratios = tab.run(CONTRAST)
+    assert ratios
+    assert [pair for pair in ratios if pair[1] < 4.5] == []
+
+
+#: WCAG 2's contrast ratio of each text that is seen, with its element's name.
+CONTRAST = """(() => {
+  const parse = (c) => c.match(/[\\d.]+/g).map(Number);
+  const light = (c) => parse(c).slice(0, 3).map((v) => v / 255)
+    .map((v) => v <= 0.03928 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const ground = (e) => {
+    const c = getComputedStyle(e).backgroundColor;
+    return (parse(c)[3] ?? 1) === 0 && e.parentElement ? ground(e.parentElement) : c;
+  };
+  return Array.from(document.querySelectorAll('body *'))
+    .filter((e) => e.checkVisibility() && !e.closest('.pads') && !e.disabled
+      && Array.from(e.childNodes).some((n) => n.nodeType === 3 && n.data.trim()))
+    .map((e) => {
+      const [a, b] = [light(getComputedStyle(e).color), light(ground(e))].sort((x, y) => y - x);
+      return [e.id || e.className || e.tagName, (a + 0.05) / (b + 0.05)];
+    });
+})()"""

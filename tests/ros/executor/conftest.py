@@ -1,0 +1,78 @@
+"""An executor in a context of the test's own, nodes in it, and two ways to spin it."""
+
+from __future__ import annotations
+
+import threading
+from functools import partial
+from typing import TYPE_CHECKING
+
+import pytest
+from rclpy.node import Node
+
+from barc_sim.ros.executor.executor import QuickExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+
+@pytest.fixture
+def executor(ros: Context) -> Iterator[QuickExecutor]:
+    """Return an executor with four threads."""
+    executor = QuickExecutor(4, context=ros)
+    yield executor
+    executor.shutdown()
+
+
+@pytest.fixture
+def make_node(ros: Context, executor: QuickExecutor) -> Iterator[Callable[..., Node]]:
+    """Return a function that makes a node in the executor."""
+    nodes = []
+
+    def make(name: str = 'tested', **options: object) -> Node:
+        options.setdefault('start_parameter_services', False)
+        node = Node(name, context=ros, enable_rosout=False, **options)
+        nodes.append(node)
+        executor.add_node(node)
+        return node
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+
+
+@pytest.fixture
+def node(make_node: Callable[..., Node]) -> Node:
+    """Return a node in the executor."""
+    return make_node()
+
+
+@pytest.fixture
+def until(
+    executor: QuickExecutor,
+    spin_until: Callable[[QuickExecutor, Callable[[], object]], None],
+) -> Callable[[Callable[[], object]], None]:
+    """Return a function that spins the executor in this thread until a condition holds."""
+    return partial(spin_until, executor)
+
+
+@pytest.fixture
+def spinning(executor: QuickExecutor) -> Iterator[threading.Thread]:
+    """Spin in another thread for as long as the test takes; its failure is the test's."""
+    failures: list[BaseException] = []
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except BaseException as error:  # noqa: BLE001 - the test's thread raises it
+            failures.append(error)
+
+    thread = threading.Thread(target=spin)
+    thread.start()
+    yield thread
+    executor.shutdown()
+    thread.join(20)
+    assert not thread.is_alive()
+    if failures:
+        raise failures[0]

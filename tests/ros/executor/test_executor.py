@@ -1,0 +1,126 @@
+"""The executor warns of slow quick callbacks, and does without rclpy's private names."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+
+from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor.rclpy_private import differing
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.context import Context
+
+pytestmark = pytest.mark.timeout(60)
+
+PROGRAM = """if True:
+    import threading
+    import warnings
+    from rclpy.executors import Executor, MultiThreadedExecutor
+    for name in ({names}):
+        delattr(MultiThreadedExecutor, name)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter('always')
+        from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+    for each in caught:
+        if 'QuickExecutor' in str(each.message):
+            print(each.message)
+    import rclpy
+    from rclpy.node import Node
+    rclpy.init()
+    node = Node('tested')
+    threads = {{'quick': set(), 'pool': set()}}
+    quick = QuickCallbackGroup()
+    node.create_timer(0.001, lambda: threads['quick'].add(threading.get_ident()), quick)
+    node.create_timer(0.001, lambda: threads['pool'].add(threading.get_ident()))
+    with QuickExecutor(2) as executor:
+        executor.add_node(node)
+        while not all(threads.values()):
+            executor.spin_once(timeout_sec=1.0)
+        assert threads['quick'] == {{threading.get_ident()}}
+        assert threading.get_ident() not in threads['pool']
+        node.create_timer(0.001, lambda: 1 / 0)
+        try:
+            executor.spin()
+        except ZeroDivisionError:
+            print('works')
+    node.destroy_node()
+    rclpy.shutdown()
+"""
+
+
+def run(*names: str) -> list[str]:
+    """Use the executor in a process whose rclpy lacks the names; return the lines printed."""
+    program = PROGRAM.format(names=''.join(f'{name!r}, ' for name in names))
+    process = subprocess.run(
+        [sys.executable, '-c', program], check=True, stdout=subprocess.PIPE, text=True, timeout=50
+    )
+    return process.stdout.splitlines()
+
+
+def test_this_rclpys_private_names_are_as_they_were() -> None:
+    assert differing() == []
+
+
+def test_nothing_is_warned_of_where_all_names_are_there(ros_domain: int) -> None:
+    del ros_domain  # by the environment
+    assert run() == ['works']
+
+
+def test_a_missing_private_name_is_warned_of_once_and_rclpys_own_way_is_gone(
+    ros_domain: int,
+) -> None:
+    del ros_domain  # by the environment
+    warning, works = run('_spin_once_impl')
+    assert 'MultiThreadedExecutor._spin_once_impl' in warning
+    assert works == 'works'
+
+
+@pytest.mark.parametrize(
+    ('name', 'other'),
+    [
+        ('_take_subscription', lambda self, subscription, message: (self, subscription, message)),
+        ('_take_guard_condition', lambda _, guard: guard.callback),
+        ('_take_guard_condition', lambda *_: None),
+        ('_wait_for_ready_callbacks', lambda self: iter([self])),
+    ],
+)
+def test_a_private_name_that_behaves_differently_is_found(
+    monkeypatch: pytest.MonkeyPatch, name: str, other: Callable[..., object]
+) -> None:
+    monkeypatch.setattr(MultiThreadedExecutor, name, other)
+
+    assert differing() == [f'MultiThreadedExecutor.{name} as in rclpy 7.1']
+
+
+@pytest.mark.parametrize('debug', [True, False])
+def test_a_slow_quick_callback_is_named_in_debug_mode(
+    ros: Context, capfd: pytest.CaptureFixture[str], debug: bool
+) -> None:
+    waits = threading.Event()
+    node = Node('slow_node', context=ros)
+    called = []
+
+    def receive(_: Time) -> None:
+        waits.wait(0.005)
+        called.append(1)
+
+    node.create_subscription(Time, 'state', receive, 1, callback_group=QuickCallbackGroup())
+    node.create_publisher(Time, 'state', 1).publish(Time())
+    with QuickExecutor(2, context=ros, debug=debug) as executor:
+        executor.add_node(node)
+        while not called:
+            executor.spin_once(timeout_sec=1.0)
+    node.destroy_node()
+
+    warning = capfd.readouterr().err
+    assert all((part in warning) == debug for part in ('slow_node', "'state'", 'more than 2 ms'))

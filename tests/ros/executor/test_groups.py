@@ -1,0 +1,308 @@
+"""Callback groups keep their promises, and nothing is starved."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+
+from barc_sim.ros.executor.executor import QuickCallbackGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.node import Node
+
+    from barc_sim.ros.executor.executor import QuickExecutor
+
+    Until = Callable[[Callable[[], object]], None]
+
+pytestmark = pytest.mark.timeout(60)
+DEPTH = 1000
+DEADLINE = 20.0
+
+
+class Overlap:
+    """Counts how many callbacks run at the same time, at most."""
+
+    def __init__(self) -> None:
+        self.most = 0
+        self._running = 0
+        self._lock = threading.Lock()
+        self._never = threading.Event()
+
+    def __enter__(self) -> None:
+        """Begin a callback."""
+        with self._lock:
+            self._running += 1
+            self.most = max(self.most, self._running)
+        self._never.wait(0.0005)  # lets another thread in, if any is to come
+
+    def __exit__(self, *_: object) -> None:
+        """End it."""
+        with self._lock:
+            self._running -= 1
+
+
+@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+def test_callbacks_of_an_exclusive_group_never_overlap(
+    node: Node, until: Until, group_type: type[CallbackGroup]
+) -> None:
+    group = group_type()
+    overlap = Overlap()
+    received: dict[str, list[int]] = {topic: [] for topic in 'abc'}
+    ticks = []
+
+    def subscribe(topic: str) -> None:
+        def receive(message: Time) -> None:
+            with overlap:
+                received[topic].append(message.sec)
+
+        node.create_subscription(Time, topic, receive, DEPTH, callback_group=group)
+
+    def tick() -> None:
+        with overlap:
+            ticks.append(1)
+
+    publishers = [node.create_publisher(Time, topic, DEPTH) for topic in received]
+    for topic in received:
+        subscribe(topic)
+    node.create_timer(0.001, tick, callback_group=group)
+    for number in range(100):
+        for publisher in publishers:
+            publisher.publish(Time(sec=number))
+
+    until(lambda: all(len(each) == 100 for each in received.values()) and len(ticks) > 20)
+
+    assert overlap.most == 1
+    assert all(each == list(range(100)) for each in received.values())
+
+
+def test_callbacks_of_a_reentrant_group_run_at_the_same_time(node: Node, until: Until) -> None:
+    meeting = threading.Barrier(3, timeout=DEADLINE)
+    met = []
+
+    def receive(_: Time) -> None:
+        met.append(meeting.wait())
+
+    node.create_subscription(Time, 'a', receive, DEPTH, callback_group=ReentrantCallbackGroup())
+    publisher = node.create_publisher(Time, 'a', DEPTH)
+    for _ in range(3):
+        publisher.publish(Time())
+
+    until(lambda: len(met) == 3)
+
+
+def test_exclusive_groups_run_beside_one_another(node: Node, until: Until) -> None:
+    meeting = threading.Barrier(2, timeout=DEADLINE)
+    met = []
+    for _ in range(2):
+        guard = node.create_guard_condition(
+            lambda: met.append(meeting.wait()), callback_group=MutuallyExclusiveCallbackGroup()
+        )
+        guard.trigger()
+
+    until(lambda: len(met) == 2)
+
+
+def test_quick_callbacks_run_in_the_spinning_thread_and_others_do_not(
+    node: Node, until: Until
+) -> None:
+    threads: dict[str, set[int]] = {'quick': set(), 'other': set()}
+    for name, group in (('quick', QuickCallbackGroup()), ('other', None)):
+        node.create_timer(
+            0.001, lambda name=name: threads[name].add(threading.get_ident()), callback_group=group
+        )
+
+    until(lambda: all(threads.values()))
+
+    assert threads['quick'] == {threading.get_ident()}
+    assert threading.get_ident() not in threads['other']
+
+
+def test_quick_callbacks_go_on_while_another_blocks(node: Node, until: Until) -> None:
+    enough = threading.Event()
+    released = []
+    ticks = []
+
+    def block() -> None:
+        blocker.cancel()
+        released.append(enough.wait(DEADLINE))
+
+    def tick() -> None:
+        ticks.append(1)
+        if len(ticks) == 20:
+            enough.set()
+
+    blocker = node.create_timer(0.001, block)
+    node.create_timer(0.001, tick, callback_group=QuickCallbackGroup())
+
+    until(lambda: released)
+
+    assert released == [True]
+
+
+@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+def test_a_flood_starves_neither_timers_nor_other_topics_of_its_group(
+    node: Node, until: Until, group_type: type[CallbackGroup]
+) -> None:
+    group = group_type()
+    publisher = node.create_publisher(Time, 'flood', DEPTH)
+    floods = []
+    ticks = []
+    heard = []
+
+    def keep_flooding(message: Time) -> None:
+        floods.append(message)
+        publisher.publish(message)
+
+    node.create_subscription(Time, 'flood', keep_flooding, DEPTH, callback_group=group)
+    node.create_subscription(Time, 'quiet', heard.append, DEPTH, callback_group=group)
+    node.create_timer(0.001, lambda: ticks.append(1), callback_group=group)
+    for _ in range(10):
+        publisher.publish(Time())
+    node.create_publisher(Time, 'quiet', DEPTH).publish(Time())
+
+    until(lambda: len(ticks) >= 5 and heard and len(floods) > 20)
+
+
+def test_a_flooding_timer_does_not_starve_the_topics_of_its_group(node: Node, until: Until) -> None:
+    group = MutuallyExclusiveCallbackGroup()
+    never = threading.Event()
+    heard = []
+    node.create_timer(0.0001, lambda: never.wait(0.001), callback_group=group)  # always due
+    node.create_subscription(Time, 'a', heard.append, DEPTH, callback_group=group)
+    node.create_publisher(Time, 'a', DEPTH).publish(Time())
+
+    until(lambda: heard)
+
+
+def test_messages_wait_in_the_middleware_while_the_pool_is_busy(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    release = threading.Event()
+    blocked = []
+    received = []
+
+    def block() -> None:
+        blocked.append(1)
+        release.wait(DEADLINE)
+
+    for _ in range(4):  # as many as there are threads
+        executor.create_task(block)
+    node.create_subscription(
+        Time,
+        'a',
+        lambda message: received.append(message.sec),
+        1,
+        callback_group=ReentrantCallbackGroup(),
+    )
+    publisher = node.create_publisher(Time, 'a', 1)
+    until(lambda: len(blocked) == 4)
+
+    for number in range(50):
+        publisher.publish(Time(sec=number))
+        executor.spin_once(timeout_sec=0)
+    release.set()
+    until(lambda: 49 in received)
+
+    assert len(received) <= 3, 'the depth of 1 was not kept to'
+
+
+def test_a_pool_callback_runs_once_for_each_message(node: Node, until: Until) -> None:
+    received = []
+    node.create_subscription(Time, 'a', lambda message: received.append(message.sec), DEPTH)
+    node.create_subscription(Time, 'b', lambda _: received.append(-1), DEPTH)
+    publisher = node.create_publisher(Time, 'a', DEPTH)
+    for number in range(500):
+        publisher.publish(Time(sec=number))
+    until(lambda: 499 in received)
+    node.create_publisher(Time, 'b', DEPTH).publish(Time())
+    until(lambda: -1 in received)
+
+    assert received == [*range(500), -1]
+
+
+@pytest.mark.parametrize('keeper', ['a callback', 'something else', 'a busy pool'])
+def test_messages_that_must_wait_do_not_keep_the_executor_busy(
+    node: Node, executor: QuickExecutor, until: Until, keeper: str
+) -> None:
+    release = threading.Event()
+    begun = []
+
+    def block() -> None:
+        begun.append(1)
+        release.wait(DEADLINE)
+
+    group = (
+        ReentrantCallbackGroup() if keeper == 'a busy pool' else MutuallyExclusiveCallbackGroup()
+    )
+    guard = node.create_guard_condition(block, callback_group=group)
+    if keeper == 'a callback':
+        guard.trigger()
+        until(lambda: begun)
+    elif keeper == 'something else':
+        assert group.beginning_execution(guard)
+    else:
+        for _ in range(4):  # as many as there are threads
+            executor.create_task(block)
+        until(lambda: len(begun) == 4)
+    node.create_subscription(Time, 'a', lambda _: None, DEPTH, callback_group=group)
+    publisher = node.create_publisher(Time, 'a', DEPTH)
+    for _ in range(3):
+        publisher.publish(Time())
+        executor.spin_once(timeout_sec=0)
+
+    processor = time.thread_time()
+    executor.spin_once(timeout_sec=0.2)
+    processor = time.thread_time() - processor
+    release.set()
+
+    assert processor < 0.1
+
+
+def test_a_group_claimed_by_something_else_is_executed_when_it_is_given_back(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    group = QuickCallbackGroup()
+    heard = []
+    other = node.create_timer(1000.0, lambda: None, callback_group=group)
+    node.create_subscription(Time, 'a', heard.append, DEPTH, callback_group=group)
+    assert group.beginning_execution(other)
+    node.create_publisher(Time, 'a', DEPTH).publish(Time())
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0)
+    assert heard == []
+
+    group.ending_execution(other)
+    until(lambda: heard)
+
+
+class PausedGroup(ReentrantCallbackGroup):
+    """Executes nothing for the time being."""
+
+    paused = True
+
+    def can_execute(self, entity: object) -> bool:
+        """Return whether it isn't paused."""
+        return not self.paused and super().can_execute(entity)
+
+
+def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    group = PausedGroup()
+    heard = []
+    node.create_subscription(Time, 'a', heard.append, DEPTH, callback_group=group)
+    node.create_publisher(Time, 'a', DEPTH).publish(Time())
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0)
+    assert heard == []
+
+    group.paused = False
+    until(lambda: heard)

@@ -1,0 +1,363 @@
+"""Spins end when they should, and leave nothing behind."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import subprocess
+import sys
+import threading
+import time
+import weakref
+from typing import TYPE_CHECKING
+
+import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
+
+from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.context import Context
+
+    Until = Callable[[Callable[[], object]], None]
+
+pytestmark = pytest.mark.timeout(120)
+DEADLINE = 20.0
+GROUPS = pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+
+
+def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) -> None:
+    calls = []
+    group = QuickCallbackGroup()
+    for name in 'ab':
+        guard = node.create_guard_condition(
+            lambda name=name: calls.append(name), callback_group=group
+        )
+        guard.trigger()
+
+    executor.spin_once(timeout_sec=DEADLINE)
+    assert len(calls) == 1
+    executor.spin_once(timeout_sec=DEADLINE)
+    assert sorted(calls) == ['a', 'b']
+
+
+def test_what_was_ready_survives_another_timeout(node: Node, executor: QuickExecutor) -> None:
+    calls = []
+    group = QuickCallbackGroup()
+    node.create_subscription(Time, 'a', calls.append, 10, callback_group=group)
+    guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group)
+    node.create_publisher(Time, 'a', 10).publish(Time())
+    guard.trigger()
+
+    for seconds in (10.0, 11.0):
+        executor.spin_once(timeout_sec=seconds)
+
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize('seconds', [0, 0.05])
+def test_spin_once_returns_after_its_time(executor: QuickExecutor, seconds: float) -> None:
+    begun = time.monotonic()
+    executor.spin_once(timeout_sec=seconds)
+    assert time.monotonic() - begun >= seconds
+
+
+def test_wakes_do_not_prolong_a_spin(node: Node, executor: QuickExecutor) -> None:
+    ended = threading.Event()
+
+    def disturb() -> None:
+        while not ended.wait(0.001):
+            node.create_guard_condition(lambda: None)
+
+    thread = threading.Thread(target=disturb)
+    thread.start()
+    executor.spin_once(timeout_sec=0.1)
+    ended.set()
+    thread.join()
+
+
+@GROUPS
+def test_spin_until_future_complete_ends_with_the_future(
+    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
+) -> None:
+    future = Future(executor=executor)
+    node.create_timer(0.001, lambda: future.set_result(1), callback_group=group_type())
+    executor.spin_until_future_complete(future, DEADLINE)
+    assert future.result() == 1
+
+
+def test_spin_until_future_complete_ends_with_a_future_of_another_thread(
+    executor: QuickExecutor,
+) -> None:
+    future = Future()
+    thread = threading.Thread(target=future.set_result, args=(1,))
+    thread.start()
+    executor.spin_until_future_complete(future)
+    thread.join()
+    assert future.result() == 1
+
+
+def test_spin_until_future_complete_ends_after_its_time(
+    node: Node, executor: QuickExecutor
+) -> None:
+    node.create_timer(0.001, lambda: None)
+    begun = time.monotonic()
+    executor.spin_until_future_complete(Future(), 0.1)
+    assert time.monotonic() - begun >= 0.1
+
+
+class CountingFuture(Future):
+    """Counts the callbacks that wait for it."""
+
+    waiting = 0
+
+    def add_done_callback(self, callback: Callable[[Future], None]) -> None:
+        """Count it."""
+        self.waiting += 1
+        super().add_done_callback(callback)
+
+    def remove_done_callback(self, callback: Callable[[Future], None]) -> bool:
+        """Count it no longer."""
+        self.waiting -= 1
+        return super().remove_done_callback(callback)
+
+
+def test_a_future_is_not_burdened_by_being_waited_for(node: Node, executor: QuickExecutor) -> None:
+    future = CountingFuture()
+    calls = []
+    node.create_timer(0.0001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    executor.spin_until_future_complete(future, 0.1)
+    assert len(calls) > 10
+    assert future.waiting <= 1
+
+
+@GROUPS
+def test_a_callback_shuts_the_executor_down(
+    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
+) -> None:
+    returned = []
+    node.create_timer(
+        0.001, lambda: returned.append(executor.shutdown()), callback_group=group_type()
+    )
+    executor.spin()
+    assert executor.shutdown()
+    assert len(returned) == 1
+
+
+@GROUPS
+def test_a_callback_shuts_the_context_down(
+    node: Node, executor: QuickExecutor, ros: Context, group_type: type[CallbackGroup]
+) -> None:
+    node.create_timer(0.001, ros.try_shutdown, callback_group=group_type())
+    executor.spin()
+    assert not ros.ok()
+
+
+@GROUPS
+def test_shutdown_by_another_thread_waits_for_callbacks(
+    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
+) -> None:
+    begun = threading.Event()
+    release = threading.Event()
+    ended = []
+
+    def work() -> None:
+        begun.set()
+        release.wait(DEADLINE)
+        ended.append(1)
+
+    node.create_timer(0.001, work, callback_group=group_type())
+    thread = threading.Thread(target=executor.spin)
+    thread.start()
+    assert begun.wait(DEADLINE)
+
+    assert not executor.shutdown(timeout_sec=0.01)
+    release.set()
+    assert executor.shutdown()
+    assert ended
+    thread.join(DEADLINE)
+    assert not thread.is_alive()
+
+
+def test_an_exception_that_no_spin_is_left_to_raise_is_printed(
+    executor: QuickExecutor, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begun = threading.Event()
+    release = threading.Event()
+
+    def fail() -> None:
+        begun.set()
+        release.wait(DEADLINE)
+        raise ValueError('too late')
+
+    executor.create_task(fail)
+    executor.spin_once(timeout_sec=DEADLINE)
+    assert begun.wait(DEADLINE)
+    assert not executor.shutdown(timeout_sec=0)
+    release.set()
+    executor.shutdown()
+
+    assert capsys.readouterr().err.endswith('ValueError: too late\n')
+
+
+def test_what_waits_for_a_thread_is_dropped_by_a_shutdown_and_its_group_is_free(
+    node: Node, executor: QuickExecutor, ros: Context
+) -> None:
+    release = threading.Event()
+    for _ in range(4):
+        executor.create_task(release.wait, DEADLINE)
+    group = MutuallyExclusiveCallbackGroup()
+    calls = []
+    guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group)
+    guard.trigger()
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0)
+    assert not executor.shutdown(timeout_sec=0)
+    release.set()
+    assert executor.shutdown()
+    assert calls == []
+
+    with QuickExecutor(2, context=ros) as another:
+        another.add_node(node)
+        guard.trigger()
+        another.spin_once(timeout_sec=DEADLINE)
+        assert another.shutdown()
+    assert calls == [1]
+
+
+def test_a_coroutine_that_still_waits_gives_its_group_back_at_shutdown(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    group = QuickCallbackGroup()
+    begun = []
+
+    async def wait() -> None:
+        begun.append(1)
+        await Future()
+
+    guard = node.create_guard_condition(wait, callback_group=group)
+    guard.trigger()
+    until(lambda: begun)
+    assert not group.can_execute(guard)
+    executor.shutdown()
+    assert group.can_execute(guard)
+
+
+@pytest.mark.parametrize('spins', [0, 5])
+def test_nothing_is_left_after_shutdown(ros: Context, spins: int) -> None:
+    threads = set(threading.enumerate())
+    executor = QuickExecutor(4, context=ros)
+    node = Node('tested', context=ros)
+    executor.add_node(node)
+    handles = [
+        entity.handle
+        for entity in (
+            node.create_subscription(Time, 'a', lambda _: None, 1),
+            node.create_timer(0.001, lambda: None),
+            node.create_guard_condition(lambda: None),
+            *node.services,
+        )
+    ]
+    for _ in range(spins):
+        executor.spin_once(timeout_sec=1.0)
+
+    executor.shutdown()
+    node.destroy_node()
+
+    assert not any(handle.pointer for handle in handles)
+    assert set(threading.enumerate()) == threads
+    gone = weakref.ref(executor)
+    del executor
+    gc.collect()
+    assert gone() is None
+
+
+def test_an_executor_that_is_forgotten_does_not_keep_handles(ros: Context) -> None:
+    executor = QuickExecutor(2, context=ros)
+    node = Node('tested', context=ros)
+    executor.add_node(node)
+    timer = node.create_timer(1.0, lambda: None)
+    executor.spin_once(timeout_sec=0)
+    del executor
+    gc.collect()
+
+    node.destroy_node()
+
+    assert not timer.handle.pointer
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None:
+    del ros_domain  # by the environment
+    program = """if True:
+        import rclpy
+        from rclpy.executors import ExternalShutdownException
+        from rclpy.node import Node
+        from barc_sim.ros.executor.executor import QuickExecutor
+        rclpy.init()
+        node = Node('tested')
+        node.create_timer(0.01, lambda: print('spinning', flush=True))
+        with QuickExecutor(2) as executor:
+            executor.add_node(node)
+            try:
+                executor.spin()
+            except (KeyboardInterrupt, ExternalShutdownException):
+                pass
+        node.destroy_node()
+        rclpy.try_shutdown()
+        print('ended')
+    """
+    with subprocess.Popen(
+        [sys.executable, '-c', program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout.readline() == 'spinning\n'
+        process.send_signal(number)
+        output, errors = process.communicate(timeout=DEADLINE)
+    assert output.endswith('ended\n')
+    assert errors == ''
+    assert process.returncode == 0
+
+
+def test_an_hour_of_lock_step_takes_no_memory(node: Node, executor: QuickExecutor) -> None:
+    steps = 0
+    done = Future()
+    publisher = node.create_publisher(Time, 'state', 10)
+
+    def step(state: Time) -> None:
+        nonlocal steps
+        steps += 1
+        if steps % 1000:
+            publisher.publish(state)
+        else:
+            done.set_result(None)
+
+    node.create_subscription(Time, 'state', step, 10, callback_group=QuickCallbackGroup())
+
+    def blocks_after(seconds: int) -> int:
+        nonlocal done
+        for _ in range(seconds * 50 // 1000):
+            done = Future()
+            publisher.publish(Time())
+            executor.spin_until_future_complete(done, DEADLINE)
+            assert done.done()
+        gc.collect()
+        return sys.getallocatedblocks()
+
+    before = blocks_after(seconds=100)
+    assert blocks_after(seconds=3600) < before + 1000
+    assert steps == 185_000
+
+
+def test_rclpys_own_functions_spin_it(node: Node, executor: QuickExecutor) -> None:
+    calls = []
+    node.create_timer(0.001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    rclpy.spin_once(node, executor=executor, timeout_sec=DEADLINE)
+    rclpy.spin_until_future_complete(node, Future(), executor=executor, timeout_sec=0.05)
+    assert len(calls) > 1

@@ -1,0 +1,23 @@
+"""Rates in words."""
+
+from __future__ import annotations
+
+import pytest
+
+from barc_sim.ros.introspection.rate import in_words
+
+
+@pytest.mark.parametrize(
+    ('times', 'words'),
+    [
+        ([], 'no message'),
+        ([5], '1 message'),
+        (
+            [0, 10_000_000, 30_000_000],
+            'average rate: 66.667 min: 0.010s max: 0.020s std dev: 0.00500s window: 2',
+        ),
+        ([5, 5], 'average rate: 0.000 min: 0.000s max: 0.000s std dev: 0.00000s window: 1'),
+    ],
+)
+def test_rate_is_told_as_ros2_topic_hz_does(times: list[int], words: str) -> None:
+    assert in_words(times) == words

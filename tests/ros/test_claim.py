@@ -1,0 +1,80 @@
+"""A topic for one publisher."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rclpy.node import Node
+
+import barc_sim
+from barc_sim.errors import UserError
+from barc_sim.ros.claim import claim
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+ROOT = Path(barc_sim.__file__).parents[1]
+HOLDER = """
+import rclpy
+from rclpy.node import Node
+from barc_sim.ros.claim import claim
+rclpy.init()
+node = Node('holder')
+held = claim(node, 'z_vhcl')
+print('held', flush=True)
+input()
+"""
+
+
+def test_topic_is_claimed_once_until_it_is_closed(ros: Context) -> None:
+    node = Node('car', context=ros)
+    held = claim(node, 'z_vhcl')
+    with pytest.raises(UserError, match='another simulator publishes /z_vhcl in ROS domain'):
+        claim(node, 'z_vhcl')
+    held.close()
+    claim(node, 'z_vhcl').close()
+
+
+def test_topics_of_other_namespaces_are_free_however_long(ros: Context) -> None:
+    namespaces = ['', 'a', 'b', *(letter * 150 for letter in 'ab')]
+    nodes = [Node('car', namespace=namespace, context=ros) for namespace in namespaces]
+    held = [claim(node, 'z_vhcl') for node in nodes]
+    with pytest.raises(UserError):
+        claim(nodes[-1], 'z_vhcl')
+    for one in held:
+        one.close()
+
+
+def test_refusal_tells_how_to_run_beside_the_other(ros: Context, ros_domain: int) -> None:
+    node = Node('car', context=ros)
+    with claim(node, 'z_vhcl'), pytest.raises(UserError) as refusal:
+        claim(node, 'z_vhcl')
+    assert '--ros-args -r __ns:=/car2' in str(refusal.value)
+    assert f'ROS_DOMAIN_ID={ros_domain + 1}' in str(refusal.value)
+
+
+def test_claim_of_a_killed_process_is_free_at_once(ros: Context) -> None:
+    node = Node('car', context=ros)
+    with subprocess.Popen(
+        [sys.executable, '-c', HOLDER],
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as holder:
+        assert holder.stdout
+        assert holder.stdout.readline() == 'held\n'
+        with pytest.raises(UserError):
+            claim(node, 'z_vhcl')
+        holder.send_signal(signal.SIGKILL)
+        holder.wait(timeout=20)
+    claim(node, 'z_vhcl').close()

@@ -1,0 +1,57 @@
+"""Every parameter and every field of a message says what it is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_sim.nodes import keyboard
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.relay import Relay
+from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.view.node import ViewNode
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+MESSAGES = sorted((Path(__file__).parents[2] / 'barc_interfaces' / 'msg').glob('*.msg'))
+#: rclpy's own; it describes one of the two.
+BUILT_IN = {'start_type_description_service', 'use_sim_time'}
+
+
+@pytest.mark.parametrize('kind', [CruiseController, Relay, VehicleSimulator, ViewNode, BagRecorder])
+def test_parameter_of_a_node_has_a_description(
+    ros: Context, tmp_path: Path, kind: type[Node]
+) -> None:
+    where = {'directory': tmp_path} if kind is BagRecorder else {}
+    node = kind(context=ros, **where)
+    try:
+        names = set(node.list_parameters(prefixes=[], depth=0).names) - BUILT_IN
+        assert names
+        missing = [name for name in names if not node.describe_parameter(name).description.strip()]
+        assert missing == []
+    finally:
+        if isinstance(node, BagRecorder):
+            node.close()
+        node.destroy_node()
+
+
+def test_parameters_of_the_keyboard_have_descriptions() -> None:
+    table = keyboard._PARAMETERS  # noqa: SLF001 (the node itself would take the terminal)
+    assert all(parameter.description for parameter in table)
+
+
+@pytest.mark.parametrize('path', MESSAGES, ids=lambda path: path.stem)
+def test_message_and_each_of_its_fields_has_a_comment(path: Path) -> None:
+    first, *lines = path.read_text().splitlines()
+    assert first.startswith('# ')
+    fields = [line for line in lines if re.match(r'[a-z]', line)]
+    assert fields
+    assert [line for line in fields if not re.search(r'# \S', line)] == []

@@ -1,0 +1,84 @@
+"""Parameters declared from a table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from barc_sim.errors import UserError
+from barc_sim.ros.parameters import declare
+from barc_sim.vehicle.parameter import Parameter
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+
+TABLE = [
+    Parameter('mass', 2000.0, 'the mass [kg]', (1.0, 1e6), read_only=True),
+    Parameter('seed', 0, 'seed', (0, 2**53)),
+    Parameter('road', 'lab', 'the road'),
+    Parameter('wait', default=True, description='whether to wait'),
+]
+
+
+def car(context: Context, **overrides: object) -> Node:
+    given = [RosParameter(name, value=value) for name, value in overrides.items()]
+    return Node('car', context=context, parameter_overrides=given)
+
+
+def test_values_are_the_defaults_or_what_was_given(ros: Context) -> None:
+    values = declare(car(ros, seed=2**53, road='flat'), TABLE)
+    assert values == {'mass': 2000.0, 'seed': 2**53, 'road': 'flat', 'wait': True}
+
+
+def test_descriptor_tells_description_and_range(ros: Context) -> None:
+    node = car(ros)
+    declare(node, TABLE)
+    mass, seed, road = (node.describe_parameter(name) for name in ('mass', 'seed', 'road'))
+    assert mass.description == 'the mass [kg]'
+    (span,) = mass.floating_point_range
+    assert (span.from_value, span.to_value) == (1.0, 1e6)
+    (span,) = seed.integer_range
+    assert (span.from_value, span.to_value) == (0, 2**53)
+    assert not road.floating_point_range
+    assert [one.read_only for one in (mass, seed, road)] == [True, False, False]
+
+
+@pytest.mark.parametrize('value', [0.0, -1.0, 1e7, float('inf'), float('nan')])
+def test_number_out_of_range_is_refused_with_the_range(ros: Context, value: float) -> None:
+    with pytest.raises(
+        UserError,
+        match=rf'^parameter mass of car must lie between 1.0 and 1000000.0: .*\({value}\)',
+    ):
+        declare(car(ros, mass=value), TABLE)
+
+
+@pytest.mark.parametrize('value', [1.0, 1e6])
+def test_ends_of_the_range_belong_to_it(ros: Context, value: float) -> None:
+    assert declare(car(ros, mass=value), TABLE)['mass'] == value
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'wanted'),
+    [
+        ('mass', 'abc', 'float, such as 2000.0'),
+        ('mass', 2000, 'float, such as 2000.0'),
+        ('seed', 1.5, 'int, such as 0'),
+        ('road', 7, "str, such as 'lab'"),
+        ('wait', 'yes', 'bool, such as True'),
+        ('mass', [1.0], 'float, such as 2000.0'),
+    ],
+)
+def test_wrong_type_is_refused_with_an_example(
+    ros: Context, name: str, value: object, wanted: str
+) -> None:
+    with pytest.raises(UserError) as refusal:
+        declare(car(ros, **{name: value}), TABLE)
+    message = str(refusal.value)
+    assert message.startswith(f'parameter {name} of car must be of type {wanted}: ')
+    assert '\n' not in message

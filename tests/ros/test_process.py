@@ -1,0 +1,163 @@
+"""Nodes in processes of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import rclpy
+
+import barc_sim
+from barc_sim.errors import UserError
+from barc_sim.ros.process import ros
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Start = Callable[..., subprocess.Popen[str]]
+
+ROOT = Path(barc_sim.__file__).parents[1]
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Return a function that starts a node, which is gone after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(node: str, *parameters: str) -> subprocess.Popen[str]:
+        options = [word for parameter in parameters for word in ('-p', parameter)]
+        started.append(
+            subprocess.Popen(
+                [sys.executable, '-m', 'barc_sim', 'node', node, '--ros-args', *options],
+                env=os.environ | {'PYTHONPATH': str(ROOT)},
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+        )
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.parametrize('simulator_first', [True, False])
+def test_nodes_of_two_processes_find_each_other_and_drive(
+    start: Start, *, simulator_first: bool
+) -> None:
+    nodes = {'vehicle_simulator': ['realtime_factor:=0.0', 'distance:=3.0'], 'controller': []}
+    order = sorted(nodes, reverse=simulator_first)
+    running = {node: start(node, *nodes[node]) for node in order}
+    out, err = running['vehicle_simulator'].communicate(timeout=30)
+    assert (running['vehicle_simulator'].returncode, out) == (0, '')
+    assert 'Traceback' not in err
+    running['controller'].send_signal(signal.SIGINT)
+    assert running['controller'].communicate(timeout=20) == ('', '')
+    assert running['controller'].returncode == 0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_node_that_waits_ends_at_a_signal(start: Start, number: signal.Signals) -> None:
+    process = start('vehicle_simulator')
+    assert process.stderr
+    assert 'waiting for a controller' in process.stderr.readline()
+    process.send_signal(number)
+    assert process.communicate(timeout=20) == ('', '')
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('node', 'parameter', 'words'),
+    [
+        ('vehicle_simulator', 'mass:=-1.0', 'vehicle_simulator: error: parameter mass'),
+        ('controller', 'kp:=high', 'controller: error: parameter kp'),
+        ('controller', 'kp', 'controller: error: ROS cannot start with its arguments: '),
+    ],
+)
+def test_bad_parameter_is_one_line_and_exit_code_2(
+    start: Start, node: str, parameter: str, words: str
+) -> None:
+    process = start(node, parameter)
+    out, err = process.communicate(timeout=20)
+    assert (process.returncode, out) == (2, '')
+    assert err.startswith(words)
+    assert err.count('\n') == 1
+
+
+# ROS's start
+
+
+def test_bad_argument_is_a_sentence_without_a_place_in_the_source(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(UserError) as refusal, ros(['--ros-args', '-p']):
+        pass
+    assert str(refusal.value).endswith('No parameter override rule found.')
+    assert capfd.readouterr() == ('', '')
+    with ros(None):  # nothing of it stays
+        assert rclpy.ok()
+    assert not rclpy.ok()
+
+
+@pytest.mark.parametrize(('given', 'expected'), [('rcl:=debug', 'DEBUG'), ('warn', 'WARN')])
+def test_levels_of_the_log_are_the_users(given: str, expected: str) -> None:
+    # In a process of its own: the levels outlive the context.
+    script = (
+        'from barc_sim.ros.process import ros\n'
+        'from rclpy.logging import get_logger_effective_level\n'
+        f"with ros(['--ros-args', '--log-level', '{given}']):\n"
+        "    print(get_logger_effective_level('rcl').name)"
+    )
+    command = [sys.executable, '-c', script]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert told.stdout == f'{expected}\n'
+
+
+@pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
+def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
+    monkeypatch: pytest.MonkeyPatch, given: str | None, expected: str
+) -> None:
+    # Set first, so that it is restored afterwards, whatever the code sets.
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', given or '')
+    if given is None:
+        del os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE']
+    with ros([]):
+        assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == expected
+
+
+@pytest.mark.parametrize('strategy', ['Enforce', 'Permissive'])
+def test_security_without_a_keystore_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, strategy: str
+) -> None:
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', strategy)
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    with (
+        pytest.raises(UserError, match=rf"ROS_SECURITY_KEYSTORE, '{tmp_path}', is no keystore"),
+        ros([]),
+    ):
+        pass
+    assert not rclpy.ok()
+
+
+def test_security_without_keys_for_the_run_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / 'enclaves').mkdir()
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    with pytest.raises(UserError, match=r'ROS_SECURITY_ENABLE is true|SECURITY ERROR'), ros([]):
+        pass
+    assert not rclpy.ok()

@@ -1,0 +1,154 @@
+"""What a run shows, in a terminal and in a pipe."""
+
+from __future__ import annotations
+
+import os
+import pty
+import time
+from contextlib import closing, redirect_stdout
+from math import nan
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.runs.terminal.display import LiveLine, Nothing, PlainLines, display, print_summary
+from barc_sim.simulation.metrics import SpeedErrors, Stretch, Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
+END = '\x04'
+LINE = '  1.50 s    12.3 m   7.990 m/s  error +0.010 m/s  grade -10°'
+STATE = (1.5, 12.34, 7.99, 0.01, -10.0)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Return a function that sets the time [s]."""
+    now = [0.0]
+    monkeypatch.setattr(time, 'monotonic', lambda: now[0])
+    return lambda value: now.__setitem__(0, value)
+
+
+class Terminal:
+    """A terminal to be stdout."""
+
+    def __init__(self) -> None:
+        self._master, slave = pty.openpty()
+        self.stdout = os.fdopen(slave, 'w', encoding='utf-8')
+
+    def shown(self) -> str:
+        """Return what has been shown since the last call."""
+        self.stdout.write(END)  # it arrives in pieces, and some time after it was written
+        self.stdout.flush()
+        data = b''
+        while not data.endswith(END.encode()):
+            data += os.read(self._master, 1 << 16)
+        return data.decode().removesuffix(END)
+
+    def close(self) -> None:
+        """Hang up."""
+        self.stdout.close()
+        os.close(self._master)
+
+
+@pytest.fixture
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
+    for name in ('NO_COLOR', 'FORCE_COLOR', 'TTY_COMPATIBLE', 'TTY_INTERACTIVE'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('TERM', 'xterm')
+    monkeypatch.setenv('COLUMNS', '120')
+    terminal = Terminal()
+    with closing(terminal):
+        yield terminal
+
+
+def test_nothing_is_shown_where_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = display(180.0, quiet=True)
+    shown.show(*STATE)
+    shown.close()
+    assert isinstance(shown, Nothing)
+    assert capsys.readouterr() == ('', '')
+
+
+def test_pipe_gets_a_plain_line_a_second(
+    capsys: pytest.CaptureFixture[str], clock: Callable[[float], None]
+) -> None:
+    shown = display(180.0, quiet=False)
+    assert isinstance(shown, PlainLines)
+    for k in range(250):
+        clock(10.0 + 0.01 * k)
+        shown.show(*STATE)
+    shown.close()
+    assert capsys.readouterr() == (f'{LINE}\n' * 3, '')
+
+
+def test_terminal_gets_a_line_in_place_and_its_cursor_back(
+    terminal: Terminal, clock: Callable[[float], None]
+) -> None:
+    clock(10.0)
+    with redirect_stdout(terminal.stdout):
+        shown = display(180.0, quiet=False)
+        assert isinstance(shown, LiveLine)
+        shown.show(*STATE)
+        text = terminal.shown()
+        assert HIDE in text
+        assert LINE.strip() in text
+        assert '\n' not in text
+        shown.show(1.52, 12.5, 8.0, 0.0, 10.0)
+        shown.close()
+        text = terminal.shown()
+    assert 'grade +10°' in text  # the last state, however soon after the one before it
+    assert text.rindex(SHOW) > text.rfind(HIDE)
+    assert text.replace(SHOW, '').endswith('\n')
+
+
+def test_terminal_is_drawn_ten_times_a_second(
+    terminal: Terminal, clock: Callable[[float], None]
+) -> None:
+    with redirect_stdout(terminal.stdout):
+        shown = display(0.0, quiet=False)
+        for k in range(100):
+            clock(10.0 + 0.01 * k)
+            shown.show(k * 0.01, 0.0, 0.0, 0.0, 0.0)
+        assert terminal.shown().count(' m/s  error') == 10
+        shown.close()
+
+
+def test_terminal_is_left_alone_by_a_run_without_a_state(terminal: Terminal) -> None:
+    with redirect_stdout(terminal.stdout):
+        display(180.0, quiet=False).close()
+    assert HIDE not in terminal.shown()
+
+
+def test_table_has_a_row_per_stretch_and_the_other_figures(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    print_summary(
+        Summary(
+            rms_error=0.9768,
+            max_error=8.0,
+            rms_error_after_run_up=0.0207,
+            max_error_after_run_up=0.1263,
+            overshoot=0.0034,
+            settling_time=1.004,
+            missed_deadlines=3,
+            stretches=(Stretch(0.0, 19.9, 0.0, 2.7, 8.0), Stretch(20.1, 39.9, -10.0, 0.01, 0.04)),
+        ),
+        slipped=2,
+    )
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ['whole', 'run', '0.9768', '8.0000'] in rows
+    assert ['after', '10', 'm', '0.0207', '0.1263'] in rows
+    assert ['20.1', 'to', '39.9', 'm', '-10°', '0.0100', '0.0400'] in rows
+    assert ' '.join(rows[-1]) == (
+        'overshoot 0.3%, settling time (2 %) 1.00 s, missed deadlines 3, clock slips 2'
+    )
+
+
+def test_table_of_a_run_without_a_state_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
+    print_summary(SpeedErrors().summary(), slipped=0)
+    out = capsys.readouterr().out
+    assert str(nan) not in out
+    assert 'after 10 m' in out

@@ -1,0 +1,272 @@
+"""Nodes apart from one another: in processes of their own, on two machines, written by others."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_interfaces.msg import ZDynBkMdl
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.control.pid import speed_controller
+from barc_sim.ros.peers import living_publishers
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rclpy.context import Context
+
+    Start = Callable[..., subprocess.Popen[str]]
+
+ROOT = Path(barc_sim.__file__).parents[1]
+DEADLINE = 60.0
+#: What anybody might write; it dies by itself after so many states.
+THEIRS = """
+import os, sys
+import rclpy
+from barc_interfaces.msg import ECU, ZDynBkMdl
+rclpy.init()
+node = rclpy.create_node('theirs')
+commands = node.create_publisher(ECU, 'ecu', 10)
+left = int(sys.argv[1])
+def on_state(state):
+    global left
+    if not left:
+        os._exit(1)
+    left -= 1
+    commands.publish(ECU(header=state.header, motor=8.0 - state.v_x))
+node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, 10)
+print('there', flush=True)
+rclpy.spin(node)
+"""
+FOR_EVER = '-1'
+RUN = ('-m', 'barc_sim.run', 'acc', '-q', '--no-controller', '--realtime-factor', 'max')
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Return a function that starts Python, which is gone after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [*before, sys.executable, *arguments],
+            cwd=tmp_path,
+            env=os.environ | {'PYTHONPATH': str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def there(process: subprocess.Popen[str]) -> None:
+    assert process.stdout
+    assert process.stdout.readline() == 'there\n'
+
+
+def ended(run: subprocess.Popen[str]) -> str:
+    """Return what a run has printed that ended as it should."""
+    out, err = run.communicate(timeout=DEADLINE)
+    assert run.returncode == 0, err
+    assert 'Traceback' not in err
+    return out.strip()
+
+
+# In processes of their own
+
+
+def test_each_node_in_a_process_of_its_own_makes_the_rollout_to_the_last_bit(
+    ros: Context, spin_until: Callable[..., None], start: Start
+) -> None:
+    states: list[Any] = []
+    node = Node('listener', context=ros)
+    node.create_subscription(ZDynBkMdl, 'z_vhcl', states.append, QoSProfile(depth=10_000))
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(node)
+    parameters = ('--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=30.0')
+    simulator = start('-m', 'barc_sim', 'node', 'vehicle_simulator', *parameters)
+    assert simulator.stderr
+    assert 'waiting for a controller that publishes /ecu' in simulator.stderr.readline()
+    start('-m', 'barc_sim', 'node', 'controller')
+    expected = rollout(distance=30.0)
+    spin_until(executor, lambda: len(states) == len(expected), deadline=DEADLINE)
+    ended(simulator)
+    executor.shutdown()
+    node.destroy_node()
+    assert [(s.x, s.y, s.psi, s.v_x) for s in states] == list(
+        zip(*(getattr(expected, name).tolist() for name in ('x', 'y', 'psi', 'v_x')), strict=True)
+    )
+
+
+def test_a_simulator_that_follows_another_finds_its_controller_as_at_the_start(
+    ros: Context, spin_until: Callable[..., None], start: Start
+) -> None:
+    states: list[Any] = []
+    node = Node('listener', context=ros)
+    node.create_subscription(ZDynBkMdl, 'z_vhcl', states.append, QoSProfile(depth=10_000))
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(node)
+    start('-m', 'barc_sim', 'node', 'controller')
+    parameters = ('--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=5.0')
+    count = len(rollout(distance=5.0))
+    for drives in (1, 2):
+        simulator = start('-m', 'barc_sim', 'node', 'vehicle_simulator', *parameters)
+        spin_until(executor, lambda drives=drives: len(states) == drives * count, deadline=DEADLINE)
+        ended(simulator)
+    executor.shutdown()
+    node.destroy_node()
+    one, other = ([(s.x, s.v_x) for s in drive] for drive in (states[:count], states[count:]))
+    assert one == other
+
+
+def test_a_publisher_counts_as_gone_as_soon_as_its_process_was_killed(
+    ros: Context, spin_until: Callable[..., None], start: Start
+) -> None:
+    node = Node('listener', context=ros)
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(node)
+    theirs = start('-c', THEIRS, FOR_EVER)
+    spin_until(executor, lambda: len(living_publishers(node, 'ecu')) == 1)
+    theirs.kill()
+    theirs.wait()
+    assert living_publishers(node, 'ecu') == []
+    assert node.count_publishers('ecu') == 1  # for DDS
+    executor.shutdown()
+    node.destroy_node()
+
+
+# In place of our controller
+
+
+@pytest.mark.parametrize('theirs_first', [True, False])
+@pytest.mark.usefixtures('ros_domain')
+def test_a_controller_of_others_takes_the_place_of_ours(
+    start: Start, tmp_path: Path, *, theirs_first: bool
+) -> None:
+    begin = partial(start, '-c', THEIRS, FOR_EVER)
+    if theirs_first:
+        there(begin())
+    run = start(*RUN, '--distance', '10')
+    if not theirs_first:
+        assert run.stderr
+        assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
+        begin()
+    log = bag.read(tmp_path / ended(run))
+    expected = rollout(pid=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0)
+    assert log.v_x.tolist() == expected.v_x.tolist()
+    assert not log.missed.any()
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_run_waits_for_a_controller_that_dies_until_it_returns(
+    start: Start, tmp_path: Path
+) -> None:
+    run = start(*RUN, '--distance', '10')
+    dying = start('-c', THEIRS, '20')
+    assert dying.wait(DEADLINE) == 1
+    start('-c', THEIRS, FOR_EVER)
+    assert bag.info(tmp_path / ended(run))['missed_deadlines'] == '0'
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_what_is_for_the_controller_that_is_left_out_is_refused(start: Start) -> None:
+    run = start(*RUN, '--kp', '3')
+    out, err = run.communicate(timeout=DEADLINE)
+    assert (run.returncode, out) == (2, '')
+    assert '--kp 3.0 is for the controller that --no-controller leaves out' in err
+    assert err.count('\n') == 1
+
+
+# On two machines
+
+
+def ip(*words: str) -> None:
+    subprocess.run(['ip', *words], check=True, capture_output=True)  # noqa: S607 (there, or skipped)
+
+
+@pytest.fixture
+def machines(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]:
+    """Return what to put before a command to run it on either of two machines in one subnet."""
+    if os.geteuid() or not shutil.which('ip'):
+        pytest.skip('two network namespaces need root and the command ip')
+    names = [f'barc{os.getpid()}{letter}' for letter in 'ab']
+    links = [f'v{os.getpid()}{letter}' for letter in 'ab']
+    try:
+        try:
+            for name in names:
+                ip('netns', 'add', name)
+            ip('link', 'add', links[0], 'type', 'veth', 'peer', 'name', links[1])
+            for number, (name, link) in enumerate(zip(names, links, strict=True), start=1):
+                ip('link', 'set', link, 'netns', name)
+                ip('-n', name, 'address', 'add', f'10.97.13.{number}/24', 'dev', link)
+                ip('-n', name, 'link', 'set', link, 'up')
+                ip('-n', name, 'link', 'set', 'lo', 'up')
+                ip('-n', name, 'route', 'add', '224.0.0.0/4', 'dev', link)
+        except subprocess.CalledProcessError as error:
+            pytest.skip(f'no network namespaces here: {error.stderr.decode().strip()}')
+        # What each process says for itself is to count.
+        monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE')
+        yield [('ip', 'netns', 'exec', name) for name in names]
+    finally:
+        for name in names:
+            subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)  # noqa: S607
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_run_on_one_machine_is_driven_from_another(
+    machines: list[tuple[str, ...]], start: Start, tmp_path: Path
+) -> None:
+    here, elsewhere = machines
+    run = start(*RUN, '--network', '--distance', '10', before=here)
+    subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
+    start('-c', THEIRS, FOR_EVER, before=(*elsewhere, *subnet))
+    log = bag.read(tmp_path / ended(run))
+    expected = rollout(pid=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0)
+    assert log.v_x.tolist() == expected.v_x.tolist()
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_without_network_a_run_is_not_seen_from_another_machine(
+    machines: list[tuple[str, ...]], start: Start
+) -> None:
+    here, elsewhere = machines
+    hidden = start(*RUN, '--no-bag', before=here)
+    assert hidden.stderr
+    assert 'waiting for a controller' in hidden.stderr.readline()
+    seen = ('--network', '--no-bag', '--ros-args', '-r', '__ns:=/seen')
+    start(*RUN, *seen, before=here)
+    look = (
+        'import rclpy\n'
+        'rclpy.init()\n'
+        "node = rclpy.create_node('look')\n"
+        "while not node.count_publishers('/seen/z_vhcl'):\n"
+        '    rclpy.spin_once(node, timeout_sec=0.05)\n'
+        "print('seen', node.count_publishers('/z_vhcl'))\n"
+    )
+    subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
+    other = start('-c', look, before=(*elsewhere, *subnet))
+    assert other.communicate(timeout=DEADLINE)[0] == 'seen 0\n'
+    hidden.send_signal(signal.SIGINT)
+    ended(hidden)

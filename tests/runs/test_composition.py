@@ -1,0 +1,315 @@
+"""A whole run: one trajectory, however it was timed, and all of it in the bag."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip('rclpy')
+
+from rosbags.highlevel import AnyReader
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.control.pid import speed_controller
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.tyres import Handling
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from barc_sim.simulation.log import Log
+
+ROOT = Path(barc_sim.__file__).parents[1]
+COLUMNS = [name for name in barc_sim.simulation.log.Log.__dataclass_fields__ if name != 'missed']
+TOPICS = ('/z_vhcl', '/ez_vhcl', '/environment', '/ecu', '/pid_state')
+LISTENER = """
+import json, time
+import rclpy
+from barc_interfaces.msg import ZDynBkMdl
+heard = []
+def on_state(state):
+    stamp = state.header.stamp
+    heard.append((stamp.sec * 10**9 + stamp.nanosec, time.monotonic()))
+rclpy.init()
+node = rclpy.create_node('listener')
+node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, 10)
+while len(heard) < 50:
+    rclpy.spin_once(node)
+print(json.dumps(heard))
+"""
+EVERYTHING = """--ros-args
+-p motor_delay:=0.03 -p motor_lag:=0.2 -p motor_rate_limit:=20.0 -p motor_limit:=7.0
+-p servo_delay:=0.01 -p servo_lag:=0.1 -p servo_rate_limit:=0.5 -p servo_limit:=0.4
+-p yaw_inertia:=3500.0 -p front_stiffness:=110.0e3 -p rear_stiffness:=150.0e3
+-p dynamic_above:=4.0 -p noise_v_x:=0.1 -p noise_psi_dot:=0.01
+"""
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+def drive(folder: Path, *options: str, script: str = '') -> subprocess.CompletedProcess[str]:
+    """Run `acc` in `folder`, after `script` in the same process; return how it ended."""
+    code = f'import sys\n{script}\nfrom barc_sim.run import main\nsys.exit(main())'
+    return subprocess.run(
+        [sys.executable, '-c', code, 'acc', '-q', *options],
+        cwd=folder,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def bag_of(folder: Path, *options: str) -> Path:
+    """Run `acc` in `folder` and return its bag."""
+    done = drive(folder, *options)
+    assert done.returncode == 0, done.stderr
+    return folder / done.stdout.strip()
+
+
+def lock_step(folder: Path, *options: str) -> Log:
+    """Return the log of a run as fast as it goes."""
+    return bag.read(bag_of(folder, '--realtime-factor', 'max', *options))
+
+
+def messages(path: Path) -> dict[str, list[Any]]:
+    """Return the messages of a bag by topic, in the order of their reception."""
+    found: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+def stamps(messages: Sequence[Any]) -> list[int]:
+    return [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in messages]
+
+
+def assert_same(one: Log, other: Log, rows: int | None = None) -> None:
+    """Compare to the last bit, the first `rows` rows only if given."""
+    assert rows is not None or len(one) == len(other)
+    for name in COLUMNS:
+        assert np.array_equal(getattr(one, name)[:rows], getattr(other, name)[:rows]), name
+
+
+# One trajectory
+
+
+def test_two_runs_in_lock_step_are_the_rollout_to_the_last_bit(tmp_path: Path) -> None:
+    runs = [lock_step(tmp_path) for _ in range(2)]
+    assert_same(runs[0], runs[1])
+    assert_same(runs[0], rollout())
+    assert not runs[0].missed.any()
+
+
+@pytest.mark.parametrize(
+    ('options', 'plant', 'gains'),
+    [
+        ('--ros-args -p vehicle_simulator:rate:=100.0', {'ts': 0.01}, {}),
+        (
+            '--seed 7 --road flat --ros-args -p noise_v_x:=0.1 -p noise_ey:=0.02',
+            {'noise': Deviation(v_x=0.1, ey=0.02), 'seed': 7, 'road': Road.flat()},
+            {},
+        ),
+        (
+            '--kp 3 --ki 1 --kd 0 --ros-args -p acceleration_limit:=4.0',
+            {},
+            {'kp': 3.0, 'ki': 1.0, 'kd': 0.0, 'limit': 4.0},
+        ),
+        (
+            f'--kp 3 --ki 1 --kd 0 --integrator rk4 --dynamics dynamic --seed 3 {EVERYTHING}',
+            {
+                'motor': Actuator(0.03, 0.2, 20.0, 7.0),
+                'servo': Actuator(0.01, 0.1, 0.5, 0.4),
+                'integrator': 'rk4',
+                'dynamics': 'dynamic',
+                'handling': Handling(3500.0, 110e3, 150e3, 4.0),
+                'noise': Deviation(v_x=0.1, psi_dot=0.01),
+                'seed': 3,
+            },
+            {'kp': 3.0, 'ki': 1.0, 'kd': 0.0},
+        ),
+    ],
+    ids=['100 Hz', 'noise', 'gains', 'everything'],
+)
+def test_options_make_the_rollouts_trajectory_too(
+    tmp_path: Path, options: str, plant: dict[str, Any], gains: dict[str, float]
+) -> None:
+    run = lock_step(tmp_path, '--distance', '30', *options.split())
+    assert_same(run, rollout(Plant(**plant), speed_controller(**gains), distance=30.0))
+
+
+def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_path: Path) -> None:
+    expected = rollout(distance=5.0)
+    for _ in range(3):
+        run = bag.read(bag_of(tmp_path, '--distance', '5'))
+        if not run.missed.any():
+            assert_same(run, expected)
+            return
+        assert_same(run, expected, rows=int(run.missed.argmax()))
+    pytest.skip('this machine missed a deadline in each of 3 runs')
+
+
+def test_separate_process_hears_the_states_at_50_hz(tmp_path: Path) -> None:
+    command = [sys.executable, '-m', 'barc_sim.run', 'acc', '-q', '--distance', '0', '--no-bag']
+    environment = os.environ | {'PYTHONPATH': str(ROOT)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment) as run:
+        try:
+            listener = subprocess.run(
+                [sys.executable, '-c', LISTENER],
+                env=environment,
+                stdout=subprocess.PIPE,
+                check=True,
+                timeout=30,
+            )
+        finally:
+            run.send_signal(signal.SIGINT)
+        assert run.wait(timeout=20) == 0
+    heard = json.loads(listener.stdout)
+    assert {b - a for a, b in pairwise(stamp for stamp, _ in heard)} == {20_000_000}
+    assert 0.015 < median(b - a for a, b in pairwise(at for _, at in heard)) < 0.03
+
+
+# The bag
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Return the bag of a short run."""
+    return bag_of(tmp_path, '--realtime-factor', 'max', '--distance', '3', '--kp', '29')
+
+
+def test_bag_holds_each_step_once_on_each_topic(path: Path) -> None:
+    found = messages(path)
+    begin = stamps(found['/z_vhcl'])[0]
+    steps = int(bag.info(path)['steps'])
+    for topic in TOPICS:
+        assert stamps(found[topic]) == [begin + k * 20_000_000 for k in range(steps)], topic
+    assert found['/z_vhcl'][-2].x < 3.0 <= found['/z_vhcl'][-1].x
+
+
+def test_bag_holds_what_the_nodes_said_at_their_start(path: Path) -> None:
+    found = messages(path)
+    declared = {
+        (event.node, parameter.name)
+        for event in found['/parameter_events']
+        for parameter in event.new_parameters
+    }
+    assert {
+        ('/bag_recorder', 'bag_dir'),
+        ('/controller', 'kp'),
+        ('/controller', 'subtract_error'),
+        ('/vehicle_simulator', 'mass'),
+        ('/vehicle_simulator', 'distance'),
+    } <= declared
+
+
+def test_bag_holds_the_log_of_all_nodes(tmp_path: Path) -> None:
+    talk = """
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.simulator.node import VehicleSimulator
+for node in (CruiseController, VehicleSimulator):
+    def begin(self, *, begun=node.__init__, **options):
+        begun(self, **options)
+        self.get_logger().warning('here')
+    node.__init__ = begin
+"""
+    done = drive(tmp_path, '--realtime-factor', 'max', '--distance', '1', script=talk)
+    found = messages(tmp_path / done.stdout.strip())
+    # A machine that is slow makes nodes say that they wait, too.
+    here = [entry.name for entry in found['/rosout'] if entry.msg == 'here']
+    assert here == ['controller', 'vehicle_simulator']
+
+
+def test_bag_says_what_run_it_holds(path: Path) -> None:
+    info = bag.info(path)
+    assert info['command'].startswith('python -m barc_sim.run acc -q --realtime-factor max')
+    assert (info['kp'], info['road'], info['missed_deadlines']) == ('29.0', 'lab', '0')
+    parameters = yaml.safe_load(info['parameters'])
+    assert parameters['/controller']['ros__parameters']['kp'] == 29.0
+    assert parameters['/vehicle_simulator']['ros__parameters']['distance'] == 3.0
+
+
+# How it ends
+
+
+def test_our_own_fault_is_shown_and_the_bag_is_whole(tmp_path: Path) -> None:
+    fault = """
+from barc_sim.nodes.controller import CruiseController
+answer = CruiseController._answer
+def broken(self, state, speed):
+    assert speed < 0.5, 'a fault of ours'
+    answer(self, state, speed)
+CruiseController._answer = broken
+"""
+    done = drive(tmp_path, '--realtime-factor', 'max', script=fault)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == 'AssertionError: a fault of ours'
+    (path,) = (tmp_path / 'bags').iterdir()
+    found = messages(path)
+    assert found['/z_vhcl'][-1].v_x >= 0.5
+    assert len(found['/ecu']) == len(found['/z_vhcl']) - 1
+    assert bag.info(path)['steps'] == str(len(found['/z_vhcl']))
+
+
+@pytest.mark.parametrize('moment', ['__init__', '_begin'])
+@pytest.mark.parametrize('folder_exists', [True, False])
+def test_refused_run_leaves_nothing(tmp_path: Path, moment: str, *, folder_exists: bool) -> None:
+    refusal = f"""
+from barc_sim.errors import UserError
+from barc_sim.nodes.simulator.node import VehicleSimulator
+def refuse(self, **_):
+    raise UserError('not here')
+VehicleSimulator.{moment} = refuse
+"""
+    folder = tmp_path / 'here'
+    (folder / 'bags' if folder_exists else folder).mkdir(parents=True)
+    done = drive(folder, script=refusal)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == 'barc_sim.run: error: not here\n'
+    assert list(folder.rglob('*')) == ([folder / 'bags'] if folder_exists else [])
+
+
+@pytest.mark.parametrize('factor', ['max', '4'])
+def test_bags_time_is_the_simulated_one(tmp_path: Path, factor: str) -> None:
+    path = bag_of(tmp_path, '--realtime-factor', factor, '--distance', '20')
+    with AnyReader([path]) as reader:
+        state = [
+            (time, reader.deserialize(data, connection.msgtype).header.stamp)
+            for connection, time, data in reader.messages(reader.topics['/z_vhcl'].connections)
+        ]
+    assert [time for time, _ in state] == [s.sec * 10**9 + s.nanosec for _, s in state]
+
+
+def test_bags_time_is_the_walls_where_time_is_not_simulated(tmp_path: Path) -> None:
+    before = time.time_ns()
+    path = bag_of(tmp_path, '--distance', '1')
+    with AnyReader([path]) as reader:
+        times = [time for _, time, _ in reader.messages(reader.topics['/z_vhcl'].connections)]
+        assert '/clock' not in reader.topics
+    assert before < times[0] < times[-1] < time.time_ns()
+
+
+def test_nodes_of_one_name_make_a_whole_bag(tmp_path: Path) -> None:
+    options = ['--realtime-factor', 'max', '--distance', '1', '--ros-args', '-r', '__node:=car']
+    done = drive(tmp_path, *options)
+    assert done.returncode == 0
+    assert bag.info(tmp_path / done.stdout.strip())['road'] == 'lab'

@@ -1,0 +1,127 @@
+"""A run with mirrors: what is published beside it, and that it is the same run."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rosbags.highlevel import AnyReader
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(barc_sim.__file__).parents[1]
+EACH_STATE = {'/odom', '/accel', '/joint_states'}
+NOW_AND_THEN = {'/path', '/markers', '/road_markers', '/diagnostics'}
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+def drive(folder: Path, *options: str, before: str = '') -> subprocess.CompletedProcess[str]:
+    """Run `acc` in `folder`, after the statement `before` in the same process."""
+    code = f'import sys\n{before}\nfrom barc_sim.run import main\nsys.exit(main())'
+    return subprocess.run(
+        [sys.executable, '-c', code, 'acc', '--quiet', *options],
+        cwd=folder,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def bag_of(folder: Path, *options: str) -> Path:
+    done = drive(folder, *options)
+    assert done.returncode == 0, done.stderr
+    return folder / done.stdout.strip()
+
+
+def messages(path: Path) -> dict[str, list[Any]]:
+    """Return a bag's messages by topic, but for those of every node."""
+    found: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        wanted = [c for c in reader.connections if c.topic not in {'/rosout', '/parameter_events'}]
+        for connection, _, data in reader.messages(connections=wanted):
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+    return found
+
+
+def test_every_state_is_mirrored_and_the_run_is_the_same(tmp_path: Path) -> None:
+    path = bag_of(tmp_path, '--realtime-factor', 'max', '--mirrors', 'all')
+    found = messages(path)
+    assert set(found) > EACH_STATE | (NOW_AND_THEN - {'/diagnostics'})
+    stamps = [state.header.stamp for state in found['/z_vhcl']]
+    for topic in EACH_STATE:
+        assert [message.header.stamp for message in found[topic]] == stamps, topic
+    assert np.array_equal(bag.read(path).v_x, rollout().v_x)
+    assert bag.info(path)['lost_messages'] == '0'
+
+
+def test_run_without_mirrors_has_none(tmp_path: Path) -> None:
+    found = messages(bag_of(tmp_path, '--realtime-factor', 'max', '--distance', '20'))
+    assert not set(found) & (EACH_STATE | NOW_AND_THEN)
+
+
+def test_those_that_are_named_are_there_and_no_others(tmp_path: Path) -> None:
+    options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors', 'accel,path')
+    found = messages(bag_of(tmp_path, *options))
+    assert set(found) & (EACH_STATE | NOW_AND_THEN) == {'/accel', '/path'}
+
+
+def test_mirrors_stand_on_the_simulators_road_in_its_namespace(tmp_path: Path) -> None:
+    (tmp_path / 'hill.csv').write_text('start_m,grade_deg\n0,20\n')
+    options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors', 'odom')
+    path = bag_of(tmp_path, *options, '--road', 'hill.csv', '--ros-args', '-r', '__ns:=/car2')
+    last = messages(path)['/car2/odom'][-1]
+    assert last.pose.pose.position.z / last.pose.pose.position.x == pytest.approx(0.36397, abs=1e-5)
+    assert last.header.frame_id == 'car2/odom'
+
+
+def test_diagnostics_tell_of_time_noise_and_bag(tmp_path: Path) -> None:
+    options = ('--distance', '6', '--mirrors', 'diagnostics')
+    last = messages(bag_of(tmp_path, *options))['/diagnostics'][-1]
+    told = {
+        status.name: {entry.key: entry.value for entry in status.values} for status in last.status
+    }
+    assert set(told) == {f'/mirror: {name}' for name in ('timing', 'command', 'noise', 'bag')}
+    assert int(told['/mirror: timing']['missed deadlines']) >= 0
+    assert told['/mirror: noise']['v_x'] == '0'
+    assert int(told['/mirror: bag']['recorded messages']) > 0
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    """Return a port that somebody has."""
+    with socket.create_server(('127.0.0.1', 0)) as server:
+        yield server.getsockname()[1]
+
+
+def test_port_that_foxglove_cannot_have_ends_the_run_before_it_begins(
+    tmp_path: Path, taken: int
+) -> None:
+    pytest.importorskip('foxglove')
+    done = drive(tmp_path, '--foxglove', str(taken))
+    assert (done.returncode, done.stdout) == (2, '')
+    assert f'port {taken} cannot be had for Foxglove' in done.stderr.splitlines()[-1]
+    assert not (tmp_path / 'bags').exists()
+
+
+def test_sdk_that_is_missing_ends_the_run_before_it_begins(tmp_path: Path) -> None:
+    done = drive(tmp_path, '--foxglove', before="sys.modules['foxglove'] = None")
+    assert (done.returncode, done.stdout) == (2, '')
+    assert 'the Foxglove SDK is not installed in this Python' in done.stderr.splitlines()[-1]
+    assert not (tmp_path / 'bags').exists()

@@ -1,0 +1,362 @@
+"""Teleoperation as a user has it: a process in a pseudo-terminal of its own, driven by keys."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import termios
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from rosbags.highlevel import AnyReader
+
+import barc_sim
+from barc_sim.bags import reader as bag
+from barc_sim.control.driver import COAST, Drive, Limits
+from barc_sim.simulation.closed_loop import drive
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from barc_sim.simulation.log import Log
+
+ROOT = Path(barc_sim.__file__).parents[1]
+DEADLINE = 60.0
+READY = b'q ends'
+# As a terminal window does it: the pseudo-terminal controls the process.
+TAKE_TERMINAL = 'import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n'
+MAIN = 'from barc_sim.run import main; sys.exit(main())'
+FAILING = """
+from barc_sim.nodes.relay import Relay
+def fail(self, twist):
+    raise ZeroDivisionError('a fault in a node')
+Relay._on_twist = fail
+"""
+pytestmark = pytest.mark.usefixtures('ros_domain')
+
+
+class Session:
+    """A run in a terminal."""
+
+    def __init__(self, folder: Path, *options: str, script: str = '') -> None:
+        self.folder = folder
+        self.user, self.fd = pty.openpty()
+        self.before = termios.tcgetattr(self.fd)
+        self.shown = b''
+        self.process = subprocess.Popen(
+            [sys.executable, '-c', TAKE_TERMINAL + script + MAIN, 'teleop', *options],
+            cwd=folder,
+            env=os.environ | {'PYTHONPATH': str(ROOT), 'TERM': 'xterm'},
+            stdin=self.fd,
+            stdout=self.fd,
+            stderr=self.fd,
+            start_new_session=True,
+        )
+
+    def type(self, keys: bytes) -> None:
+        """Send what keys send."""
+        os.write(self.user, keys)
+
+    def hold(self, key: bytes, seconds: float) -> None:
+        """Hold a key as a keyboard does: half a second's delay, then 30 repeats a second."""
+        start = time.monotonic()
+        self.type(key)
+        self.look(0.5)
+        while time.monotonic() < start + seconds:
+            self.type(key)
+            self.look(0.03)
+
+    def look(self, seconds: float) -> None:
+        """Read what is shown, for so long."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            if select.select([self.user], [], [], left)[0]:
+                self.shown += os.read(self.user, 4096)
+
+    def until(self, pattern: bytes) -> None:
+        """Read until `pattern` is shown, from now on."""
+        start, end = len(self.shown), time.monotonic() + DEADLINE
+        while not re.search(pattern, self.shown[start:]):
+            assert time.monotonic() < end, self.shown[-2000:].decode()
+            self.look(0.05)
+
+    def end(self) -> int:
+        """Return the exit code, once it has ended."""
+        end = time.monotonic() + DEADLINE
+        while self.process.poll() is None:
+            assert time.monotonic() < end, self.shown[-2000:].decode()
+            self.look(0.05)
+        self.look(0.05)
+        return self.process.returncode
+
+    def bag(self) -> Path:
+        """Return the bag."""
+        (path,) = (self.folder / 'bags').iterdir()
+        return path
+
+    def close(self) -> None:
+        """End it whatever it does."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        os.close(self.user)
+        os.close(self.fd)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Iterator[Session]:
+    session = Session(tmp_path)
+    try:
+        session.until(READY)
+        session.until(rb'held -')
+        yield session
+    finally:
+        session.close()
+
+
+def wishes(path: Path) -> list[tuple[float, Drive]]:
+    """Return the recorded `cmd_vel`, at times since the first state."""
+    found = []
+    with AnyReader([path]) as reader:
+        names = {'/z_vhcl', '/cmd_vel'}
+        first = None
+        for connection, time_ns, data in reader.messages(
+            [c for c in reader.connections if c.topic in names]
+        ):
+            if connection.topic == '/z_vhcl':
+                first = first or time_ns
+            elif first:
+                twist = reader.deserialize(data, connection.msgtype)
+                wish = Drive(twist.linear.x, twist.angular.z, -twist.linear.z)
+                found.append(((time_ns - first) / 1e9, wish))
+    return found
+
+
+def lost(path: Path) -> float:
+    """Return the simulated time [s] by which the machine fell behind."""
+    return 0.02 * float(bag.info(path)['slipped_periods'])
+
+
+def test_keys_drive_the_car_as_the_limits_predict(session: Session) -> None:
+    session.hold(b'\x1b[A', 2.0)
+    session.until(rb'held -')
+    session.look(0.5)  # coasting
+    session.type(b'q')
+    assert session.end() == 0
+    log = bag.read(session.bag())
+    heard = wishes(session.bag())
+    begun = next(t for t, wish in heard if wish.forward == 1.0)
+    ended = next(t for t, wish in heard if wish == COAST)
+    assert ended - begun > 2.0
+    slack = lost(session.bag()) * Limits().acceleration
+    expected = (ended - begun) * Limits().acceleration
+    assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
+    assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.01)
+    assert termios.tcgetattr(session.fd) == session.before
+
+
+def test_left_space_and_reset(session: Session) -> None:
+    session.hold(b'w', 1.0)
+    session.type(b'a')
+    session.until(rb'held -')
+    session.type(b' ')
+    session.until(rb'speed +0\.00 m/s')
+    session.type(b'r')
+    session.until(rb' 0\.[0-9] s  speed +0\.00')
+    session.look(0.3)
+    session.type(b'q')
+    assert session.end() == 0
+    log = bag.read(session.bag())
+    again = int(np.flatnonzero(np.diff(log.x) < -1.0)[0]) + 1
+    assert log.psi[again - 1] > 0.1
+    assert log.y[again - 1] > 0.1
+    assert log.speed[again - 1] == pytest.approx(0.0, abs=0.01)
+    # Where the machine is late, the last command holds for longer than the relay's period.
+    assert log.speed.min() >= -0.4
+    assert (log.x[again], log.y[again], log.psi[again]) == (0.0, 0.0, 0.0)
+    assert np.abs(log.servo).max() <= Limits().steering
+
+
+def same(one: Log, other: Log) -> bool:
+    return all(
+        getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        for name in ('x', 'y', 'psi', 'v_x', 'motor', 'servo')
+    )
+
+
+def test_a_recorded_drive_driven_again_is_the_same_each_time_and_as_it_was(
+    session: Session,
+) -> None:
+    session.hold(b'w', 1.0)
+    session.type(b'd')
+    session.until(rb'held -')
+    session.type(b'q')
+    assert session.end() == 0
+    log = bag.read(session.bag())
+    heard = wishes(session.bag())
+    duration = float(log.t[-1])
+    again = drive(heard, duration)
+    assert same(again, drive(heard, duration))
+    # The nodes' ticks fall elsewhere in the same 50 ms.
+    assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
+    assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + lost(session.bag()))
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_ends_it_in_order(session: Session, number: int) -> None:
+    session.type(b'w')
+    session.until('held ↑'.encode())
+    session.process.send_signal(number)
+    assert session.end() == 0
+    assert termios.tcgetattr(session.fd) == session.before
+    assert b'Traceback' not in session.shown
+    assert len(bag.read(session.bag())) > 1
+
+
+def test_ctrl_c_ends_it(session: Session) -> None:
+    session.type(b'\x03')
+    assert session.end() == 0
+    assert termios.tcgetattr(session.fd) == session.before
+    assert b'\x1b[?2004l' in session.shown
+
+
+def test_a_terminal_that_is_closed_ends_it(tmp_path: Path) -> None:
+    session = Session(tmp_path)
+    session.until(READY)
+    session.until(rb'held -')
+    session.type(b'w')
+    os.close(session.fd)
+    os.close(session.user)
+    session.process.wait(DEADLINE)
+    assert 'missed_deadlines' in bag.info(session.bag())  # the bag was closed in order
+
+
+def test_an_error_in_a_node_gives_the_terminal_back(tmp_path: Path) -> None:
+    session = Session(tmp_path, script=FAILING)
+    try:
+        session.until(READY)
+        session.until(rb'held -')
+        session.type(b'w')
+        assert session.end() != 0
+        assert b'a fault in a node' in session.shown
+        assert termios.tcgetattr(session.fd) == session.before
+    finally:
+        session.close()
+
+
+def test_without_a_terminal_it_says_so_and_drives_from_cmd_vel(tmp_path: Path) -> None:
+    publish = (
+        'import rclpy\n'
+        'from geometry_msgs.msg import Twist, Vector3\n'
+        'from barc_interfaces.msg import ZDynBkMdl\n'
+        'rclpy.init()\n'
+        "node = rclpy.create_node('joystick')\n"
+        "twists = node.create_publisher(Twist, 'cmd_vel', 10)\n"
+        'speed = [0.0]\n'
+        "node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda m: speed.append(m.v_x), 10)\n"
+        'node.create_timer(0.1, lambda: twists.publish(Twist(linear=Vector3(x=1.0))))\n'
+        'while speed[-1] < 1.0:\n'
+        '    rclpy.spin_once(node)\n'
+    )
+    env = os.environ | {'PYTHONPATH': str(ROOT)}
+    run = subprocess.Popen(
+        [sys.executable, '-m', 'barc_sim.run', 'teleop'],
+        cwd=tmp_path,
+        env=env,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        subprocess.run([sys.executable, '-c', publish], env=env, check=True, timeout=DEADLINE)
+        run.send_signal(signal.SIGTERM)
+        out, err = run.communicate(timeout=DEADLINE)
+    finally:
+        run.kill()
+    assert run.returncode == 0
+    assert 'no keys are read, as the standard input is no terminal' in err
+    assert 'held ↑' in out or 'missed deadlines' in out
+
+
+def relayless(folder: Path) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
+    """Start a simulator with a command timeout, and a relay, each in its process."""
+    env = os.environ | {'PYTHONPATH': str(ROOT)}
+    parameters = ['--ros-args', '-p', 'command_timeout:=0.5', '-p', 'road:=flat']
+    simulator, relay = (
+        subprocess.Popen(
+            [sys.executable, '-m', 'barc_sim', 'node', name, *more], cwd=folder, env=env, text=True
+        )
+        for name, more in (('vehicle_simulator', parameters), ('relay', []))
+    )
+    return simulator, relay
+
+
+def test_killing_the_relay_stops_the_car(tmp_path: Path) -> None:
+    watch = (
+        'import os, signal, sys, rclpy\n'
+        'from geometry_msgs.msg import Twist, Vector3\n'
+        'from barc_interfaces.msg import ZDynBkMdl\n'
+        'rclpy.init()\n'
+        "node = rclpy.create_node('watch')\n"
+        "twists = node.create_publisher(Twist, 'cmd_vel', 10)\n"
+        'speeds = [0.0]\n'
+        "node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda m: speeds.append(m.v_x), 10)\n"
+        'node.create_timer(0.1, lambda: twists.publish(Twist(linear=Vector3(x=1.0))))\n'
+        'while speeds[-1] < 2.0:\n'
+        '    rclpy.spin_once(node)\n'
+        'os.kill(int(sys.argv[1]), signal.SIGKILL)\n'
+        'killed = len(speeds)\n'
+        'while speeds[-1] > 1e-6 or len(speeds) < killed + 100:\n'
+        '    rclpy.spin_once(node)\n'
+        'assert min(speeds) >= -1e-9, min(speeds)\n'
+        'gone = next(k for k in range(killed, len(speeds)) if speeds[k] < speeds[k - 1] - 0.1)\n'
+        'print(gone - killed)\n'
+    )
+    simulator, relay = relayless(tmp_path)
+    env = os.environ | {'PYTHONPATH': str(ROOT)}
+    try:
+        done = subprocess.run(
+            [sys.executable, '-c', watch, str(relay.pid)],
+            env=env,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=DEADLINE,
+        )
+    finally:
+        for process in (simulator, relay):
+            process.kill()
+            process.wait()
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) <= 30  # states of 20 ms from the kill to the brake: 0.5 s and a little
+
+
+def test_as_fast_as_it_goes_is_refused_with_one_sentence(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'barc_sim.run', 'teleop', '--realtime-factor', 'max'],
+        cwd=tmp_path,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=DEADLINE,
+    )
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == (
+        "barc_sim.run: error: a driver's time cannot run as fast as it goes: give teleop a "
+        '--realtime-factor above 0'
+    )
+    assert not (tmp_path / 'bags').exists()

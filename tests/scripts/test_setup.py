@@ -1,0 +1,166 @@
+"""The set-up's errors and the versions that must agree; .ci/run makes a whole set-up."""
+
+from __future__ import annotations
+
+import configparser
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), ROOT / '.ci' / 'run']
+SHELL_SCRIPTS = [
+    path for path in SCRIPTS if path.is_file() and b'bash' in path.read_bytes().split(b'\n', 1)[0]
+]
+TOOLS = ('awk', 'bash', 'df', 'flock', 'mkdir', 'readlink', 'sha256sum', 'uname')
+COMPILERS = ('c++', 'cc')
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """Return a copy of what the set-up reads, in a directory whose name has a space."""
+    copy = tmp_path / 'my checkout'
+    for name in ('barc_interfaces', 'resource', 'scripts'):
+        shutil.copytree(ROOT / name, copy / name)
+    for name in ('setup.cfg', 'setup.py', 'package.xml', 'pyproject.toml'):
+        shutil.copy(ROOT / name, copy)
+    return copy
+
+
+def programs(directory: Path, *names: str, **scripts: str) -> Path:
+    """Make a directory for PATH that holds these programs of this machine, and these scripts."""
+    directory.mkdir()
+    for name in names:
+        (directory / name).symlink_to(str(shutil.which(name)))
+    for name, text in scripts.items():
+        script = directory / name
+        script.write_text(f'#!{shutil.which("bash")}\n{text}\n')
+        script.chmod(0o755)
+    return directory
+
+
+def run(checkout: Path, path: Path | str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Call the checkout's scripts/run with nothing but `path` on PATH and no ROS sourced."""
+    return subprocess.run(
+        [str(checkout / 'scripts' / 'run'), 'acc'],
+        cwd=checkout.parent,
+        env={'PATH': str(path), 'BARC_PYTHON': sys.executable} | environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def sentence(process: subprocess.CompletedProcess[str]) -> str:
+    """Return the one line that a failed set-up prints."""
+    assert process.returncode == 1
+    assert process.stdout == ''
+    (line,) = process.stderr.splitlines()
+    assert line.startswith('barc_sim: ')
+    assert line.endswith('.')
+    return line
+
+
+@pytest.mark.parametrize('script', SHELL_SCRIPTS, ids=lambda path: path.name)
+def test_script_is_bash_that_parses(script: Path) -> None:
+    process = subprocess.run(
+        [str(shutil.which('bash')), '-n', str(script)], capture_output=True, text=True, check=False
+    )
+    assert (process.returncode, process.stderr) == (0, '')
+
+
+def test_missing_compiler_is_named(checkout: Path, tmp_path: Path) -> None:
+    path = programs(tmp_path / 'bin', *TOOLS)
+    assert 'a C++ compiler must be installed' in sentence(run(checkout, path))
+    assert not (checkout / '.venv').exists()
+
+
+def test_all_that_is_missing_is_named_at_once(checkout: Path, tmp_path: Path) -> None:
+    version = sysconfig.get_python_version()
+    no_venv = f'[[ $* == *ensurepip* ]] && exit 1; exec "{sys.executable}" "$@"'
+    path = programs(tmp_path / 'bin', *TOOLS, python=no_venv)
+    # The script asks the interpreter where it lies, and uses that one from then on.
+    answer = f'[[ $* != *realpath* ]] || {{ echo {version} {path / "python"}; exit; }}; {no_venv}'
+    (path / 'python').write_text(f'#!{shutil.which("bash")}\n{answer}\n')
+    line = sentence(run(checkout, path, BARC_PYTHON=str(path / 'python')))
+    assert f"a C++ compiler and Python {version}'s venv module must be installed" in line
+    assert f'sudo apt install g++ python{version}-venv' in line
+
+
+@pytest.mark.parametrize('version', ['2.7', '3.9', '3.14'])
+def test_unsupported_python_is_named(checkout: Path, tmp_path: Path, version: str) -> None:
+    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS, python3=f'echo {version} /bin/python')
+    line = sentence(run(checkout, path, BARC_PYTHON=''))
+    assert f'3.10, 3.11, 3.12 or 3.13 is needed, but python3 is Python {version}' in line
+
+
+def test_missing_python_is_named(checkout: Path, tmp_path: Path) -> None:
+    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS)
+    line = sentence(run(checkout, path, BARC_PYTHON='/opt/python'))
+    assert 'is needed, but /opt/python is not there' in line
+
+
+def test_another_ros_distribution_is_refused(checkout: Path, tmp_path: Path) -> None:
+    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS)
+    process = run(checkout, path, ROS_DISTRO='humble', AMENT_PREFIX_PATH='/opt/ros/humble')
+    assert "ROS 2 Jazzy is needed, but 'humble' is sourced" in sentence(process)
+
+
+def test_foreign_environment_is_left_alone(checkout: Path) -> None:
+    (checkout / '.venv').mkdir()
+    (checkout / '.venv' / 'mine').touch()
+    process = run(checkout, os.environ['PATH'])
+    assert 'was not made by this script: move it out of the way' in process.stderr
+    assert process.returncode == 1
+    assert (checkout / '.venv' / 'mine').exists()
+
+
+def test_checkout_that_cannot_be_written_to_is_named(checkout: Path, tmp_path: Path) -> None:
+    (checkout / '.setup').touch()
+    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS)
+    assert f'{checkout} cannot be written to' in sentence(run(checkout, path))
+
+
+def test_versions_agree() -> None:
+    setup = configparser.ConfigParser(interpolation=None)
+    setup.read(ROOT / 'setup.cfg')
+    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
+    versions = {
+        setup['metadata']['version'],
+        ET.parse(ROOT / 'package.xml').findtext('version'),
+        ET.parse(ROOT / 'barc_interfaces' / 'package.xml').findtext('version'),
+        *re.findall(r'^version = "(.*)"$', table, re.MULTILINE),
+    }
+    assert len(versions) == 1
+
+
+def test_both_packages_are_for_the_same_pythons() -> None:
+    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
+    (versions,) = re.findall(r"python_requires='(.*)'", (ROOT / 'setup.py').read_text())
+    assert f'requires-python = "{versions}"' in table
+
+
+def test_every_wheel_of_ros_is_pinned_to_one_version() -> None:
+    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
+    wheels = re.findall(r'"(ros-[^"]*)"', table)
+    assert wheels
+    assert [wheel for wheel in wheels if '==' not in wheel] == []
+    assert len(dict(wheel.split('==') for wheel in wheels)) == len(set(wheels))
+
+
+def test_a_sourced_ros_gets_no_wheel_of_ros() -> None:
+    setup = configparser.ConfigParser(interpolation=None)
+    setup.read(ROOT / 'setup.cfg')
+    extras = dict(setup['options.extras_require'])
+    del extras['testwheels']  # which the set-up asks for only without a sourced ROS
+    listed = setup['options']['install_requires'] + str(extras)
+    assert 'ros-' not in listed
+    assert 'barc' not in listed

@@ -1,0 +1,276 @@
+"""The closed loop without ROS."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from math import radians, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from barc_sim.control.driver import COAST, FULL_BRAKE, Drive, Limits
+from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, PID, speed_controller
+from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.log import Log
+from barc_sim.simulation.metrics import summary
+from barc_sim.vehicle.bike_model import Vehicle, bikeFE
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def assert_identical(left: Log, right: Log) -> None:
+    for field in fields(Log):
+        ours: NDArray[np.generic] = getattr(left, field.name)
+        theirs: NDArray[np.generic] = getattr(right, field.name)
+        assert ours.dtype == theirs.dtype
+        assert ours.tobytes() == theirs.tobytes(), field.name
+
+
+@pytest.fixture(scope='module')
+def lab_run() -> Log:
+    return rollout()
+
+
+# The defaults
+
+
+def test_default_gains_hold_the_speed_within_the_goal(lab_run: Log) -> None:
+    told = summary(lab_run)
+    assert told.rms_error_after_run_up <= 0.035
+    assert told.max_error_after_run_up <= 0.17
+    # The least that any controller of this loop can reach.
+    assert told.rms_error_after_run_up >= 0.0066
+    assert told.max_error_after_run_up >= 0.098
+
+
+def test_default_run_keeps_the_acceleration_limit_and_uses_it(lab_run: Log) -> None:
+    assert np.abs(lab_run.motor).max() == ACCELERATION_LIMIT == 8.0
+    at_limit = np.abs(lab_run.motor) == 8.0
+    assert lab_run.saturated[0]
+    assert at_limit[lab_run.saturated].all()
+
+
+def test_default_run_is_the_whole_course_at_8_m_s(lab_run: Log) -> None:
+    assert len(lab_run) == pytest.approx(1150, abs=10)
+    assert (lab_run.reference == 8.0).all()
+    assert set(np.unique(lab_run.theta_deg)) == {-30.0, -10.0, 0.0, 10.0, 30.0}
+
+
+def test_two_rollouts_are_bit_identical(lab_run: Log) -> None:
+    assert_identical(lab_run, rollout())
+
+
+def test_two_rollouts_with_noise_of_one_seed_are_bit_identical() -> None:
+    noise = Deviation(0.1, 0.1, 0.01, 0.1, 0.1, 0.01)
+    first, second, other = (rollout(Plant(noise=noise, seed=s), distance=30.0) for s in (3, 3, 4))
+    assert_identical(first, second)
+    assert len(other) != len(first) or (other.v_x != first.v_x).any()
+
+
+def test_rollout_is_the_lab_templates_loop(lab_run: Log) -> None:
+    """A student's plain loop over bikeFE and the controller, with nothing else of ours."""
+    x = y = psi = v = 0.0
+    pid, road, vehicle = speed_controller(), Road.lab(), Vehicle()
+    states, commands = [], []
+    while True:
+        a = pid.acc_calculate(8.0, v)
+        states.append((x, y, psi, v))
+        commands.append(a)
+        if x >= 180.0:
+            break
+        theta = radians(road.grade_deg(x))
+        x, y, psi, v = bikeFE(
+            x, y, psi, v, a, 0.0, vehicle.air_drag_coeff, 2000.0, vehicle.friction, theta, 0.02
+        )
+    columns = [lab_run.x, lab_run.y, lab_run.psi, lab_run.v_x]
+    assert np.array_equal(np.column_stack(columns), np.array(states))
+    assert np.array_equal(lab_run.motor, np.array(commands))
+
+
+# What the log holds
+
+
+def test_times_are_whole_steps(lab_run: Log) -> None:
+    assert lab_run.t[:4].tolist() == [0.0, 0.02, 0.04, 0.06]
+    assert np.diff(lab_run.t) == pytest.approx(0.02)
+
+
+def test_log_tells_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
+    road = Road.lab()
+    s = lab_run.x.tolist()
+    assert lab_run.theta_deg.tolist() == [road.grade_deg(x) for x in s]
+    assert lab_run.elevation.tolist() == [road.elevation(x) for x in s]
+    assert lab_run.gravity == pytest.approx(-19600.0 * np.sin(np.radians(lab_run.theta_deg)))
+    assert lab_run.drag == pytest.approx(-0.01308 * lab_run.v_x**2)
+    assert lab_run.friction == pytest.approx(-0.01711 * (lab_run.v_x > 0.0))
+    assert lab_run.proportional == pytest.approx(30.0 * (8.0 - lab_run.v_x))
+    assert lab_run.derivative[1:] == pytest.approx(-0.1 * np.diff(lab_run.v_x) / 0.02)
+    steps = 200.0 * 0.02 * (8.0 - lab_run.v_x)
+    integrated = ~lab_run.saturated[1:]
+    assert np.diff(lab_run.integral)[integrated] == pytest.approx(steps[1:][integrated], abs=1e-9)
+    total = lab_run.proportional + lab_run.integral + lab_run.derivative
+    free = ~lab_run.saturated
+    assert lab_run.motor[free] == pytest.approx(total[free])
+    for still in (lab_run.y, lab_run.psi, lab_run.v_y, lab_run.psi_dot, lab_run.servo):
+        assert not still.any()
+    for error in (lab_run.e_s, lab_run.e_ey, lab_run.e_epsi, lab_run.e_v_x, lab_run.e_v_y):
+        assert not error.any()
+    assert not lab_run.e_psi_dot.any()
+    assert not lab_run.missed.any()
+
+
+def test_controller_sees_what_the_sensor_measures() -> None:
+    log = rollout(Plant(noise=Deviation(v_x=0.5)), PID(1.0, 0.0, 0.0), distance=20.0)
+    assert log.e_v_x.any()
+    assert log.motor == pytest.approx(8.0 - log.v_x)
+
+
+def test_noise_in_position_does_not_change_the_motion() -> None:
+    noisy = rollout(Plant(noise=Deviation(s=0.5, ey=0.5, epsi=0.1)), distance=30.0)
+    quiet = rollout(distance=30.0)
+    assert noisy.x[3] != quiet.x[3]
+    assert np.array_equal(noisy.v_x, quiet.v_x)
+    assert noisy.distance == pytest.approx(quiet.x)
+
+
+# Where it ends
+
+
+@pytest.mark.parametrize('distance', [5.0, 42.0, 180.0])
+def test_last_row_is_the_first_state_at_or_beyond_the_distance(distance: float) -> None:
+    log = rollout(distance=distance)
+    assert log.x[-1] >= distance > log.x[-2]
+
+
+def test_state_exactly_at_the_distance_is_the_last() -> None:
+    plant = Plant(road=Road.flat())
+    plant.state = plant.state._replace(x=5.0)
+    assert len(rollout(plant, distance=5.0)) == 1
+
+
+def test_true_position_ends_the_run() -> None:
+    plant = Plant(noise=Deviation(s=5.0), seed=1)
+    log = rollout(plant, distance=30.0)
+    assert plant.state.x >= 30.0
+    assert log.distance[-2] < 30.0 < log.x[:-1].max()
+
+
+@pytest.mark.parametrize(('duration', 'states'), [(0.0, 1), (0.06, 4), (1.0, 51)])
+def test_run_that_does_not_arrive_ends_after_its_longest_duration(
+    duration: float, states: int
+) -> None:
+    log = rollout(max_duration=duration)
+    assert len(log) == states
+    assert log.t[-1] == pytest.approx(duration)
+
+
+def test_run_with_no_speed_to_reach_stays_where_it_is_for_ten_minutes() -> None:
+    log = rollout(speed_reference=0.0)
+    assert log.t[-1] == 600.0
+    assert not log.x.any()
+    assert not log.motor.any()
+
+
+# What it is given
+
+
+def test_speed_reference_is_reached_and_logged() -> None:
+    log = rollout(speed_reference=3.0, distance=19.0)
+    assert (log.reference == 3.0).all()
+    assert log.v_x[-1] == pytest.approx(3.0, abs=0.01)
+
+
+def test_plant_and_controller_are_left_as_the_run_left_them() -> None:
+    plant, pid = Plant(), speed_controller()
+    log = rollout(plant, pid, distance=30.0)
+    assert plant.state.x == log.x[-1]
+    assert plant.state.v == log.v_x[-1]
+    assert pid.integral == log.integral[-1]
+
+
+def test_vehicle_and_step_of_the_plant_are_used() -> None:
+    plant = Plant(road=Road.flat(), vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0), ts=0.1)
+    log = rollout(plant, PID(1.0, 0.0, 0.0), max_duration=1.0)
+    k = np.arange(11)
+    assert log.t == pytest.approx(0.1 * k)
+    assert log.v_x == pytest.approx(8.0 * (1.0 - 0.9**k))
+
+
+def test_proportional_control_leaves_the_offset_that_the_hill_demands() -> None:
+    road = Road((0.0,), (10.0,))
+    log = rollout(Plant(road=road), PID(4.0, 0.0, 0.0), distance=100.0)
+    resistance = (0.01308 * log.v_x[-1] ** 2 + 0.01711) / 2000.0
+    offset = (9.8 * sin(radians(10.0)) + resistance) / 4.0
+    assert log.speed_error[-1] == pytest.approx(offset, abs=1e-9)
+
+
+def test_interval_is_that_of_stamps_in_whole_nanoseconds() -> None:
+    seen: list[float | None] = []
+
+    class Spy(PID):
+        def acc_calculate(
+            self, speed_reference: float, speed_current: float, dt: float | None = None
+        ) -> float:
+            seen.append(dt)
+            return super().acc_calculate(speed_reference, speed_current, dt)
+
+    log = rollout(Plant(ts=1.0 / 30.0), Spy(1.0, 0.0, 0.0), max_duration=0.1)
+    assert seen == [FIRST_DT] + [33_333_333 / 1e9] * 3
+    assert log.t[3] == 99_999_999 / 1e9
+
+
+@pytest.mark.parametrize('limit', [2.0, 5.0])
+def test_speed_controller_stays_within_its_limit(limit: float) -> None:
+    pid = speed_controller(limit=limit)
+    assert pid.acc_calculate(8.0, 0.0) == limit
+    assert pid.acc_calculate(0.0, 8.0) == -limit
+
+
+def test_speed_controller_takes_gains() -> None:
+    pid = speed_controller(1.0, 2.0, 3.0)
+    assert (pid.kp, pid.ki, pid.kd) == (1.0, 2.0, 3.0)
+    assert (pid.output_min, pid.output_max) == (-8.0, 8.0)
+
+
+# Driving by hand
+
+
+WISHES = [(0.0, Drive(forward=1.0)), (1.5, Drive(turn=1.0)), (2.0, FULL_BRAKE)]
+
+
+def test_the_same_wishes_give_the_same_trajectory_bit_for_bit() -> None:
+    one, other = drive(WISHES, 6.0), drive(reversed(WISHES), 6.0)
+    for name in Log.__dataclass_fields__:
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+
+
+def test_up_gives_the_speed_that_the_limits_predict() -> None:
+    wishes = [(0.05 * k, Drive(forward=1.0)) for k in range(40)]
+    log = drive([*wishes, (2.0, COAST)], 4.0)
+    assert log.speed[-1] == pytest.approx(2.0 * Limits().acceleration, rel=0.01)
+
+
+def test_left_turns_left_and_the_brake_stops_the_car() -> None:
+    log = drive(WISHES, 6.0)
+    assert log.psi[-1] > 0.1
+    assert log.y[-1] > 0.1
+    assert log.speed[-1] == pytest.approx(0.0, abs=1e-3)
+    assert log.speed.min() >= -1e-6
+
+
+def test_a_wish_goes_stale() -> None:
+    log = drive([(0.0, Drive(forward=1.0))], 3.0)
+    assert log.speed[-1] == pytest.approx(0.5 * Limits().acceleration, rel=0.15)
+    assert log.motor[-1] == 0.0
+
+
+def test_a_drive_by_hand_has_no_reference() -> None:
+    log = drive([], 1.0)
+    assert len(log) == 51
+    assert np.isnan(log.reference).all()
+    assert not log.saturated.any()

@@ -1,0 +1,61 @@
+"""The orders of convergence that each integrator is known for."""
+
+from __future__ import annotations
+
+from math import isnan
+
+import pytest
+
+from barc_sim.simulation.convergence import ROUNDING, STEPS, Study, order, studies
+from barc_sim.simulation.test_drives import MANOEUVRES
+from barc_sim.vehicle.integrators import INTEGRATORS
+
+
+@pytest.fixture(scope='module')
+def found() -> list[Study]:
+    return [*studies()]
+
+
+def test_each_model_and_integrator_is_studied_in_each_of_its_manoeuvres(
+    found: list[Study],
+) -> None:
+    assert [(study.manoeuvre, study.model, study.integrator) for study in found] == [
+        (manoeuvre.name, model, integrator)
+        for manoeuvre in MANOEUVRES
+        for model in manoeuvre.models
+        for integrator in INTEGRATORS
+    ]
+
+
+def test_smooth_drives_converge_with_the_integrators_order(found: list[Study]) -> None:
+    smooth = [study for study in found if study.manoeuvre != "lab's road"]
+    for study in smooth:
+        expected = INTEGRATORS[study.integrator].order
+        assert study.order == pytest.approx(expected, abs=0.1 * expected), study
+
+
+def test_rk4_is_far_closer_where_the_road_is_smooth(found: list[Study]) -> None:
+    for euler, rk4 in zip(found[::2], found[1::2], strict=True):
+        assert rk4.errors[0] < euler.errors[0]
+        if euler.manoeuvre != "lab's road":
+            assert rk4.errors[0] < 1e-4 * euler.errors[0]
+
+
+def test_jumps_of_the_grade_leave_rk4_no_better_order(found: list[Study]) -> None:
+    lab = [study for study in found if study.manoeuvre == "lab's road"]
+    assert lab
+    for study in lab:
+        assert 0.3 < study.order < 1.5
+        assert study.errors[-1] > 1e-3
+
+
+@pytest.mark.parametrize('exponent', [1, 2, 4])
+def test_order_is_the_slope(exponent: int) -> None:
+    errors = tuple(3.0 * ts**exponent for ts in STEPS)
+    assert order(errors) == pytest.approx(exponent)
+
+
+def test_order_takes_no_notice_of_rounding() -> None:
+    first = 1e3 * ROUNDING
+    assert order((first, first / 4.0, first / 16.0, 1e-13, 2e-13)) == pytest.approx(2.0)
+    assert isnan(order((first, 1e-12, 1e-13, 1e-13, 1e-13)))

@@ -1,0 +1,91 @@
+"""A run as arrays: shapes, and the truth behind noisy measurements."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, fields, replace
+
+import numpy as np
+import pytest
+
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.log import Log
+from barc_sim.vehicle.bike_model import Input, State
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+
+
+@pytest.fixture(scope='module')
+def log() -> Log:
+    return rollout(max_duration=1.0)
+
+
+@pytest.mark.parametrize('name', [field.name for field in fields(Log) if field.name != 't'])
+def test_array_of_another_length_is_refused_by_name(log: Log, name: str) -> None:
+    with pytest.raises(ValueError, match=rf'^{name} has shape \(50,\), expected \(51,\)$'):
+        replace(log, **{name: getattr(log, name)[1:]})
+
+
+def test_array_of_two_dimensions_is_refused(log: Log) -> None:
+    with pytest.raises(ValueError, match=r'^x has shape \(51, 1\), expected \(51,\)$'):
+        replace(log, x=log.x[:, np.newaxis])
+
+
+@pytest.mark.parametrize(('shape', 'expected'), [((), r'\(1,\)'), ((3, 17), r'\(51,\)')])
+def test_time_that_is_no_vector_is_refused(log: Log, shape: tuple[int, ...], expected: str) -> None:
+    with pytest.raises(ValueError, match=rf'^t has shape .*, expected {expected}$'):
+        replace(log, t=np.zeros(shape))
+
+
+@pytest.mark.parametrize('n', [0, 1, 7])
+def test_length_is_the_number_of_states(log: Log, n: int) -> None:
+    part = Log(**{field.name: getattr(log, field.name)[:n] for field in fields(Log)})
+    assert len(part) == n
+    assert part.speed.shape == part.distance.shape == part.speed_error.shape == (n,)
+
+
+def test_log_is_not_changed_but_replaced(log: Log) -> None:
+    with pytest.raises(FrozenInstanceError):
+        log.t = log.x  # type: ignore[misc]
+
+
+def test_log_equals_only_itself(log: Log) -> None:
+    assert log == log  # noqa: PLR0124
+    assert log != replace(log)
+
+
+@pytest.mark.parametrize('psi', [0.0, 0.5, 2.0, -3.0])
+def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: float) -> None:
+    plant = Plant(
+        road=Road.flat(), noise=Deviation(s=2.0, ey=3.0, epsi=0.4, v_x=0.5, v_y=1.0, psi_dot=1.0)
+    )
+    plant.state = State(x=3.0, y=-4.0, psi=psi, v=5.0)
+    true, seen = [], []
+    for _ in range(len(log)):
+        true.append(plant.state)
+        seen.append(plant.observe())
+        plant.advance(Input(1.0))
+    measured = np.array([observation.measured for observation in seen]).T
+    errors = np.array([observation.error for observation in seen]).T
+    noisy = replace(
+        log,
+        **dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), measured, strict=True)),
+        **dict(zip(('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot'), errors, strict=True)),
+    )
+    assert np.abs(noisy.x - [state.x for state in true]).max() > 1.0
+    assert noisy.distance == pytest.approx(np.array([state.x for state in true]), abs=1e-12)
+    assert noisy.speed == pytest.approx(np.array([state.v for state in true]), abs=1e-12)
+
+
+def test_speed_error_is_reference_minus_true_speed(log: Log) -> None:
+    given = replace(
+        log,
+        reference=np.full(51, 8.0),
+        v_x=np.full(51, 7.5),
+        e_v_x=np.full(51, 0.25),
+    )
+    assert given.speed_error.tolist() == [0.75] * 51
+
+
+def test_unknown_reference_makes_the_speed_error_unknown(log: Log) -> None:
+    assert np.isnan(replace(log, reference=np.full(51, np.nan)).speed_error).all()

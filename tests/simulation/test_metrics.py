@@ -1,0 +1,236 @@
+"""The figures of merit of hand-made runs whose answers are known."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from math import isnan, nan, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from barc_sim.simulation.log import Log
+from barc_sim.simulation.metrics import Stretch, Summary, summary
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def run(
+    speed: Sequence[float],
+    *,
+    reference: float | Sequence[float] = 8.0,
+    x: Sequence[float] | None = None,
+    theta_deg: float | Sequence[float] = 0.0,
+    missed: Sequence[bool] | None = None,
+) -> Log:
+    """Return a log of these true speeds, one state a second and one a metre unless told."""
+    n = len(speed)
+    log = Log(
+        **{field.name: np.zeros(n, dtype=np.float64) for field in fields(Log)}  # type: ignore[arg-type]
+    )
+    return replace(
+        log,
+        t=np.arange(n, dtype=np.float64),
+        x=np.arange(n, dtype=np.float64) if x is None else np.array(x),
+        v_x=np.array(speed, dtype=np.float64),
+        reference=np.broadcast_to(reference, n).astype(np.float64),
+        theta_deg=np.broadcast_to(theta_deg, n).astype(np.float64),
+        missed=np.zeros(n, dtype=np.bool_) if missed is None else np.array(missed),
+        saturated=np.zeros(n, dtype=np.bool_),
+    )
+
+
+# RMS and greatest error
+
+
+def test_errors_are_taken_over_all_states() -> None:
+    told = summary(run([5.0, 12.0]))
+    assert told.rms_error == pytest.approx(sqrt((9.0 + 16.0) / 2.0))
+    assert told.max_error == 4.0
+
+
+def test_greatest_error_is_absolute() -> None:
+    assert summary(run([3.0, 9.0])).max_error == 5.0
+    assert summary(run([7.0, 13.0])).max_error == 5.0
+
+
+def test_run_up_is_the_first_10_m_without_their_end() -> None:
+    told = summary(run([0.0, 7.0, 6.0], x=[9.999, 10.0, 11.0]))
+    assert told.max_error == 8.0
+    assert told.max_error_after_run_up == 2.0
+    assert told.rms_error_after_run_up == pytest.approx(sqrt((1.0 + 4.0) / 2.0))
+
+
+def test_run_that_ends_within_the_run_up_has_nothing_after_it() -> None:
+    told = summary(run([0.0, 7.0], x=[0.0, 9.0]))
+    assert told.rms_error == pytest.approx(sqrt((64.0 + 1.0) / 2.0))
+    assert isnan(told.rms_error_after_run_up)
+    assert isnan(told.max_error_after_run_up)
+
+
+def test_true_speed_and_distance_count_not_the_measured() -> None:
+    noisy = replace(
+        run([5.0, 12.0], x=[5.0, 15.0]), e_v_x=np.array([-3.0, 4.0]), e_s=np.array([-6.0, 6.0])
+    )
+    told = summary(noisy)
+    assert told.max_error == 0.0
+    assert told.max_error_after_run_up == 0.0
+    assert (told.stretches[0].start, told.stretches[0].end) == (11.0, 9.0)
+
+
+def test_states_without_a_reference_are_passed_over() -> None:
+    told = summary(run([1.0, 5.0, 12.0], x=[20.0, 21.0, 22.0], reference=[nan, 8.0, 8.0]))
+    assert told.rms_error == told.rms_error_after_run_up == pytest.approx(sqrt(12.5))
+    assert told.max_error == told.max_error_after_run_up == 4.0
+
+
+# Overshoot
+
+
+def test_overshoot_is_the_share_by_which_the_speed_passes_the_reference() -> None:
+    assert summary(run([0.0, 9.0, 10.0, 8.0])).overshoot == pytest.approx(0.25)
+
+
+def test_run_that_never_passes_the_reference_has_no_overshoot() -> None:
+    assert summary(run([0.0, 4.0, 7.0])).overshoot == 0.0
+
+
+def test_overshoot_in_reverse_is_a_greater_speed_backwards() -> None:
+    assert summary(run([0.0, -9.0, 2.0], reference=-8.0)).overshoot == pytest.approx(0.125)
+
+
+def test_overshoot_is_read_on_the_first_stretch() -> None:
+    told = summary(run([0.0, 10.0, 8.0, 16.0], theta_deg=[0.0, 0.0, 0.0, 5.0]))
+    assert told.overshoot == pytest.approx(0.25)
+
+
+def test_reference_of_zero_has_no_overshoot_to_tell() -> None:
+    assert isnan(summary(run([0.0, 1.0], reference=0.0)).overshoot)
+
+
+# Settling
+
+
+@pytest.mark.parametrize(
+    ('speed', 'settling_time'),
+    [
+        ([0.0, 4.0, 8.0, 8.0], 2.0),
+        ([0.0, 8.0, 9.0, 8.0], 3.0),
+        ([8.0, 8.0, 8.0], 0.0),
+        ([0.0, 7.83, 7.85, 8.15], 2.0),
+        ([0.0, 7.83, 7.85, 8.17, 7.85], 4.0),
+    ],
+)
+def test_settling_time_is_when_the_speed_stays_within_the_band(
+    speed: list[float], settling_time: float
+) -> None:
+    assert summary(run(speed)).settling_time == settling_time
+
+
+def test_band_is_2_percent_of_the_reference_edges_included() -> None:
+    assert summary(run([0.0, 98.0, 102.0], reference=100.0)).settling_time == 1.0
+    assert summary(run([0.0, 97.9, 102.1, 102.0], reference=100.0)).settling_time == 3.0
+
+
+def test_settling_time_counts_from_the_first_state() -> None:
+    log = run([0.0, 8.0, 8.0])
+    assert summary(replace(log, t=log.t + 100.0)).settling_time == 1.0
+
+
+def test_band_is_symmetric_in_reverse() -> None:
+    assert summary(run([0.0, -7.9, -8.1], reference=-8.0)).settling_time == 1.0
+
+
+@pytest.mark.parametrize('speed', [[0.0, 8.0, 7.0], [0.0], [9.0, 9.0]])
+def test_run_outside_the_band_at_its_end_has_not_settled(speed: list[float]) -> None:
+    assert isnan(summary(run(speed)).settling_time)
+
+
+def test_settling_is_read_on_the_first_stretch() -> None:
+    theta_deg = [0.0, 0.0, 10.0, 10.0]
+    assert summary(run([0.0, 8.0, 7.0, 8.0], theta_deg=theta_deg)).settling_time == 1.0
+    assert isnan(summary(run([0.0, 7.0, 8.0, 8.0], theta_deg=theta_deg)).settling_time)
+
+
+# Stretches
+
+
+def test_stretches_are_the_runs_of_states_on_one_grade() -> None:
+    told = summary(
+        run(
+            [8.0, 7.0, 5.0, 12.0, 8.0],
+            x=[0.0, 1.0, 3.0, 4.5, 6.0],
+            theta_deg=[0.0, 0.0, 10.0, 10.0, 0.0],
+        )
+    )
+    assert told.stretches == (
+        Stretch(start=0.0, end=1.0, theta_deg=0.0, rms_error=sqrt(0.5), max_error=1.0),
+        Stretch(start=3.0, end=4.5, theta_deg=10.0, rms_error=sqrt(12.5), max_error=4.0),
+        Stretch(start=6.0, end=6.0, theta_deg=0.0, rms_error=0.0, max_error=0.0),
+    )
+
+
+def test_states_of_unknown_grade_are_one_stretch() -> None:
+    told = summary(run([8.0, 7.0, 5.0], theta_deg=[0.0, nan, nan]))
+    assert [(part.start, part.end) for part in told.stretches] == [(0.0, 0.0), (1.0, 2.0)]
+    assert isnan(told.stretches[1].theta_deg)
+
+
+# Runs with little to tell
+
+
+def test_missed_deadlines_are_counted() -> None:
+    assert summary(run([8.0] * 3, missed=[True, False, True])).missed_deadlines == 2
+    assert summary(run([8.0] * 3)).missed_deadlines == 0
+
+
+def test_run_of_one_state_is_told_in_full() -> None:
+    told = summary(run([6.0], x=[12.0]))
+    assert isnan(told.settling_time)
+    # NaN differs from itself.
+    assert replace(told, settling_time=0.0) == Summary(
+        rms_error=2.0,
+        max_error=2.0,
+        rms_error_after_run_up=2.0,
+        max_error_after_run_up=2.0,
+        overshoot=0.0,
+        settling_time=0.0,
+        missed_deadlines=0,
+        stretches=(Stretch(12.0, 12.0, 0.0, 2.0, 2.0),),
+    )
+
+
+def assert_nothing_known(told: Summary) -> None:
+    for figure in (
+        told.rms_error,
+        told.max_error,
+        told.rms_error_after_run_up,
+        told.max_error_after_run_up,
+        told.overshoot,
+        told.settling_time,
+    ):
+        assert isnan(figure)
+
+
+def test_run_without_states_has_nothing_to_tell() -> None:
+    told = summary(run([]))
+    assert_nothing_known(told)
+    assert told.stretches == ()
+    assert told.missed_deadlines == 0
+
+
+def test_run_without_a_reference_has_no_errors_but_its_stretches() -> None:
+    told = summary(run([1.0, 2.0], x=[20.0, 21.0], reference=nan))
+    assert_nothing_known(told)
+    (stretch,) = told.stretches
+    assert (stretch.start, stretch.end, stretch.theta_deg) == (20.0, 21.0, 0.0)
+    assert isnan(stretch.rms_error)
+    assert isnan(stretch.max_error)
+
+
+def test_unknown_speed_leaves_overshoot_and_settling_unknown() -> None:
+    told = summary(run([0.0, nan, 8.0]))
+    assert told.max_error == 8.0
+    assert isnan(told.overshoot)
+    assert isnan(told.settling_time)

@@ -1,0 +1,157 @@
+"""Loops one by one and in batches: `rollout`, to the last bit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barc_sim.control.pid import speed_controller
+from barc_sim.simulation.metrics import RUN_UP
+from barc_sim.tuning import batch, compiled, single
+from barc_sim.tuning.course import Course, Result
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from barc_sim.simulation.log import Log
+
+HILLS = Road((0.0, 4.0, 9.0, 20.0, 30.0), (0.0, 35.0, -50.0, 12.0, -3.0))
+VALLEY = Road((0.0, 12.0, 13.0, 25.0), (-30.0, -30.0, 54.0, 0.0))
+COURSES = {
+    'lab': Course(),
+    'noise and delay': Course(distance=60.0, noise=0.3, seed=5, delay=3),
+    'slow, so that the noise moves it backwards': Course(
+        road=Road.flat(), distance=12.0, speed=0.5, noise=2.0
+    ),
+    'hills': Course(road=HILLS, distance=45.0, delay=1),
+    'rolling back in a valley': Course(road=VALLEY, distance=30.0, speed=2.0, delay=9),
+    'too steep for all': Course(road=Road((0.0, 5.0), (0.0, 85.0)), distance=40.0),
+}
+GAINS = np.vstack(
+    [np.random.default_rng(0).random((40, 3)) * [60.0, 900.0, 1.0], [[0.0] * 3, [1.0, 0.1, 0.0]]]
+)
+
+
+def of_log(course: Course, log: Log) -> Result:
+    """Return, from the log, what a loop leaves; sums in the order of the states."""
+    arrived = log.x[-1] >= course.distance or log.distance[-1] >= course.distance
+    speed = log.v_x - log.e_v_x
+    after = np.abs(log.reference - speed)[log.distance >= RUN_UP]
+    first = np.logical_and.accumulate(log.theta_deg == log.theta_deg[0])
+    return Result(
+        steps=len(log) - 1 if arrived else -1,
+        squares=sum((after**2).tolist()),
+        count=len(after),
+        greatest=after.max(initial=0.0),
+        peak=speed[first].max(),
+        effort=sum((log.motor**2).tolist()),
+    )
+
+
+def assert_same(ours: Result, theirs: Result) -> None:
+    """Both arrive in the same step, or do not; those that do leave the same, to the last bit."""
+    np.testing.assert_array_equal(ours.steps, theirs.steps)
+    arrived = np.asarray(theirs.steps) >= 0
+    for name, left, right in zip(Result._fields, ours, theirs, strict=True):
+        np.testing.assert_array_equal(np.where(arrived, left, 0), np.where(arrived, right, 0), name)
+
+
+def one_by_one(course: Course, gains: NDArray[np.float64]) -> Result:
+    rows = [single.drive(course, *each) for each in gains.tolist()]
+    return Result(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+@pytest.mark.parametrize('name', COURSES)
+def test_a_loop_is_a_rollout_to_the_last_bit(name: str) -> None:
+    course = COURSES[name]
+    for kp, ki, kd in GAINS[::8].tolist():
+        left = single.drive(course, kp, ki, kd)
+        log = course.drive(speed_controller(kp, ki, kd))
+        expected = of_log(course, log)
+        assert left.steps == expected.steps
+        if left.steps < 0:
+            continue
+        assert left.count == expected.count
+        # With noise the log has the true speed only as a difference.
+        tolerance = 1e-12 if course.noise else 0.0
+        assert left == pytest.approx(expected, rel=max(tolerance, 1e-13), abs=tolerance)
+        if not course.noise:
+            assert (left.greatest, left.peak) == (expected.greatest, expected.peak)
+
+
+@pytest.mark.parametrize('name', COURSES)
+@pytest.mark.parametrize('block', [1, 7, batch.BLOCK])
+def test_a_batch_is_its_loops_one_by_one_to_the_last_bit(name: str, block: int) -> None:
+    course, gains = COURSES[name], GAINS[:: 1 if block > 1 else 10]
+    assert_same(batch.drive(course, gains, block), one_by_one(course, gains))
+
+
+@pytest.mark.parametrize('name', COURSES)
+def test_compiled_loops_are_the_plain_ones(name: str) -> None:
+    pytest.importorskip('numba')
+    course = COURSES[name]
+    ours, theirs = compiled.drive(course, GAINS), one_by_one(course, GAINS)
+    np.testing.assert_array_equal(ours.steps, theirs.steps)
+    arrived = theirs.steps >= 0
+    for left, right in zip(ours, theirs, strict=True):
+        np.testing.assert_allclose(left[arrived], right[arrived], rtol=1e-12, atol=1e-12)
+
+
+grades = st.floats(-50.0, 50.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    road=st.lists(st.tuples(st.floats(0.5, 20.0), grades), min_size=1, max_size=5),
+    speed=st.floats(1.0, 15.0),
+    noise=st.sampled_from([0.0, 0.0, 0.2]),
+    delay=st.integers(0, 5),
+    gains=st.lists(
+        st.tuples(st.floats(0.0, 80.0), st.floats(0.0, 3000.0), st.floats(0.0, 3.0)),
+        min_size=1,
+        max_size=6,
+    ),
+)
+def test_any_batch_is_its_rollouts(
+    road: list[tuple[float, float]],
+    speed: float,
+    noise: float,
+    delay: int,
+    gains: list[tuple[float, float, float]],
+) -> None:
+    starts = np.cumsum([0.0, *(length for length, _ in road[:-1])])
+    course = Course(
+        road=Road(tuple(starts.tolist()), tuple(grade for _, grade in road)),
+        speed=speed,
+        distance=25.0,
+        noise=noise,
+        delay=delay,
+    )
+    left = batch.drive(course, np.array(gains))
+    assert_same(left, one_by_one(course, np.array(gains)))
+    log = course.drive(speed_controller(*gains[0]))
+    expected = of_log(course, log)
+    assert left.steps[0] == expected.steps
+    if expected.steps >= 0:
+        ours = [column[0] for column in left]
+        assert ours == pytest.approx(list(expected), rel=1e-12, abs=1e-12)
+
+
+def test_some_loops_of_the_courses_arrive_and_some_do_not() -> None:
+    arrived = {name: batch.drive(course, GAINS).steps >= 0 for name, course in COURSES.items()}
+    assert arrived['lab'].any()
+    assert not arrived['lab'].all()
+    assert not arrived['too steep for all'].any()
+    assert arrived['slow, so that the noise moves it backwards'].any()
+    assert arrived['rolling back in a valley'].any()
+
+
+def test_results_of_parts_are_joined_in_order() -> None:
+    course = COURSES['hills']
+    parts = [batch.drive(course, GAINS[:10]), batch.drive(course, GAINS[10:])]
+    assert_same(batch.joined(parts), batch.drive(course, GAINS))

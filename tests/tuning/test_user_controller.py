@@ -1,0 +1,92 @@
+"""Somebody's own controller in the loop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.tuning import batch, own, workers
+from barc_sim.tuning.cost import Cost, scores
+from barc_sim.tuning.course import Course
+from barc_sim.tuning.goal import Goal
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+#: The PID of the run, once more, which prints at every step.
+CONTROLLER = """
+from barc_sim.control.pid import PID as Reference
+
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.pid = Reference(kp, ki, kd, output_min=-8.0, output_max=8.0)
+
+    def acc_calculate(self, speed_reference, speed_current, dt):
+        print('step', dt)
+        return self.pid.acc_calculate(speed_reference, speed_current, dt)
+"""
+GAINS = np.array([[30.0, 200.0, 0.1], [10.0, 20.0, 0.0], [0.01, 0.0, 0.0]])
+
+
+@pytest.fixture
+def controller(tmp_path: Path) -> Path:
+    path = tmp_path / 'controller.py'
+    path.write_text(CONTROLLER)
+    return path
+
+
+@pytest.mark.parametrize('course', [Course(), Course(noise=0.1, seed=3, delay=2)])
+def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
+    controller: Path, course: Course, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ours = own.scores(course, controller, GAINS)
+    theirs = scores(course, batch.drive(course, GAINS))
+    np.testing.assert_allclose(np.array(ours), np.array(theirs), rtol=1e-11)
+    assert np.isinf(ours.rms).tolist() == [False, False, True]
+    assert capsys.readouterr().out == ''
+
+
+def test_an_output_beyond_the_limit_is_limited(tmp_path: Path) -> None:
+    path = tmp_path / 'controller.py'
+    path.write_text(
+        'class PID:\n'
+        '    def __init__(self, kp, ki, kd): self.kp = kp\n'
+        '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
+    )
+    log = own.drive(Course(limit=3.0), path, np.array([100.0, 0.0, 0.0]))
+    assert np.abs(log.motor).max() == 3.0
+    assert log.saturated[0]
+    assert not log.saturated.all()
+
+
+def test_an_edited_file_counts_at_once(controller: Path) -> None:
+    before = own.scores(Course(), controller, GAINS)
+    controller.write_text(CONTROLLER.replace('return ', 'return 0.5 * '))
+    assert own.scores(Course(), controller, GAINS).rms[0] > before.rms[0]
+
+
+def test_processes_share_the_work_and_give_it_back_in_order(controller: Path) -> None:
+    goal = Goal((Course(distance=30.0),), Cost.parse('rms'), controller)
+    gains = np.random.default_rng(0).random((20, 3)) * [40.0, 300.0, 0.5]
+    with workers.processes(goal) as cost:
+        assert cost(gains).tolist() == goal(gains).tolist()
+
+
+def test_what_a_controller_does_wrong_in_a_process_is_told(controller: Path) -> None:
+    controller.write_text(CONTROLLER.replace("print('step', dt)", '1 / 0'))
+    goal = Goal((Course(),), Cost.parse('rms'), controller)
+    with (
+        workers.processes(goal) as cost,
+        pytest.raises(UserError, match=r'controller.py, line 9.*ZeroDivisionError'),
+    ):
+        cost(GAINS)
+
+
+def test_a_controller_that_ends_its_process_is_told_of(controller: Path) -> None:
+    controller.write_text(CONTROLLER.replace("print('step', dt)", 'import os; os._exit(0)'))
+    goal = Goal((Course(),), Cost.parse('rms'), controller)
+    with workers.processes(goal) as cost, pytest.raises(UserError, match='has died'):
+        cost(GAINS)

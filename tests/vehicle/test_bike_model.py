@@ -1,0 +1,365 @@
+"""The bicycle against closed forms, symmetries and the physics of rolling to a standstill."""
+
+from __future__ import annotations
+
+from math import atan, cos, hypot, inf, isnan, log2, nan, pi, radians, sin, sqrt, tan, tanh
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from barc_sim.vehicle.bike_model import (
+    Forces,
+    Input,
+    State,
+    Vehicle,
+    bikeFE,
+    forces,
+    motion,
+    slip_angle,
+    step,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TS = 0.02
+MASS = 2000.0
+FREE = {'a0': 0.0, 'm': MASS, 'Ff': 0.0}
+
+#: Every value differs from every other, so that none can stand in for another.
+ODD_VEHICLE = Vehicle(mass=1700.0, air_drag_coeff=0.7, friction=90.0, l_f=1.1, l_r=1.9, gravity=3.7)
+
+positions = st.floats(-1e3, 1e3)
+headings = st.floats(-pi, pi)
+speeds = st.floats(-30.0, 30.0)
+accelerations = st.floats(-8.0, 8.0)
+steerings = st.floats(-0.6, 0.6)
+inclines = st.floats(-0.6, 0.6)
+properties = settings(deadline=None, derandomize=True)
+
+
+def drive(
+    duration: float,
+    ts: float,
+    *,
+    v: float = 0.0,
+    a: float = 0.0,
+    d_f: float = 0.0,
+    theta: float = 0.0,
+    vehicle: Vehicle = Vehicle(air_drag_coeff=0.0, friction=0.0),  # noqa: B008 (immutable)
+) -> State:
+    state = State(v=v)
+    for _ in range(round(duration / ts)):
+        state = step(state, Input(a, d_f), theta, vehicle, ts)
+    return state
+
+
+def order(error: Callable[[float], float], ts: float) -> float:
+    """Return the order of convergence of `error(ts)`, by halving the step."""
+    return log2(abs(error(ts)) / abs(error(ts / 2.0)))
+
+
+# Straight line
+
+
+def test_straight_line_at_constant_acceleration_is_eulers_closed_form() -> None:
+    v0, a, steps = 3.0, 1.7, 400
+    state = drive(steps * TS, TS, v=v0, a=a)
+    assert state.v == pytest.approx(v0 + a * steps * TS, rel=1e-12)
+    assert state.x == pytest.approx(
+        v0 * steps * TS + a * TS**2 * steps * (steps - 1) / 2, rel=1e-12
+    )
+    assert state.y == 0.0
+    assert state.psi == 0.0
+
+
+def test_straight_line_converges_to_the_equation_of_motion_at_first_order() -> None:
+    def error(ts: float) -> float:
+        return drive(4.0, ts, v=3.0, a=1.7).x - (3.0 * 4.0 + 1.7 * 4.0**2 / 2)
+
+    assert order(error, TS) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_position_moves_with_the_speed_before_the_step() -> None:
+    assert bikeFE(5.0, 6.0, 0.0, 2.0, 1.0, 0.0, theta=0.0, ts=0.5, **FREE) == [6.0, 6.0, 0.0, 2.5]
+
+
+def test_step_of_no_duration_changes_nothing() -> None:
+    assert bikeFE(1.0, 2.0, 0.3, 4.0, 5.0, 0.6, 0.1, 2.0, 3.0, 0.4, 0.0) == [1.0, 2.0, 0.3, 4.0]
+
+
+# Hills and resistance
+
+
+@pytest.mark.parametrize('theta_deg', [-30.0, -10.0, 10.0, 30.0])
+def test_speed_on_a_constant_grade_falls_with_gravity_along_the_road(theta_deg: float) -> None:
+    theta = radians(theta_deg)
+    state = drive(5.0, TS, v=20.0, theta=theta)
+    assert state.v == pytest.approx(20.0 - 9.8 * sin(theta) * 5.0, rel=1e-12)
+
+
+def test_grade_acts_whatever_the_mass() -> None:
+    light, heavy = (
+        drive(5.0, TS, v=20.0, theta=0.2, vehicle=Vehicle(m, air_drag_coeff=0.0, friction=0.0)).v
+        for m in (1.0, 3000.0)
+    )
+    assert light == pytest.approx(heavy, rel=1e-12)
+
+
+def test_car_left_on_a_hill_rolls_down_it() -> None:
+    assert drive(1.0, TS, theta=radians(10.0)).x < 0.0
+    assert drive(1.0, TS, theta=radians(-10.0)).x > 0.0
+
+
+DRAGGED = Vehicle(mass=1000.0, air_drag_coeff=20.0, friction=50.0)
+
+
+def test_downhill_speed_follows_tanh_at_first_order() -> None:
+    theta = radians(-10.0)
+    drive_force = DRAGGED.mass * DRAGGED.gravity * sin(-theta) - DRAGGED.friction
+    terminal = sqrt(drive_force / DRAGGED.air_drag_coeff)
+    rate = sqrt(drive_force * DRAGGED.air_drag_coeff) / DRAGGED.mass
+
+    def error(ts: float) -> float:
+        return drive(4.0, ts, theta=theta, vehicle=DRAGGED).v - terminal * tanh(rate * 4.0)
+
+    assert abs(error(0.005)) < 0.01
+    assert order(error, 0.005) == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize('v0', [0.0, 30.0])
+def test_downhill_speed_ends_where_drag_and_friction_balance_gravity(v0: float) -> None:
+    theta = radians(-10.0)
+    drive_force = DRAGGED.mass * DRAGGED.gravity * sin(-theta) - DRAGGED.friction
+    terminal = sqrt(drive_force / DRAGGED.air_drag_coeff)
+    assert drive(120.0, TS, v=v0, theta=theta, vehicle=DRAGGED).v == pytest.approx(terminal)
+
+
+def test_coasting_against_drag_alone_follows_its_hyperbola_at_first_order() -> None:
+    vehicle = DRAGGED._replace(friction=0.0)
+
+    def error(ts: float) -> float:
+        return drive(4.0, ts, v=20.0, vehicle=vehicle).v - 20.0 / (1.0 + 20.0 * 20.0 * 4.0 / 1e3)
+
+    assert abs(error(0.005)) < 0.05
+    assert order(error, 0.005) == pytest.approx(1.0, abs=0.02)
+
+
+def test_coasting_against_friction_alone_slows_evenly() -> None:
+    vehicle = Vehicle(mass=1000.0, air_drag_coeff=0.0, friction=50.0)
+    assert drive(10.0, TS, v=20.0, vehicle=vehicle).v == pytest.approx(20.0 - 50.0 / 1e3 * 10.0)
+    assert drive(10.0, TS, v=-20.0, vehicle=vehicle).v == pytest.approx(-20.0 + 50.0 / 1e3 * 10.0)
+
+
+@properties
+@given(v=speeds, a0=st.floats(0.0, 1e3), friction=st.floats(0.0, 1e6))
+@example(v=5e-324, a0=0.0, friction=1.0)
+@example(v=-5e-324, a0=0.0, friction=1.0)
+def test_friction_alone_never_reverses_the_car(v: float, a0: float, friction: float) -> None:
+    for _ in range(3):
+        v_next = bikeFE(0.0, 0.0, 0.0, v, 0.0, 0.0, a0, MASS, friction, 0.0, TS)[3]
+        assert 0.0 <= v_next <= v or v <= v_next <= 0.0
+        v = v_next
+
+
+@properties
+@given(
+    v=speeds | st.floats(-1e-3, 1e-3),
+    a=accelerations,
+    theta=inclines,
+    a0=st.floats(0.0, 1e3),
+    friction=st.floats(0.0, 1e6),
+)
+@example(v=1e-9, a=-1e-6, theta=0.0, a0=0.0, friction=1e6)
+def test_resistance_only_ever_slows_whatever_command_and_gravity_do(
+    v: float, a: float, theta: float, a0: float, friction: float
+) -> None:
+    v_next = bikeFE(0.0, 0.0, 0.0, v, a, 0.0, a0, MASS, friction, theta, TS)[3]
+    unresisted = bikeFE(0.0, 0.0, 0.0, v, a, 0.0, 0.0, MASS, 0.0, theta, TS)[3]
+    if v > 0.0:
+        assert min(unresisted, 0.0) <= v_next <= unresisted
+    elif v < 0.0:
+        assert unresisted <= v_next <= max(unresisted, 0.0)
+    else:
+        assert v_next == unresisted
+
+
+def test_coasting_car_comes_to_rest_and_stays() -> None:
+    vehicle = Vehicle(mass=1000.0, friction=700.0)
+    at_rest = drive(20.0, TS, v=5.0, vehicle=vehicle)
+    assert at_rest.v == 0.0
+    assert at_rest.x > 0.0
+    assert drive(21.0, TS, v=5.0, vehicle=vehicle) == at_rest
+
+
+def test_command_takes_the_car_through_zero() -> None:
+    assert drive(2.0, TS, v=4.0, a=-4.0, vehicle=Vehicle()).v == pytest.approx(-4.0, abs=1e-3)
+    assert drive(2.0, TS, v=-4.0, a=4.0, vehicle=Vehicle()).v == pytest.approx(4.0, abs=1e-3)
+
+
+# Circles
+
+
+@pytest.mark.parametrize('d_f', [0.1, 0.4, -0.4])
+@pytest.mark.parametrize('v', [4.0, -4.0])
+def test_circle_has_radius_l_r_over_sin_beta_at_first_order(d_f: float, v: float) -> None:
+    l_f, l_r = 1.1, 1.9
+    vehicle = Vehicle(air_drag_coeff=0.0, friction=0.0, l_f=l_f, l_r=l_r)
+    beta = atan(l_r / (l_f + l_r) * tan(d_f))
+    radius = l_r / sin(beta)
+    centre = (-radius * sin(beta), radius * cos(beta))
+    quarter_turn = abs(radius / v) * pi / 2.0
+
+    def error(ts: float) -> float:
+        state = drive(quarter_turn, ts, v=v, d_f=d_f, vehicle=vehicle)
+        return hypot(state.x - centre[0], state.y - centre[1]) - abs(radius)
+
+    ts = quarter_turn / 256
+    assert abs(error(ts)) < abs(v) * ts
+    assert order(error, ts) == pytest.approx(1.0, abs=0.05)
+
+
+def test_circle_closes_after_its_period() -> None:
+    beta = slip_angle(0.3)
+    period = 2.0 * pi * 1.5 / sin(beta) / 4.0
+    state = drive(period, period / 1000, v=4.0, d_f=0.3)
+    assert (state.x, state.y) == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert state.psi == pytest.approx(2.0 * pi)
+
+
+@pytest.mark.parametrize(('l_f', 'l_r'), [(1.5, 1.5), (1.1, 1.9), (1.9, 1.1)])
+def test_rear_axle_turns_about_a_point_on_its_own_line(l_f: float, l_r: float) -> None:
+    rear_axle_radius = (l_f + l_r) / tan(0.3)
+    radius = l_r / sin(slip_angle(0.3, l_f, l_r))
+    assert radius == pytest.approx(hypot(rear_axle_radius, l_r))
+
+
+def test_slip_angle_takes_the_labs_lengths() -> None:
+    assert slip_angle(0.3) == atan(0.5 * tan(0.3))
+
+
+def test_steering_to_the_left_turns_left() -> None:
+    state = drive(1.0, TS, v=4.0, d_f=0.1)
+    assert state.psi > 0.0
+    assert state.y > 0.0
+
+
+# Symmetries
+
+
+@properties
+@given(y=positions, psi=headings, v=speeds, a=accelerations, d_f=steerings, theta=inclines)
+def test_left_is_the_mirror_of_right(
+    y: float, psi: float, v: float, a: float, d_f: float, theta: float
+) -> None:
+    left = step(State(1.0, y, psi, v), Input(a, d_f), theta, ODD_VEHICLE, TS)
+    right = step(State(1.0, -y, -psi, v), Input(a, -d_f), theta, ODD_VEHICLE, TS)
+    assert right == State(left.x, -left.y, -left.psi, left.v)
+
+
+@properties
+@given(v=speeds, a=accelerations, d_f=steerings, theta=inclines)
+def test_reverse_is_the_mirror_of_forward(v: float, a: float, d_f: float, theta: float) -> None:
+    forward = step(State(v=v), Input(a, d_f), theta, ODD_VEHICLE, TS)
+    reverse = step(State(v=-v), Input(-a, d_f), -theta, ODD_VEHICLE, TS)
+    assert reverse == State(*(-value for value in forward))
+
+
+def test_reversing_car_backs_away_from_its_heading() -> None:
+    state = step(State(psi=pi / 2.0, v=-2.0), Input(), 0.0, Vehicle(), 0.5)
+    assert (state.x, state.y) == pytest.approx((0.0, -1.0))
+    assert state.v > -2.0
+
+
+@properties
+@given(x=positions, y=positions, psi=headings, v=speeds, a=accelerations, d_f=steerings)
+def test_motion_does_not_depend_on_place(
+    x: float, y: float, psi: float, v: float, a: float, d_f: float
+) -> None:
+    here = step(State(0.0, 0.0, psi, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
+    there = step(State(x, y, psi, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
+    assert (there.x - x, there.y - y) == pytest.approx((here.x, here.y), abs=1e-9)
+    assert (there.psi, there.v) == (here.psi, here.v)
+
+
+@properties
+@given(turn=headings, psi=headings, v=speeds, a=accelerations, d_f=steerings)
+def test_motion_turns_with_the_heading(
+    turn: float, psi: float, v: float, a: float, d_f: float
+) -> None:
+    before = step(State(0.0, 0.0, psi, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
+    after = step(State(0.0, 0.0, psi + turn, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
+    assert after.x == pytest.approx(before.x * cos(turn) - before.y * sin(turn), abs=1e-9)
+    assert after.y == pytest.approx(before.x * sin(turn) + before.y * cos(turn), abs=1e-9)
+    assert after.psi == pytest.approx(before.psi + turn, abs=1e-9)
+    assert after.v == before.v
+
+
+# The records over the same arithmetic
+
+
+def test_step_is_bike_fe_with_the_vehicles_parameters() -> None:
+    assert list(step(State(1.0, 2.0, 0.3, 4.0), Input(0.5, 0.2), 0.1, ODD_VEHICLE, TS)) == bikeFE(
+        x=1.0,
+        y=2.0,
+        psi=0.3,
+        v=4.0,
+        a=0.5,
+        d_f=0.2,
+        a0=0.7,
+        m=1700.0,
+        Ff=90.0,
+        theta=0.1,
+        ts=TS,
+        l_f=1.1,
+        l_r=1.9,
+        g=3.7,
+    )
+
+
+def test_defaults_are_the_labs_vehicle_at_rest() -> None:
+    assert State() == State(0.0, 0.0, 0.0, 0.0)
+    assert Input() == Input(0.0, 0.0)
+    assert Vehicle() == Vehicle(2000.0, 0.01308, 0.01711, 1.5, 1.5, 9.8)
+    command = (1.0, 2.0, 0.3, 4.0, 0.5, 0.2, 0.01308, 2000.0, 0.01711, 0.1, TS)
+    assert bikeFE(*command) == bikeFE(*command, l_f=1.5, l_r=1.5, g=9.8)
+
+
+@properties
+@given(psi=headings, v=speeds, d_f=steerings)
+def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
+    psi: float, v: float, d_f: float
+) -> None:
+    state = State(1.0, 2.0, psi, v)
+    seen = motion(state, d_f, ODD_VEHICLE)
+    after = step(state, Input(0.0, d_f), 0.0, ODD_VEHICLE, 1.0)
+    d_x, d_y = after.x - state.x, after.y - state.y
+    assert seen[:3] == state[:3]
+    assert seen.v_x == pytest.approx(d_x * cos(psi) + d_y * sin(psi), abs=1e-9)
+    assert seen.v_y == pytest.approx(-d_x * sin(psi) + d_y * cos(psi), abs=1e-9)
+    assert seen.psi_dot == pytest.approx(after.psi - psi, abs=1e-9)
+
+
+@properties
+@given(v=speeds, theta=inclines)
+def test_forces_sum_to_what_accelerates_the_vehicle(v: float, theta: float) -> None:
+    assume(abs(v) > 1.0)
+    after = step(State(v=v), Input(), theta, ODD_VEHICLE, TS)
+    total = sum(forces(v, theta, ODD_VEHICLE))
+    assert total / ODD_VEHICLE.mass == pytest.approx((after.v - v) / TS, abs=1e-9)
+
+
+def test_forces_tell_friction_drag_and_gravity_apart() -> None:
+    vehicle = Vehicle(mass=100.0, air_drag_coeff=2.0, friction=7.0, gravity=10.0)
+    uphill = radians(30.0)
+    assert forces(3.0, uphill, vehicle) == pytest.approx(Forces(-7.0, -18.0, -500.0))
+    assert forces(-3.0, -uphill, vehicle) == pytest.approx(Forces(7.0, 18.0, 500.0))
+    assert forces(0.0, uphill, vehicle) == pytest.approx(Forces(0.0, 0.0, -500.0))
+
+
+@pytest.mark.parametrize('v', [nan, inf])
+def test_speed_that_is_no_number_does_not_become_one(v: float) -> None:
+    v_next = bikeFE(0.0, 0.0, 0.0, v, 0.0, 0.0, 0.1, MASS, 1.0, 0.0, TS)[3]
+    assert isnan(v_next) or abs(v_next) == inf

@@ -1,0 +1,293 @@
+"""The dynamic bicycle against its own closed forms, and where it is the kinematic one."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import atan2, cos, exp, isfinite, pi, radians, sin, sqrt
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.bike_model import Input, Motion, State, Vehicle, motion
+from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle, rates
+from barc_sim.vehicle.integrators import rk4
+from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
+from barc_sim.vehicle.tyres import (
+    Handling,
+    characteristic_speed,
+    critical_speed,
+    eigenvalues,
+    lateral_matrix,
+    side_slip_gain,
+    understeer_gradient,
+    yaw_gain,
+)
+
+TS = 0.005
+CAR = Vehicle(air_drag_coeff=0.0, friction=0.0)
+ODD = Vehicle(mass=1573.0, air_drag_coeff=0.0, friction=0.0, l_f=1.1, l_r=1.58)
+UNDERSTEERING = Handling()
+OVERSTEERING = Handling(front_stiffness=160e3, rear_stiffness=120e3)
+#: [rad] So small that the equations are the linear ones to about its square.
+SMALL = 1e-4
+properties = settings(deadline=None, derandomize=True)
+
+
+def flat(_: float) -> float:
+    return 0.0
+
+
+def at_speed(bicycle: DynamicBicycle, vehicle: Vehicle, v: float, servo: float, t: float) -> Motion:
+    """Return the motion after `t` seconds of constant steering, its speed held at `v`."""
+    state = State(v=v)
+    for _ in range(round(t / TS)):
+        state = bicycle.step(state, Input(0.0, servo), flat, vehicle, TS)._replace(v=v)
+    return bicycle.motion(state, servo, vehicle)
+
+
+def lateral_rates(v: float, v_y: float, psi_dot: float, servo: float = 0.0) -> tuple[float, float]:
+    derivative = rates(Input(0.0, servo), flat, ODD, OVERSTEERING)
+    return derivative((0.0, 0.0, 0.0, v, v_y, psi_dot))[4:]  # type: ignore[return-value]
+
+
+# Closed forms
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+@pytest.mark.parametrize(('vehicle', 'handling'), [(CAR, UNDERSTEERING), (ODD, UNDERSTEERING)])
+@pytest.mark.parametrize('v', [5.0, 20.0, 45.0])
+def test_steady_state_has_the_gains_of_the_closed_form(
+    integrator: str, vehicle: Vehicle, handling: Handling, v: float
+) -> None:
+    bicycle = DynamicBicycle(handling, integrator)
+    seen = at_speed(bicycle, vehicle, v, SMALL, 6.0)
+    assert seen.psi_dot / SMALL == pytest.approx(yaw_gain(vehicle, handling, v), rel=1e-5)
+    assert seen.v_y / SMALL == pytest.approx(side_slip_gain(vehicle, handling, v), rel=1e-5)
+
+
+def test_understeer_gradient_is_what_more_speed_demands_of_the_wheel() -> None:
+    def steering_by_curvature(v: float) -> float:
+        seen = at_speed(DynamicBicycle(UNDERSTEERING, 'rk4'), ODD, v, SMALL, 6.0)
+        return SMALL / (seen.psi_dot / v)
+
+    slow, fast = steering_by_curvature(10.0), steering_by_curvature(30.0)
+    gradient = (fast - slow) / (30.0**2 - 10.0**2)
+    assert gradient == pytest.approx(understeer_gradient(ODD, UNDERSTEERING), rel=1e-4)
+
+
+def test_yaw_rate_is_greatest_at_the_characteristic_speed() -> None:
+    v = characteristic_speed(CAR, UNDERSTEERING)
+    below, at, above = (
+        at_speed(DynamicBicycle(UNDERSTEERING, 'rk4'), CAR, speed, SMALL, 8.0).psi_dot
+        for speed in (0.9 * v, v, 1.1 * v)
+    )
+    assert at > below
+    assert at > above
+    assert at / SMALL == pytest.approx(v / (2.0 * 3.0), rel=1e-5)
+
+
+@pytest.mark.parametrize(('share', 'grows'), [(0.95, False), (1.05, True)])
+def test_oversteering_car_is_stable_up_to_its_critical_speed(share: float, *, grows: bool) -> None:
+    v = share * critical_speed(CAR, OVERSTEERING)
+    bicycle = DynamicBicycle(OVERSTEERING, 'rk4')
+    state = State(v=v)
+    disturbed = Input(0.0, 1e-7)
+    yaw_rates = []
+    for k in range(4000):
+        held = disturbed if k < 20 else Input()
+        state = bicycle.step(state, held, flat, CAR, TS)._replace(v=v)
+        yaw_rates.append(bicycle.motion(state, 0.0, CAR).psi_dot)
+    rate = eigenvalues(CAR, OVERSTEERING, v)[0].real
+    assert (abs(yaw_rates[-1]) > abs(yaw_rates[-1000])) == grows
+    assert yaw_rates[-1] / yaw_rates[-1000] == pytest.approx(exp(rate * 999 * TS), rel=1e-3)
+
+
+@pytest.mark.parametrize('v', [5.0, 20.0, 40.0])
+def test_linearised_equations_are_the_textbooks_matrix(v: float) -> None:
+    h = 1e-6
+    by_v_y, by_psi_dot = lateral_rates(v, h, 0.0), lateral_rates(v, 0.0, h)
+    (a, b), (c, d) = lateral_matrix(ODD, OVERSTEERING, v)
+    assert (by_v_y[0] / h, by_psi_dot[0] / h) == pytest.approx((a, b), rel=1e-6)
+    assert (by_v_y[1] / h, by_psi_dot[1] / h) == pytest.approx((c, d), rel=1e-6)
+    by_servo = lateral_rates(v, 0.0, 0.0, h)
+    assert by_servo[0] / h == pytest.approx(OVERSTEERING.front_stiffness / ODD.mass)
+    assert by_servo[1] / h == pytest.approx(1.1 * OVERSTEERING.front_stiffness / 4000.0)
+
+
+def test_free_response_turns_and_decays_with_the_eigenvalues() -> None:
+    v = 40.0
+    (rate, _) = eigenvalues(CAR, UNDERSTEERING, v)
+    assert rate.imag > 0.0
+    derivative = rates(Input(), flat, CAR, UNDERSTEERING)
+    (a, b), _ = lateral_matrix(CAR, UNDERSTEERING, v)
+    # The real part of an eigenvector's motion: half a turn later it is the negative, decayed.
+    begin = (1e-6, 1e-6 * ((rate - a) / b).real)
+    half_turn, n = pi / rate.imag, 400
+    state = begin
+    for _ in range(n):
+        state = rk4(lambda at: derivative((0.0, 0.0, 0.0, v, *at))[4:], state, half_turn / n)
+    decay = -exp(rate.real * half_turn)
+    assert state == pytest.approx(tuple(decay * part for part in begin), rel=1e-6)
+
+
+def test_independent_integrator_finds_the_same() -> None:
+    solve_ivp = pytest.importorskip('scipy.integrate').solve_ivp
+    vehicle, held = Vehicle(), Input(1.0, 0.05)
+    derivative = rates(held, lambda x: 0.1 * sin(x / 10.0), vehicle, UNDERSTEERING)
+    solution = solve_ivp(
+        lambda _, at: derivative(tuple(at)),
+        (0.0, 3.0),
+        [0.0, 0.0, 0.0, 15.0, 0.0, 0.0],
+        method='DOP853',
+        rtol=1e-12,
+        atol=1e-12,
+    )
+    bicycle, state = DynamicBicycle(UNDERSTEERING, 'rk4'), State(v=15.0)
+    for _ in range(600):
+        state = bicycle.step(state, held, lambda x: 0.1 * sin(x / 10.0), vehicle, TS)
+    found = bicycle.motion(state, 0.05, vehicle)
+    assert found == pytest.approx(tuple(solution.y[:, -1]), rel=1e-7, abs=1e-7)
+
+
+# Physics
+
+
+def test_straight_car_is_the_kinematic_one() -> None:
+    vehicle, held = Vehicle(), Input(1.0, 0.0)
+    bicycle, kinematic = DynamicBicycle(integrator='rk4'), KinematicBicycle('rk4')
+    state = other = State(v=2.0)
+    for _ in range(1000):
+        state = bicycle.step(state, held, lambda x: 0.2 * sin(x / 9.0), vehicle, TS)
+        other = kinematic.step(other, held, lambda x: 0.2 * sin(x / 9.0), vehicle, TS)
+    assert state == pytest.approx(other, rel=1e-12)
+
+
+@properties
+@given(
+    v=st.floats(4.0, 30.0),
+    v_y=st.floats(-1.0, 1.0),
+    psi_dot=st.floats(-1.0, 1.0),
+    servo=st.floats(-0.3, 0.3),
+)
+def test_left_is_the_mirror_of_right(v: float, v_y: float, psi_dot: float, servo: float) -> None:
+    left = rates(Input(1.0, servo), flat, ODD, OVERSTEERING)((0.0, 0.0, 0.3, v, v_y, psi_dot))
+    right = rates(Input(1.0, -servo), flat, ODD, OVERSTEERING)((0.0, 0.0, -0.3, v, -v_y, -psi_dot))
+    assert right == (left[0], -left[1], -left[2], left[3], -left[4], -left[5])
+
+
+@properties
+@given(
+    v=st.floats(4.0, 30.0),
+    v_y=st.floats(-1.0, 1.0),
+    psi_dot=st.floats(-0.5, 0.5),
+    servo=st.floats(-0.3, 0.3),
+)
+def test_energy_changes_by_the_power_of_the_tyres_alone(
+    v: float, v_y: float, psi_dot: float, servo: float
+) -> None:
+    slopes = rates(Input(0.0, servo), flat, ODD, OVERSTEERING)((0, 0, 0, v, v_y, psi_dot))
+    gain = ODD.mass * (v * slopes[3] + v_y * slopes[4]) + 4000.0 * psi_dot * slopes[5]
+    front_y, rear_y = v_y + 1.1 * psi_dot, v_y - 1.58 * psi_dot
+    front = 160e3 * (servo - atan2(front_y, v))
+    rear = -120e3 * atan2(rear_y, v)
+    across_front = front_y * cos(servo) - v * sin(servo)  # the wheel slides so, against `front`
+    assert gain == pytest.approx(front * across_front + rear * rear_y, abs=1e-6)
+    assert front * across_front <= 0.0
+    assert rear * rear_y <= 0.0
+
+
+def test_grade_resistance_and_command_act_along_the_car() -> None:
+    vehicle = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0)
+    theta = radians(7.0)
+    slopes = rates(Input(1.5), lambda _: theta, vehicle, Handling())((0, 0, 1.0, 10.0, 0.0, 0.0))
+    assert slopes[3] == pytest.approx(1.5 - 9.8 * sin(theta) - (2.0 * 100.0 + 30.0) / 1000.0)
+    assert slopes[4:] == (0.0, 0.0)
+
+
+def test_state_is_the_speed_of_the_centre_of_mass() -> None:
+    bicycle, state = DynamicBicycle(integrator='rk4'), State(v=20.0)
+    for _ in range(200):
+        state = bicycle.step(state, Input(0.0, 0.05), flat, CAR, TS)
+    seen = bicycle.motion(state, 0.05, CAR)
+    assert state.v == pytest.approx(sqrt(seen.v_x**2 + seen.v_y**2))
+    assert (seen.x, seen.y, seen.psi) == state[:3]
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+@settings(deadline=None, derandomize=True, max_examples=30)
+@given(
+    commands=st.lists(
+        st.tuples(st.floats(-100.0, 100.0), st.floats(-1.5, 1.5)), min_size=1, max_size=6
+    )
+)
+def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float, float]]) -> None:
+    bicycle, state = DynamicBicycle(OVERSTEERING, integrator), State(v=30.0)
+    for command in commands:
+        for _ in range(25):
+            state = bicycle.step(state, Input(*command), flat, Vehicle(), 0.02)
+            assert all(map(isfinite, bicycle.motion(state, command[1], Vehicle())))
+
+
+# Low speed
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+@pytest.mark.parametrize('v', [-8.0, -1.0, 0.0, 2.0])
+def test_slow_or_reversing_car_is_the_kinematic_one(integrator: str, v: float) -> None:
+    bicycle, kinematic = DynamicBicycle(integrator=integrator), KinematicBicycle(integrator)
+    held, state = Input(-0.5, 0.3), State(1.0, 2.0, 0.3, v)
+    found = bicycle.step(state, held, flat, ODD, TS)
+    assert found == kinematic.step(state, held, flat, ODD, TS)
+    assert bicycle.motion(found, 0.3, ODD) == motion(found, 0.3, ODD)
+
+
+def test_car_that_speeds_up_goes_over_without_a_jump() -> None:
+    bicycle, state = DynamicBicycle(integrator='rk4'), State(v=2.9)
+    seen = []
+    for _ in range(200):
+        state = bicycle.step(state, Input(1.0, 0.1), flat, CAR, TS)
+        seen.append(bicycle.motion(state, 0.1, CAR)[3:])
+    assert seen[0][0] < 3.0 < seen[-1][0]
+    jumps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(seen)]
+    assert max(jumps) < 0.02
+
+
+def test_car_that_slows_down_ends_at_rest() -> None:
+    bicycle, state = DynamicBicycle(), State(v=12.0)
+    vehicle = Vehicle(friction=4000.0)
+    for _ in range(3000):
+        state = bicycle.step(state, Input(0.0, 0.1), flat, vehicle, TS)
+        assert state.v >= 0.0
+    assert state.v == 0.0
+    assert bicycle.motion(state, 0.1, vehicle)[3:] == (0.0, 0.0, 0.0)
+
+
+def test_switch_between_the_two_is_small_at_the_default_speed() -> None:
+    dynamic = at_speed(DynamicBicycle(), CAR, 3.01, 0.1, 2.0)
+    kinematic = motion(State(v=3.0), 0.1, CAR)
+    assert dynamic.psi_dot == pytest.approx(kinematic.psi_dot, rel=0.02)
+    assert dynamic.v_y == pytest.approx(kinematic.v_y, rel=0.06)
+
+
+# Steps that are too long
+
+
+@pytest.mark.parametrize(('integrator', 'ts'), [('euler', 0.05), ('rk4', 0.06)])
+def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> None:
+    with pytest.raises(
+        UserError, match=f'^steps of {ts:g} s are too long .* raise the parameter rate'
+    ):
+        DynamicBicycle(integrator=integrator).check(Vehicle(), ts)
+    DynamicBicycle(Handling(dynamic_above=10.0), integrator).check(Vehicle(), ts)
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+def test_default_step_is_short_enough(integrator: str) -> None:
+    DynamicBicycle(integrator=integrator).check(Vehicle(), 0.02)
+
+
+def test_car_that_is_unstable_itself_is_not_refused() -> None:
+    v = 1.2 * critical_speed(CAR, OVERSTEERING)
+    DynamicBicycle(OVERSTEERING._replace(dynamic_above=v)).check(CAR, 0.02)

@@ -1,0 +1,319 @@
+"""The vehicle on its road: what is observed of a state, and how it goes on."""
+
+from __future__ import annotations
+
+from math import exp, radians
+from typing import Any
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.actuators import Actuator, Channel
+from barc_sim.vehicle.bike_model import Input, State, Vehicle, bikeFE, forces, motion, step
+from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
+from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation, Sensor
+from barc_sim.vehicle.tyres import Handling
+
+HILL = Road((0.0, 20.0), (5.0, -7.0))
+VEHICLE = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0, l_f=1.1, l_r=1.9, gravity=9.0)
+STATE = State(x=25.0, y=1.0, psi=0.3, v=6.0)
+FREE = Vehicle(air_drag_coeff=0.0, friction=0.0)
+SLOW = Actuator(delay=0.13, lag=0.2, rate=5.0, limit=4.0)
+#: All that is off by default.
+ALL_ON: dict[str, Any] = {
+    'motor': SLOW,
+    'servo': SLOW,
+    'integrator': 'rk4',
+    'dynamics': 'dynamic',
+    'handling': Handling(dynamic_above=5.0),
+}
+
+
+def plant_at(state: State, *, noise: Deviation | None = None, seed: int = 0) -> Plant:
+    plant = Plant(road=HILL, vehicle=VEHICLE, ts=0.05, noise=noise, seed=seed)
+    plant.state = state
+    return plant
+
+
+def test_plant_starts_at_rest_at_the_beginning_of_the_labs_road() -> None:
+    plant = Plant()
+    assert plant.state == State(0.0, 0.0, 0.0, 0.0)
+    assert plant.road == Road.lab()
+    assert plant.vehicle == Vehicle()
+    assert plant.ts == 0.02
+
+
+def test_observation_tells_road_and_forces_where_the_vehicle_is() -> None:
+    seen = plant_at(STATE).observe()
+    assert seen.theta_deg == -7.0
+    assert seen.elevation == HILL.elevation(25.0)
+    assert seen.forces == forces(6.0, radians(-7.0), VEHICLE)
+
+
+def test_observation_without_noise_is_the_motion_and_no_error() -> None:
+    seen = plant_at(STATE).observe()
+    assert seen.measured == seen.true == motion(STATE, 0.0, VEHICLE)
+    assert seen.error == Deviation()
+
+
+def test_observing_does_not_change_the_state() -> None:
+    plant = plant_at(STATE, noise=Deviation(s=1.0, v_x=1.0))
+    plant.observe()
+    assert plant.state == STATE
+
+
+def test_each_observation_draws_new_noise_from_the_seed() -> None:
+    noise = Deviation(s=1.0, v_x=0.5)
+    plant, sensor = plant_at(STATE, noise=noise, seed=4), Sensor(noise, 4)
+    for _ in range(3):
+        seen = plant.observe()
+        assert (seen.measured, seen.error) == sensor.measure(motion(STATE, 0.0, VEHICLE))
+
+
+def test_default_seed_is_zero() -> None:
+    noise = Deviation(s=1.0)
+    assert Plant(noise=noise).observe() == Plant(noise=noise, seed=0).observe()
+
+
+def test_noise_does_not_touch_road_and_forces() -> None:
+    noisy, quiet = plant_at(STATE, noise=Deviation(s=9.0, v_x=9.0)), plant_at(STATE)
+    seen, expected = noisy.observe(), quiet.observe()
+    assert seen.true == expected.true
+    assert seen[3:] == expected[3:]
+
+
+@pytest.mark.parametrize(('x', 'grade_deg'), [(19.9, 5.0), (20.0, -7.0)])
+def test_step_is_taken_on_the_grade_where_it_begins(x: float, grade_deg: float) -> None:
+    begin = STATE._replace(x=x)
+    plant = plant_at(begin)
+    plant.advance(Input(2.0, 0.1))
+    assert plant.state == step(begin, Input(2.0, 0.1), radians(grade_deg), VEHICLE, 0.05)
+
+
+def test_last_command_holds_until_the_next() -> None:
+    held, repeated = plant_at(STATE), plant_at(STATE)
+    held.advance(Input(2.0, 0.1))
+    held.advance()
+    repeated.advance(Input(2.0, 0.1))
+    repeated.advance(Input(2.0, 0.1))
+    assert held.state == repeated.state
+    held.advance(Input(0.0, 0.0))
+    repeated.advance(Input(0.0, 0.0))
+    assert held.state == repeated.state
+
+
+def test_vehicle_without_a_command_coasts() -> None:
+    plant = plant_at(STATE)
+    plant.advance()
+    assert plant.state == step(STATE, Input(0.0, 0.0), radians(-7.0), VEHICLE, 0.05)
+
+
+def test_velocities_are_observed_under_the_steering_in_force() -> None:
+    plant = plant_at(STATE)
+    plant.advance(Input(0.0, 0.2))
+    assert plant.observe().measured == motion(plant.state, 0.2, VEHICLE)
+
+
+def test_replaced_vehicle_counts_from_the_next_step() -> None:
+    plant = plant_at(STATE)
+    plant.vehicle = Vehicle()
+    assert plant.observe().forces == forces(6.0, radians(-7.0), Vehicle())
+    plant.advance(Input(1.0))
+    assert plant.state == step(STATE, Input(1.0), radians(-7.0), Vehicle(), 0.05)
+
+
+@pytest.mark.parametrize(('x', 'v'), [(10.0, 6.0), (10.0, -6.0), (25.0, 6.0), (25.0, -3.0)])
+def test_brake_stops_the_car_either_way_and_on_a_hill_without_reversing_it(
+    x: float, v: float
+) -> None:
+    plant = plant_at(State(x=x, v=v))
+    speeds = []
+    for _ in range(60):
+        plant.brake(8.0)
+        speeds.append(plant.state.v)
+    assert all(speed * v >= -1e-12 for speed in speeds)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-12)
+    still = plant.state.x
+    plant.brake(8.0)
+    assert plant.state.x == pytest.approx(still, abs=1e-12)
+
+
+def test_brake_decelerates_at_its_limit_and_keeps_the_wheel() -> None:
+    plant = plant_at(State(v=6.0))
+    plant.advance(Input(servo=0.2))
+    plant.state = State(v=6.0)
+    plant.brake(3.0)
+    assert plant.state == step(State(v=6.0), Input(-3.0, 0.2), radians(5.0), VEHICLE, 0.05)
+
+
+def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
+    def backwards(x: float, *arguments: float, **_: float) -> list[float]:
+        return [x - 1.0, *arguments[:3]]
+
+    plant = Plant(model=backwards)
+
+    plant.advance()
+    plant.advance()
+
+    assert plant.state == State(-2.0, 0.0, 0.0, 0.0)
+
+
+# Actuators
+
+
+def test_speed_follows_the_motors_lag_exactly() -> None:
+    plant = Plant(road=Road.flat(), vehicle=FREE, motor=Actuator(lag=0.3))
+    for k in range(1, 101):
+        plant.advance(Input(2.0))
+        t = k * plant.ts
+        assert plant.state.v == pytest.approx(2.0 * (t - 0.3 * (1.0 - exp(-t / 0.3))), rel=1e-9)
+        assert plant.observe().acting.motor == pytest.approx(2.0 * (1.0 - exp(-t / 0.3)))
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+def test_step_holds_the_mean_of_what_the_actuators_do(integrator: str) -> None:
+    plant = Plant(
+        road=HILL, vehicle=VEHICLE, ts=0.05, motor=SLOW, servo=SLOW, integrator=integrator
+    )
+    motor, servo, bicycle = Channel(SLOW, 0.05), Channel(SLOW, 0.05), KinematicBicycle(integrator)
+    state = plant.state = STATE
+    for k in range(30):
+        command = Input(4.0 - k / 5.0, 0.01 * k)
+        held = Input(motor.advance(command.motor), servo.advance(command.servo))
+        state = bicycle.step(state, held, lambda x: radians(HILL.grade_deg(x)), VEHICLE, 0.05)
+        plant.advance(command)
+        assert plant.state == state
+
+
+def test_velocities_are_told_under_the_steering_that_acts_not_under_the_command() -> None:
+    plant = Plant(servo=Actuator(delay=0.02, rate=1.0))
+    plant.state = State(v=6.0)
+    told = []
+    for _ in range(3):
+        plant.advance(Input(0.0, 0.3))
+        seen = plant.observe()
+        assert seen.true == motion(plant.state, seen.acting.servo, plant.vehicle)
+        told.append(seen.acting.servo)
+    assert told == pytest.approx([0.0, 0.02, 0.04])
+
+
+def test_without_actuators_the_command_acts() -> None:
+    plant = Plant()
+    assert plant.observe().acting == Input()
+    plant.advance(Input(1.5, 0.2))
+    assert plant.observe().acting == Input(1.5, 0.2)
+
+
+def test_placed_car_has_no_command_on_its_way() -> None:
+    plant, fresh = Plant(**ALL_ON), Plant(**ALL_ON)
+    for _ in range(50):
+        plant.advance(Input(4.0, 0.2))
+    for car in (plant, fresh):
+        car.place(State(x=1.0, v=9.0))
+        assert car.observe().acting == Input()
+    for _ in range(20):
+        plant.advance(Input())
+        fresh.advance(Input())
+        assert plant.observe() == fresh.observe()
+
+
+# Braking, whatever is on
+
+
+@pytest.mark.parametrize('on', [ALL_ON, ALL_ON | {'integrator': 'euler'}], ids=['rk4', 'euler'])
+@pytest.mark.parametrize(('x', 'v'), [(10.0, 6.0), (10.0, -6.0), (25.0, 6.0), (25.0, -3.0)])
+def test_brake_stops_the_car_whatever_is_on(on: dict[str, Any], x: float, v: float) -> None:
+    plant = Plant(road=HILL, vehicle=VEHICLE, ts=0.02, **on)
+    for _ in range(20):
+        plant.advance(Input(4.0, 0.1))
+    plant.state = State(x=x, v=v)
+    speeds = []
+    for _ in range(100):
+        plant.brake(8.0)
+        speeds.append(plant.state.v)
+    assert all(speed * v >= -1e-12 for speed in speeds)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-12)
+    still = plant.state
+    plant.brake(8.0)
+    assert plant.state == pytest.approx(still, abs=1e-12)
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+def test_brake_waits_for_no_actuator(integrator: str) -> None:
+    slow = Plant(road=HILL, motor=SLOW, integrator=integrator)
+    quick = Plant(road=HILL, integrator=integrator)
+    slow.state = quick.state = State(v=12.0)
+    for _ in range(10):
+        slow.brake(8.0)
+        quick.brake(8.0)
+        assert slow.state == quick.state
+        assert slow.observe().acting.motor == -8.0
+
+
+def test_brake_keeps_the_wheel_on_its_way() -> None:
+    plant = Plant(road=Road.flat(), servo=Actuator(rate=1.0))
+    plant.state = State(v=12.0)
+    plant.advance(Input(0.0, 0.1))
+    plant.brake(1.0)
+    assert plant.observe().acting.servo == pytest.approx(0.04)
+
+
+# Integrator and dynamics
+
+
+def test_defaults_are_forward_euler_of_the_kinematic_bicycle() -> None:
+    plain = Plant()
+    told = Plant(motor=Actuator(), servo=Actuator(), integrator='euler', dynamics='kinematic')
+    for k in range(200):
+        command = Input(3.0 - k / 50.0, 0.002 * k)
+        expected = step(plain.state, command, radians(plain.road.grade_deg(plain.state.x)),
+                        Vehicle(), 0.02)  # fmt: skip
+        plain.advance(command)
+        told.advance(command)
+        assert plain.state == told.state == expected
+        assert plain.observe() == told.observe()
+
+
+def test_dynamic_car_tells_its_own_velocities() -> None:
+    plant = Plant(road=Road.flat(), dynamics='dynamic', noise=Deviation(v_y=0.1))
+    plant.state = state = State(v=20.0)
+    bicycle = DynamicBicycle()
+    for _ in range(20):
+        plant.advance(Input(0.0, 0.05))
+        state = bicycle.step(state, Input(0.0, 0.05), lambda _: 0.0, Vehicle(), 0.02)
+    seen = plant.observe()
+    assert seen.true == bicycle.motion(state, 0.05, Vehicle())
+    assert seen.true.psi_dot != pytest.approx(motion(state, 0.05, Vehicle()).psi_dot, rel=0.05)
+    assert seen.measured == seen.true._replace(v_y=seen.true.v_y + seen.error.v_y)
+    assert seen.error.v_y != 0.0
+    assert seen.forces == forces(state.v, 0.0, Vehicle())
+
+
+def own_model(*arguments: float, **keywords: float) -> list[float]:
+    return bikeFE(*arguments, **keywords)
+
+
+@pytest.mark.parametrize(
+    ('options', 'sentence'),
+    [
+        ({'integrator': 'heun'}, "^integrator 'heun' must be 'euler' or 'rk4'$"),
+        ({'dynamics': 'dynamical'}, "^dynamics 'dynamical' must be 'kinematic' or 'dynamic'$"),
+        ({'model': own_model, 'integrator': 'rk4'}, "^integrator 'rk4' does not go with a model"),
+        ({'model': own_model, 'dynamics': 'dynamic'}, "^dynamics 'dynamic' takes the place of a"),
+        ({'dynamics': 'dynamic', 'ts': 0.1}, '^steps of 0.1 s are too long for the dynamic bicyc'),
+    ],
+)
+def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(UserError, match=sentence):
+        Plant(**options)
+
+
+def test_model_of_ones_own_goes_with_actuators() -> None:
+    own, labs = (Plant(motor=SLOW, servo=SLOW, model=model) for model in (own_model, bikeFE))
+    for _ in range(50):
+        own.advance(Input(3.0, 0.1))
+        labs.advance(Input(3.0, 0.1))
+    assert own.state == labs.state

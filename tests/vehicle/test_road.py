@@ -1,0 +1,252 @@
+"""Grade and elevation along the road, and roads from files."""
+
+from __future__ import annotations
+
+from math import hypot, inf, nan, nextafter, radians, sin
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEADER = 'start_m,grade_deg\n'
+properties = settings(deadline=None, derandomize=True)
+
+
+@st.composite
+def roads(draw: st.DrawFn) -> Road:
+    starts = sorted(draw(st.sets(st.integers(-500, 500), min_size=1, max_size=8)))
+    grades = draw(st.lists(st.floats(-60.0, 60.0), min_size=len(starts), max_size=len(starts)))
+    return Road(tuple(map(float, starts)), tuple(grades))
+
+
+# The lab's road
+
+
+@pytest.mark.parametrize(
+    ('start', 'end', 'grade_deg'),
+    [
+        (0.0, 20.0, 0.0),
+        (20.0, 40.0, 10.0),
+        (40.0, 60.0, 0.0),
+        (60.0, 80.0, -10.0),
+        (80.0, 100.0, 0.0),
+        (100.0, 120.0, 30.0),
+        (120.0, 140.0, 0.0),
+        (140.0, 160.0, -30.0),
+        (160.0, 180.0, 0.0),
+    ],
+)
+def test_lab_road_has_the_labs_grades_and_each_stretch_owns_its_left_end(
+    start: float, end: float, grade_deg: float
+) -> None:
+    road = Road.lab()
+    assert road.grade_deg(start) == grade_deg
+    assert road.grade_deg((start + end) / 2) == grade_deg
+    assert road.grade_deg(nextafter(end, 0.0)) == grade_deg
+
+
+def test_lab_road_goes_on_level_at_both_ends() -> None:
+    road = Road.lab()
+    assert road.grade_deg(-5.0) == road.grade_deg(1e6) == 0.0
+    assert road.elevation(-5.0) == 0.0
+    assert road.elevation(1e6) == road.elevation(160.0)
+
+
+@pytest.mark.parametrize(
+    ('s', 'elevation'),
+    [
+        (20.0, 0.0),
+        (40.0, 20.0 * sin(radians(10.0))),
+        (60.0, 20.0 * sin(radians(10.0))),
+        (80.0, 0.0),
+        (110.0, 5.0),
+        (120.0, 10.0),
+        (150.0, 5.0),
+        (180.0, 0.0),
+    ],
+)
+def test_lab_road_rises_by_the_sine_of_its_grade(s: float, elevation: float) -> None:
+    assert Road.lab().elevation(s) == pytest.approx(elevation, abs=1e-12)
+
+
+def test_flat_road_is_flat() -> None:
+    road = Road.flat()
+    for s in (-100.0, 0.0, 1e6):
+        assert road.grade_deg(s) == 0.0
+        assert road.elevation(s) == 0.0
+
+
+# Any road
+
+
+@properties
+@given(road=roads())
+def test_elevation_is_continuous(road: Road) -> None:
+    for start in road.starts:
+        before = road.elevation(nextafter(start, -inf))
+        assert road.elevation(start) == pytest.approx(before, abs=1e-9)
+
+
+@properties
+@given(road=roads())
+def test_elevation_is_the_integral_of_the_grades_sine(road: Road) -> None:
+    begin, end = road.starts[0], road.starts[-1] + 20.0
+    # Starts are whole metres, so that no midpoint falls on one.
+    midpoints = np.arange(begin, end, 0.25) + 0.125
+    slopes = [sin(radians(road.grade_deg(s))) for s in midpoints.tolist()]
+    assert road.elevation(end) == pytest.approx(0.25 * sum(slopes), abs=1e-9)
+    assert road.elevation(begin) == 0.0
+
+
+@properties
+@given(road=roads())
+def test_outer_stretches_have_no_outer_end(road: Road) -> None:
+    assert road.grade_deg(road.starts[0] - 1e3) == road.grades_deg[0]
+    assert road.grade_deg(road.starts[-1] + 1e3) == road.grades_deg[-1]
+    fall = 1e3 * sin(radians(road.grades_deg[0]))
+    assert road.elevation(road.starts[0] - 1e3) == pytest.approx(-fall)
+
+
+@pytest.mark.parametrize(
+    ('starts', 'grades_deg', 'message'),
+    [
+        ((), (), '0 starts and 0 grades must be equally many, and at least one of each'),
+        ((0.0, 1.0), (0.0,), '2 starts and 1 grades must be equally many'),
+        ((0.0, nan), (0.0, 0.0), 'nan is not a finite number'),
+        ((0.0,), (inf,), 'inf is not a finite number'),
+        ((0.0, 20.0, 20.0), (0.0, 1.0, 2.0), r'start 20\.0 m must lie beyond .*, 20\.0 m'),
+        ((0.0, -1.0), (0.0, 1.0), r'start -1\.0 m must lie beyond the one before it, 0\.0 m'),
+        ((0.0,), (90.0,), r'grade 90\.0 must lie between -90 and 90 degrees'),
+        ((0.0,), (-90.0,), r'grade -90\.0 must lie between'),
+    ],
+)
+def test_road_that_makes_no_sense_is_refused(
+    starts: tuple[float, ...], grades_deg: tuple[float, ...], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        Road(starts, grades_deg)
+
+
+def test_road_is_a_value() -> None:
+    assert Road.flat() == Road(starts=(0.0,), grades_deg=(0.0,), name='flat')
+    assert Road.lab() != Road.flat()
+    assert len({Road.lab(), Road.lab(), Road.flat()}) == 2
+    assert repr(Road.flat()) == "Road(starts=(0.0,), grades_deg=(0.0,), name='flat')"
+
+
+# By name
+
+
+@pytest.mark.parametrize('road', [Road.lab(), Road.flat()])
+def test_built_in_roads_are_found_by_their_names(road: Road) -> None:
+    assert Road.named(road.name) == road
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        b'start_m,grade_deg\n0,0\n15.5,-4\n',
+        b'\xef\xbb\xbfstart_m,grade_deg\r\n0,0\r\n15.5,-4\r\n',
+        b'\xef\xbb\xbf# made with a spreadsheet\r\nstart_m,grade_deg\r\n0,0\r\n15.5,-4',
+        b'start_m , grade_deg\n 0 , 0\n 15.5 , -4\n',
+        b'"start_m","grade_deg"\n"0","0"\n"15.5","-4"\n',
+        b'\n# a hill\n  # of ours\nstart_m,grade_deg\n\n0,0\n \n# steep, and long\n15.5,-4\n\n',
+    ],
+    ids=['plain', 'windows', 'windows-comment', 'spaces', 'quoted', 'comments-and-blank-lines'],
+)
+def test_road_is_read_from_a_file(tmp_path: Path, text: bytes) -> None:
+    path = tmp_path / 'hill.csv'
+    path.write_bytes(text)
+    assert Road.named(str(path)) == Road((0.0, 15.5), (0.0, -4.0), name=str(path))
+
+
+def test_file_named_like_a_built_in_road_does_not_hide_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'lab').write_text(f'{HEADER}0,5\n')
+    assert Road.named('lab') == Road.lab()
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('', "its header is '', not 'start_m,grade_deg'"),
+        ('# only words\n\n', "its header is '', not 'start_m,grade_deg'"),
+        ('0,0\n20,10\n', "its header is '0,0', not 'start_m,grade_deg'"),
+        ('grade_deg,start_m\n0,0\n', "its header is 'grade_deg,start_m', not"),
+        ('start_m;grade_deg\n0;0\n', "its header is 'start_m;grade_deg', not"),
+        (HEADER, '0 starts and 0 grades must be'),
+        (f'{HEADER}0,0\n20\n', "'20' must be two numbers, distance [m] and grade [deg]"),
+        (f'{HEADER}0,0\n20,10,5\n', "'20,10,5' must be two numbers"),
+        (f'{HEADER}0,0\n20,steep\n', "'20,steep' must be two numbers"),
+        (f'{HEADER}0,0\n20,\n', "'20,' must be two numbers"),
+        (f'{HEADER}0,0\n20,nan\n', 'nan is not a finite number'),
+        (f'{HEADER}0,0\n20,91\n', 'grade 91.0 must lie between -90 and 90 degrees'),
+        (f'{HEADER}0,0\n20,1\n10,2\n', 'start 10.0 m must lie beyond the one before it, 20.0 m'),
+        (f'{HEADER}0,{"1" * 200_000}\n', 'field larger than field limit'),
+    ],
+)
+def test_file_that_describes_no_road_is_refused_in_one_line(
+    tmp_path: Path, text: str, reason: str
+) -> None:
+    path = tmp_path / 'hill.csv'
+    path.write_text(text)
+    with pytest.raises(UserError) as refusal:
+        Road.named(str(path))
+    message = str(refusal.value)
+    assert message.startswith(f'road file {str(path)!r} describes no road: {reason}')
+    assert '\n' not in message
+
+
+@pytest.mark.parametrize('name', ['hill.csv', '.', '', 'Lab', 'a\0b', 'x' * 5000])
+def test_name_of_no_road_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError) as refusal:
+        Road.named(name)
+    assert str(refusal.value) == (
+        f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"
+    )
+
+
+def test_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'hill.csv'
+    path.write_bytes('start_m,grade_deg'.encode('utf-16'))
+    with pytest.raises(UserError, match='nor a CSV file that can be read'):
+        Road.named(str(path))
+
+
+def test_hill_is_shorter_on_the_map_than_along_its_surface() -> None:
+    road = Road.lab()
+    assert road.horizontal(20.0) == 20.0
+    assert road.horizontal(40.0) - road.horizontal(20.0) == pytest.approx(19.696, abs=1e-3)
+    assert road.horizontal(120.0) - road.horizontal(100.0) == pytest.approx(17.321, abs=1e-3)
+
+
+@properties
+@given(s=st.floats(-50.0, 250.0), ds=st.floats(1e-3, 50.0))
+def test_way_on_the_map_and_climb_are_never_longer_than_the_way(s: float, ds: float) -> None:
+    road = Road.lab()
+    way = hypot(
+        road.horizontal(s + ds) - road.horizontal(s), road.elevation(s + ds) - road.elevation(s)
+    )
+    assert way <= ds + 1e-9
+    if road._stretch(s) == road._stretch(s + ds):  # noqa: SLF001 (a straight one)
+        assert way == pytest.approx(ds, abs=1e-9)
+
+
+def test_map_begins_where_the_distance_is_zero() -> None:
+    road = Road(starts=(-30.0, 10.0), grades_deg=(60.0, 0.0))
+    assert road.horizontal(0.0) == 0.0
+    assert road.horizontal(-30.0) == pytest.approx(-15.0)
+    assert road.horizontal(20.0) == pytest.approx(15.0)

@@ -1,0 +1,118 @@
+"""Measurement noise: identity without it, reproducible and independent with it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import cos, pi, sin
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barc_sim.vehicle.bike_model import Motion
+from barc_sim.vehicle.sensor import Deviation, Sensor
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+TRUE = Motion(x=30.0, y=-2.0, psi=0.7, v_x=8.0, v_y=0.3, psi_dot=-0.2)
+NOISY = Deviation(s=0.1, ey=0.2, epsi=0.03, v_x=0.4, v_y=0.05, psi_dot=0.06)
+
+#: The second measurement's errors with unit deviations and seed 1.
+PINNED = Deviation(
+    s=-1.022103170010873,
+    ey=-1.4368294451025299,
+    epsi=0.19931197648375384,
+    v_x=0.13337460465860485,
+    v_y=0.5464683003382316,
+    psi_dot=-0.9139709437353126,
+)
+
+
+def errors(sensor: Sensor, n: int) -> Sequence[Deviation]:
+    return [sensor.measure(TRUE)[1] for _ in range(n)]
+
+
+@pytest.mark.parametrize('sensor', [Sensor(), Sensor(Deviation(), seed=7)])
+def test_sensor_without_deviation_tells_the_truth(sensor: Sensor) -> None:
+    for _ in range(3):
+        # Compared as text: no error is to be -0.0, either.
+        assert repr(sensor.measure(TRUE)) == repr((TRUE, Deviation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+
+
+@settings(deadline=None, derandomize=True)
+@given(psi=st.floats(-pi, pi), seed=st.integers())
+def test_error_is_measured_minus_true_in_the_true_vehicles_frame(psi: float, seed: int) -> None:
+    true = TRUE._replace(psi=psi)
+    measured, error = Sensor(NOISY, seed).measure(true)
+    d_x, d_y = measured.x - true.x, measured.y - true.y
+    assert error == pytest.approx(
+        Deviation(
+            s=d_x * cos(psi) + d_y * sin(psi),
+            ey=d_y * cos(psi) - d_x * sin(psi),
+            epsi=measured.psi - psi,
+            v_x=measured.v_x - true.v_x,
+            v_y=measured.v_y - true.v_y,
+            psi_dot=measured.psi_dot - true.psi_dot,
+        ),
+        abs=1e-12,
+    )
+
+
+def test_error_across_points_to_the_left() -> None:
+    eastward, northward = TRUE._replace(psi=0.0), TRUE._replace(psi=pi / 2.0)
+    measured, error = Sensor(Deviation(ey=1.0)).measure(eastward)
+    assert (measured.x, measured.y) == (TRUE.x, TRUE.y + error.ey)
+    measured, error = Sensor(Deviation(ey=1.0)).measure(northward)
+    assert (measured.x, measured.y) == pytest.approx((TRUE.x - error.ey, TRUE.y))
+
+
+def test_same_seed_gives_the_same_errors() -> None:
+    assert errors(Sensor(NOISY, 5), 20) == errors(Sensor(NOISY, 5), 20)
+
+
+def test_other_seed_gives_other_errors() -> None:
+    assert errors(Sensor(NOISY, 5), 1) != errors(Sensor(NOISY, 6), 1)
+
+
+def test_default_seed_is_zero() -> None:
+    assert errors(Sensor(NOISY), 3) == errors(Sensor(NOISY, 0), 3)
+
+
+def test_errors_are_the_same_on_every_python() -> None:
+    unit = Deviation(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+    assert errors(Sensor(unit, 1), 2)[-1] == pytest.approx(PINNED, rel=1e-12)
+
+
+@pytest.mark.parametrize('off', Deviation._fields)
+def test_turning_one_deviation_off_leaves_the_other_errors_as_they_were(off: str) -> None:
+    all_on = errors(Sensor(NOISY, 3), 10)
+    one_off = errors(Sensor(NOISY._replace(**{off: 0.0}), 3), 10)
+    assert one_off == [error._replace(**{off: 0.0}) for error in all_on]
+
+
+def test_measuring_one_signal_with_noise_leaves_the_others_exact() -> None:
+    measured, error = Sensor(Deviation(v_x=0.5)).measure(TRUE)
+    assert measured == TRUE._replace(v_x=measured.v_x)
+    assert measured.v_x == TRUE.v_x + error.v_x != TRUE.v_x
+
+
+def test_errors_have_zero_mean_and_the_given_deviations_and_are_white() -> None:
+    n = 20_000
+    series = list(zip(*errors(Sensor(NOISY, 2), n), strict=True))
+    for values, sigma in zip(series, NOISY, strict=True):
+        assert abs(fmean(values)) < 5.0 * sigma / n**0.5
+        assert stdev(values) == pytest.approx(sigma, rel=5.0 / (2 * n) ** 0.5)
+        lagged = fmean(a * b for a, b in pairwise(values)) / sigma**2
+        assert abs(lagged) < 5.0 / n**0.5
+
+
+def test_errors_of_two_signals_are_independent() -> None:
+    n = 20_000
+    series = list(zip(*errors(Sensor(NOISY, 2), n), strict=True))
+    for i, first in enumerate(series):
+        for j, second in enumerate(series[:i]):
+            covariance = fmean(a * b for a, b in zip(first, second, strict=True))
+            assert abs(covariance) / (NOISY[i] * NOISY[j]) < 5.0 / n**0.5
