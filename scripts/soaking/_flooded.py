@@ -40,7 +40,7 @@ class _Watched(Plant):
 
 def main() -> int:
     """Run the command line."""
-    from barc_sim import plant_values  # noqa: PLC0415
+    from barc_sim.vehicle import plant_values  # noqa: PLC0415
 
     plant_values.Plant = _Watched
     code = run.main()

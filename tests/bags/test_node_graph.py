@@ -29,7 +29,8 @@ def test_table_tells_source_and_purpose_of_our_own_nodes() -> None:
 
 def test_every_node_of_the_package_is_in_the_table() -> None:
     package = Path(barc_sim.__file__).parent
-    sources = {str(path.relative_to(package.parent)) for path in package.glob('nodes/[a-z]*.py')}
+    modules = (*package.glob('nodes/[a-z]*.py'), *package.glob('nodes/*/node.py'))
+    sources = {str(path.relative_to(package.parent)) for path in modules}
     drive = ('vehicle_simulator', 'controller', 'relay', 'keyboard')
     names = (*drive, 'bag_recorder', 'view', 'mirror', 'foxglove')
     rows = table(NodeGraph(tuple(f'/{name}' for name in names), {}, (), ()))

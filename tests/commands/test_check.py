@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from barc_sim.commands import check
-from barc_sim.lab.check import GAINS, telling
+from barc_sim.lab.check import GAINS, report
 from barc_sim.lab.check.worker import judge_folder
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def test_a_cause_is_told_once(wrong: Path, capsys: pytest.CaptureFixture[str]) -
 def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=100)
-    telling.tell(judge_folder(wrong, 0, GAINS), console)
+    report.tell(judge_folder(wrong, 0, GAINS), console)
     text = out.getvalue()
     assert text.splitlines()[0].split() == ['criterion', 'score', 'what', 'was', 'found']
     assert "the lab's road, stretch by stretch" in text

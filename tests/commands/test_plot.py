@@ -113,7 +113,8 @@ def test_a_bag_that_is_none_is_refused_in_a_line(tmp_path: Path, command: str) -
     (tmp_path / 'foreign.mcap').write_text('not a bag')
     for name in ('missing', 'empty', 'empty.mcap', 'foreign.mcap'):
         program = (
-            f'import sys; from barc_sim import {command}; sys.exit({command}.main(sys.argv[1:]))'
+            f'import sys; from barc_sim.commands import {command}; '
+            f'sys.exit({command}.main(sys.argv[1:]))'
         )
         result: Any = subprocess.run(
             [sys.executable, '-c', program, str(tmp_path / name)],
@@ -131,7 +132,7 @@ def test_a_bag_that_is_none_is_refused_in_a_line(tmp_path: Path, command: str) -
 @pytest.mark.parametrize('command', ['plot', 'replay'])
 def test_help_waits_for_no_library(command: str) -> None:
     program = (
-        f'import sys; from barc_sim import {command}\n'
+        f'import sys; from barc_sim.commands import {command}\n'
         f'try: {command}.main(["--help"])\n'
         'except SystemExit: print({"numpy", "matplotlib", "rich"} & set(sys.modules))'
     )

@@ -218,7 +218,7 @@ def test_ctrl_c_in_a_terminal_ends_the_search_without_a_traceback(
 
 def test_help_waits_for_no_library() -> None:
     program = (
-        'import sys; from barc_sim import tune\n'
+        'import sys; from barc_sim.commands import tune\n'
         'try: tune.main(["--help"])\n'
         'except SystemExit: print({"numpy", "matplotlib", "rich"} & set(sys.modules))'
     )

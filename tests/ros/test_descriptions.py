@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_sim.nodes import keyboard
 from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.keyboard import node as keyboard
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator.node import VehicleSimulator

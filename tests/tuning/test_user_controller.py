@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.tuning import batch, own, workers
+from barc_sim.tuning import batch, user_controller, workers
 from barc_sim.tuning.cost import Cost, scores
 from barc_sim.tuning.course import Course
 from barc_sim.tuning.goal import Goal
@@ -42,7 +42,7 @@ def controller(tmp_path: Path) -> Path:
 def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
     controller: Path, course: Course, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ours = own.scores(course, controller, GAINS)
+    ours = user_controller.scores(course, controller, GAINS)
     theirs = scores(course, batch.drive(course, GAINS))
     np.testing.assert_allclose(np.array(ours), np.array(theirs), rtol=1e-11)
     assert np.isinf(ours.rms).tolist() == [False, False, True]
@@ -56,16 +56,16 @@ def test_an_output_beyond_the_limit_is_limited(tmp_path: Path) -> None:
         '    def __init__(self, kp, ki, kd): self.kp = kp\n'
         '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
     )
-    log = own.drive(Course(limit=3.0), path, np.array([100.0, 0.0, 0.0]))
+    log = user_controller.drive(Course(limit=3.0), path, np.array([100.0, 0.0, 0.0]))
     assert np.abs(log.motor).max() == 3.0
     assert log.saturated[0]
     assert not log.saturated.all()
 
 
 def test_an_edited_file_counts_at_once(controller: Path) -> None:
-    before = own.scores(Course(), controller, GAINS)
+    before = user_controller.scores(Course(), controller, GAINS)
     controller.write_text(CONTROLLER.replace('return ', 'return 0.5 * '))
-    assert own.scores(Course(), controller, GAINS).rms[0] > before.rms[0]
+    assert user_controller.scores(Course(), controller, GAINS).rms[0] > before.rms[0]
 
 
 def test_processes_share_the_work_and_give_it_back_in_order(controller: Path) -> None:

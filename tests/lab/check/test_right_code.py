@@ -89,8 +89,8 @@ def told(findings: list[Finding]) -> dict[str, str]:
 
 def test_the_references_own_folder_gets_full_marks(tmp_path: Path) -> None:
     package = Path(barc_sim.__file__).parent
-    shutil.copy(package / 'bike_model.py', tmp_path)
-    shutil.copy(package / 'pid.py', tmp_path / 'controller.py')
+    shutil.copy(package / 'vehicle' / 'bike_model.py', tmp_path)
+    shutil.copy(package / 'control' / 'pid.py', tmp_path / 'controller.py')
     findings = judge(LocalCode(load_lab(tmp_path, budget=None)))
     assert told(findings) == {}
     assert tuple(finding.criterion for finding in findings) == CRITERIA

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.nodes.mirrors import live
+from barc_sim.nodes.foxglove import live
 
 
 def test_sdk_that_is_missing_is_asked_for_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

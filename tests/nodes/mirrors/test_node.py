@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.errors import UserError
-from barc_sim.nodes import mirror as module
+from barc_sim.nodes.mirrors import node as module
 from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
 from barc_sim.nodes.mirrors.diagnosis import Facts
 from barc_sim.nodes.mirrors.messages import JOINTS

@@ -28,7 +28,7 @@ from std_srvs.srv import SetBool, Trigger
 
 import barc_sim
 from barc_sim.bags import reader as bag
-from barc_sim.nodes import simulator as module
+from barc_sim.nodes.simulator import node as module
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros import names as topic_names
 from barc_sim.ros.conversions import to_nanoseconds

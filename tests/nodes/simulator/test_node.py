@@ -22,7 +22,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.errors import UserError
-from barc_sim.nodes import simulator as module
+from barc_sim.nodes.simulator import node as module
 from barc_sim.nodes.simulator import start_gate as gate
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros import names as topic_names
