@@ -5,21 +5,22 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+from barc_sim.control.driver import Drive, Driver, Limits
+from barc_sim.control.pid import PID, speed_controller
+from barc_sim.simulation.closed_loop import drive, rollout
+
 # The only names of the package that the golden figures use, but for the command line.
-from barc_sim.actuators import Actuator
-from barc_sim.bike_model import State, Vehicle
-from barc_sim.driving import Drive, Driver, Limits
-from barc_sim.handling import Handling
-from barc_sim.pid import PID, speed_controller
-from barc_sim.plant import Plant
-from barc_sim.road import Road
-from barc_sim.rollout import drive, rollout
-from barc_sim.sensor import Deviation
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import State, Vehicle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.tyres import Handling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from barc_sim.log import Log
+    from barc_sim.simulation.log import Log
 
 #: From a standstill: throttle, curves, coasting, brake, reverse, and inputs out of range. Each
 #: row: time [s], `linear.x`, `angular.z`, and the brake, the opposite of `linear.z`.
