@@ -1,13 +1,13 @@
-"""Driving by hand: what a driver wants -> acceleration and steering, limits and all.
+"""Driving by hand: turns a driver's input into acceleration and steering, within the car's limits.
 
-A `geometry_msgs/Twist` is read as a driver's wish in shares from -1 to 1: `linear.x` of the
-greatest acceleration or deceleration, `angular.z` of the greatest steering rate. A negative
-`linear.z` is the brake: that share of the greatest deceleration against whichever way the car
-moves, down to a standstill, with the wheel going straight. The brake stays on until something else
-is wished for, even where its Twist has gone stale. Zero is coasting.
+A `geometry_msgs/Twist` holds the driver's input in shares from -1 to 1: `linear.x` of the greatest
+acceleration or deceleration, `angular.z` of the greatest steering rate. A negative `linear.z` is
+the brake: that share of the greatest deceleration, against the direction of travel, down to a
+standstill, while the wheel returns to straight. The brake stays on until the next input, even
+after its Twist is stale. Zero is coasting.
 
-A wish against the motion (down while driving forward) brakes to a standstill and no further: to
-reverse, let go and press again. The lab's car would reverse at once.
+An input against the motion (down while driving forward) brakes to a standstill and no further. To
+reverse, release the key and press it again. The lab's car reverses at once.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ STALE_AFTER = 0.5  #: [s]
 STANDSTILL = 0.05
 
 
-class Drive(NamedTuple):
-    """A driver's wish, in shares from -1 to 1."""
+class DriverInput(NamedTuple):
+    """What a driver asks for, in shares from -1 to 1."""
 
     forward: float = 0.0  #: `linear.x`, of acceleration or deceleration
     turn: float = 0.0  #: `angular.z`, of the steering rate, positive to the left
@@ -32,34 +32,34 @@ class Drive(NamedTuple):
 
     @property
     def usable(self) -> bool:
-        """Whether every share is finite."""
+        """Whether all shares are finite."""
         return all(map(isfinite, self))
 
 
-COAST = Drive()
-FULL_BRAKE = Drive(brake=1.0)
+COAST = DriverInput()
+FULL_BRAKE = DriverInput(brake=1.0)
 
 
 class Limits(NamedTuple):
-    """What the car is allowed."""
+    """Limits of the car when it is driven by hand."""
 
     acceleration: float = 4.0  #: [m/s²] in the direction of travel
     deceleration: float = 8.0  #: [m/s²] against it
     speed: float = 20.0  #: [m/s] either way
     steering: float = 0.5  #: [rad] front steering angle, either way
     steering_rate: float = 1.0  #: [rad/s]
-    self_centring: bool = True  #: the wheel returns to straight, at this rate, when let go
+    self_centring: bool = True  #: the wheel returns to straight, at this rate, when released
 
 
 class Driver:
-    """Turns the wishes heard into a command every `dt`.
+    """Turns the driver's latest input into a command every `dt`.
 
     Attributes
     ----------
     limits
         May be replaced at any time.
-    wish
-        What is wished for as of the latest command.
+    request
+        The input that the latest command follows.
     servo
         [rad] the latest command's.
     """
@@ -71,7 +71,7 @@ class Driver:
         dt: float = 1.0 / RATE,
         stale_after: float = STALE_AFTER,
     ) -> None:
-        """Begin with the wheel straight and nothing wished for.
+        """Begin with the wheel straight, coasting.
 
         Parameters
         ----------
@@ -80,7 +80,7 @@ class Driver:
         dt
             [s] from one command to the next.
         stale_after
-            [s] A wish that is older counts no more.
+            [s] An input that is older is ignored.
         """
         self.limits = limits or Limits()
         self.dt = dt
@@ -88,41 +88,41 @@ class Driver:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all that was heard, and put the wheel straight."""
-        self._heard_wish = self.wish = COAST
-        self._heard = -inf
+        """Forget the input, and put the wheel straight."""
+        self._latest = self.request = COAST
+        self._received = -inf
         self.servo = 0.0
-        self._braking = 0.0  # the sign of the wish that brought the car to where it is
+        self._braking = 0.0  # sign of the request that brakes the car, until it is released
 
-    def hear(self, wish: Drive, t: float) -> None:
-        """Take a usable `wish` at `t` [s]; what is beyond -1 and 1 is cut off."""
-        self._heard_wish = Drive(
-            _limited(wish.forward, 1.0),
-            _limited(wish.turn, 1.0),
-            _limited(max(wish.brake, 0.0), 1.0),
+    def receive(self, request: DriverInput, t: float) -> None:
+        """Store a usable `request`, received at `t` [s]; shares are limited to -1 and 1."""
+        self._latest = DriverInput(
+            _limited(request.forward, 1.0),
+            _limited(request.turn, 1.0),
+            _limited(max(request.brake, 0.0), 1.0),
         )
-        self._heard = t
+        self._received = t
 
     def command(self, t: float, speed: float) -> Input:
         """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
-        stale = t - self._heard > self.stale_after
-        self.wish = wish = COAST if stale and not self._heard_wish.brake else self._heard_wish
-        self._steer(wish)
-        return Input(motor=self._acceleration(wish, speed), servo=self.servo)
+        stale = t - self._received > self.stale_after
+        self.request = request = COAST if stale and not self._latest.brake else self._latest
+        self._steer(request)
+        return Input(motor=self._acceleration(request, speed), servo=self.servo)
 
-    def _steer(self, wish: Drive) -> None:
+    def _steer(self, request: DriverInput) -> None:
         limits, turned = self.limits, self.limits.steering_rate * self.dt
-        if wish.brake or (limits.self_centring and not wish.turn):
+        if request.brake or (limits.self_centring and not request.turn):
             self.servo -= _limited(self.servo, turned)
-        elif wish.turn:
-            self.servo += wish.turn * turned
+        elif request.turn:
+            self.servo += request.turn * turned
         self.servo = _limited(self.servo, limits.steering)
 
-    def _acceleration(self, wish: Drive, speed: float) -> float:
-        limits, forward = self.limits, wish.forward
-        if wish.brake or not forward:
+    def _acceleration(self, request: DriverInput, speed: float) -> float:
+        limits, forward = self.limits, request.forward
+        if request.brake or not forward:
             self._braking = 0.0
-            return self._towards(0.0, speed, wish.brake * limits.deceleration)
+            return self._towards(0.0, speed, request.brake * limits.deceleration)
         direction = copysign(1.0, forward)
         if speed * direction < -STANDSTILL:
             self._braking = direction

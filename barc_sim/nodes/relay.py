@@ -1,4 +1,4 @@
-"""The node `relay`: turns a driver's wishes, `cmd_vel`, into commands, `ecu`, at 20 Hz."""
+"""The node `relay`: turns a driver's requests, `cmd_vel`, into commands, `ecu`, at 20 Hz."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from barc_sim.cli.parser import call
 from barc_sim.control.driver import STALE_AFTER, Driver, Limits
 from barc_sim.ros import names as topic_names
 from barc_sim.ros import service_names
-from barc_sim.ros.conversions import to_drive, to_ecu
+from barc_sim.ros.conversions import to_driver_input, to_ecu
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
@@ -62,7 +62,7 @@ class Relay(Node):
     Attributes
     ----------
     driver
-        Makes the commands; `wish` and `servo` tell what holds.
+        Makes the commands; `request` and `servo` tell what holds.
     refused
         Twists that were not finite.
     """
@@ -114,9 +114,11 @@ class Relay(Node):
 
     def _on_twist(self, data: bytes) -> None:
         twist = deserialize_message(data, Twist)
-        wish = to_drive(twist, self._values['linear_scale'], self._values['angular_scale'])
-        if wish.usable:
-            self.driver.hear(wish, time.monotonic())
+        request = to_driver_input(
+            twist, self._values['linear_scale'], self._values['angular_scale']
+        )
+        if request.usable:
+            self.driver.receive(request, time.monotonic())
             return
         if not self.refused:
             self.get_logger().warning(

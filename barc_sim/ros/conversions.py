@@ -10,7 +10,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
-from barc_sim.control.driver import Drive
+from barc_sim.control.driver import DriverInput
 from barc_sim.vehicle.bike_model import Input, State
 
 if TYPE_CHECKING:
@@ -79,18 +79,22 @@ def to_ecu(command: Input, header: Header) -> ECU:
     return ECU(header=header, motor=command.motor, servo=command.servo)
 
 
-def to_drive(twist: Twist, linear_scale: float = 1.0, angular_scale: float = 1.0) -> Drive:
-    """Return the wish in `twist`, each kind of share multiplied by its scale."""
-    return Drive(
+def to_driver_input(
+    twist: Twist, linear_scale: float = 1.0, angular_scale: float = 1.0
+) -> DriverInput:
+    """Return the driver's input in `twist`, each kind of share multiplied by its scale."""
+    return DriverInput(
         forward=twist.linear.x * linear_scale,
         turn=twist.angular.z * angular_scale,
         brake=-twist.linear.z * linear_scale,
     )
 
 
-def to_twist(wish: Drive) -> Twist:
-    """Return `wish` as a message."""
-    return Twist(linear=Vector3(x=wish.forward, z=-wish.brake or 0.0), angular=Vector3(z=wish.turn))
+def to_twist(request: DriverInput) -> Twist:
+    """Return `request` as a message."""
+    return Twist(
+        linear=Vector3(x=request.forward, z=-request.brake or 0.0), angular=Vector3(z=request.turn)
+    )
 
 
 def to_pid_state(

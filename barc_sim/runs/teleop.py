@@ -110,7 +110,7 @@ class Teleop(Run):
         """Show the state now and then."""
         if self._line.is_due():
             driver = self._relay.driver
-            self._line.show(Status(t, seen.true.v_x, driver.servo, driver.wish))
+            self._line.show(Status(t, seen.true.v_x, driver.servo, driver.request))
 
     def finish(self) -> None:
         """Give the terminal back, and end the run now."""

@@ -18,7 +18,7 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from barc_sim.control.driver import Drive
+    from barc_sim.control.driver import DriverInput
     from barc_sim.control.pid import SpeedController
 
 
@@ -69,22 +69,22 @@ def rollout(
 
 
 def drive(
-    wishes: Iterable[tuple[float, Drive]],
+    requests: Iterable[tuple[float, DriverInput]],
     duration: float,
     *,
     plant: Plant | None = None,
     driver: Driver | None = None,
 ) -> Log:
-    """Drive as `wishes` say, each heard at its time [s], for `duration` [s]: the relay's loop.
+    """Drive as `requests` say, each heard at its time [s], for `duration` [s]: the relay's loop.
 
     A recorded `cmd_vel` gives the same trajectory each time, bit for bit: a command is made at
-    every multiple of the driver's `dt`, of the wishes heard by then, and acts from the state on
+    every multiple of the driver's `dt`, of the requests heard by then, and acts from the state on
     whose period it falls in. `plant`, on the flat, and `driver` are the run's defaults unless
     given, and are left as the run left them.
     """
     plant = plant or Plant(road=Road.flat())
     driver = driver or Driver()
-    waiting = deque(sorted(wishes, key=lambda wish: wish[0]))
+    waiting = deque(sorted(requests, key=lambda request: request[0]))
     rows: list[tuple[float, ...]] = []
     command = Input()
     period_ns, dt_ns = round(plant.ts * 1e9), round(driver.dt * 1e9)
@@ -94,8 +94,8 @@ def drive(
         while due_ns < (k + 1) * period_ns:
             t = due_ns / 1e9
             while waiting and waiting[0][0] <= t:
-                heard, wish = waiting.popleft()
-                driver.hear(wish, heard)
+                heard, request = waiting.popleft()
+                driver.receive(request, heard)
             command = driver.command(t, seen.measured.v_x)
             due_ns += dt_ns
         rows.append(

@@ -85,7 +85,7 @@ def _end_of(process: subprocess.Popen[bytes]) -> int:
 
 
 class Witness(Node):
-    """Hears the states, and wishes to drive ahead all the time."""
+    """Hears the states, and asks to drive ahead all the time."""
 
     def __init__(self) -> None:
         """Listen."""

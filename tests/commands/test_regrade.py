@@ -10,7 +10,7 @@ import pytest
 from made_bags import make, parameters
 
 from barc_sim.commands import regrade
-from barc_sim.control.driver import Drive
+from barc_sim.control.driver import DriverInput
 from barc_sim.control.pid import __file__ as own_pid
 from barc_sim.lab.user_code import adapters as own_code
 from barc_sim.lab.user_code.adapters import StudentPid
@@ -125,7 +125,7 @@ def test_a_drive_by_hand_has_no_controller(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     told = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
-    log = drive([(0.0, Drive(forward=1.0, turn=0.5))], 2.0)
+    log = drive([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
     assert regrade.main([str(make(tmp_path / 'bag', log, {'parameters': told}))]) == 0
     assert 'controller' not in capsys.readouterr().out
 

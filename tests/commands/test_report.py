@@ -14,7 +14,7 @@ import pytest
 from made_bags import GRAPH, make
 
 from barc_sim.commands import report
-from barc_sim.control.driver import Drive
+from barc_sim.control.driver import DriverInput
 from barc_sim.simulation.closed_loop import drive, rollout
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def test_a_run_that_its_code_ended_says_so(tmp_path: Path) -> None:
 
 
 def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
-    page = page_of(make(tmp_path / 'bag', drive([(0.0, Drive(forward=1.0, turn=0.3))], 3.0)))
+    page = page_of(make(tmp_path / 'bag', drive([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0)))
     assert "The car's way" in page.text
     assert 'Nobody gave a speed to hold' in page.text
     assert "The controller's terms" not in page.text

@@ -1,4 +1,4 @@
-"""Driving by hand: what a wish does to acceleration and wheel, and what it cannot do."""
+"""Driving by hand: what a request does to acceleration and wheel, and what it cannot do."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, Drive, Driver, Limits
+from barc_sim.control.driver import COAST, FULL_BRAKE, Driver, DriverInput, Limits
 
 LIMITS = Limits()
 SHARE = st.floats(-1e300, 1e300)
 
 
-def drive(driver: Driver, wish: Drive, seconds: float, *, speed: float = 0.0) -> float:
-    """Repeat `wish` in every period for `seconds`; return the speed then, on the flat."""
+def drive(driver: Driver, request: DriverInput, seconds: float, *, speed: float = 0.0) -> float:
+    """Repeat `request` in every period for `seconds`; return the speed then, on the flat."""
     for k in range(round(seconds / driver.dt)):
-        driver.hear(wish, k * driver.dt)
+        driver.receive(request, k * driver.dt)
         speed += driver.dt * driver.command(k * driver.dt, speed).motor
     return speed
 
 
 def test_full_throttle_is_the_greatest_acceleration_and_half_is_half_of_it() -> None:
     driver = Driver()
-    driver.hear(Drive(forward=1.0), 0.0)
+    driver.receive(DriverInput(forward=1.0), 0.0)
     assert driver.command(0.0, 0.0) == (LIMITS.acceleration, 0.0)
-    driver.hear(Drive(forward=0.5), 0.05)
+    driver.receive(DriverInput(forward=0.5), 0.05)
     assert driver.command(0.05, 0.0) == (LIMITS.acceleration / 2, 0.0)
 
 
@@ -37,37 +37,37 @@ def test_nothing_heard_is_coasting() -> None:
 @pytest.mark.parametrize('direction', [1.0, -1.0])
 def test_against_the_motion_is_deceleration_down_to_a_standstill(direction: float) -> None:
     driver = Driver()
-    driver.hear(Drive(forward=-direction), 0.0)
+    driver.receive(DriverInput(forward=-direction), 0.0)
     assert driver.command(0.0, 8.0 * direction).motor == -direction * LIMITS.deceleration
-    speed = drive(driver, Drive(forward=-direction), 3.0, speed=8.0 * direction)
+    speed = drive(driver, DriverInput(forward=-direction), 3.0, speed=8.0 * direction)
     assert speed * direction == pytest.approx(0.0, abs=1e-6)
     assert speed * direction >= 0.0
 
 
 def test_to_reverse_one_lets_go_and_presses_again() -> None:
     driver = Driver()
-    back = Drive(forward=-1.0)
+    back = DriverInput(forward=-1.0)
     assert drive(driver, back, 5.0, speed=8.0) == pytest.approx(0.0, abs=1e-6)
     drive(driver, COAST, 0.05)
     assert drive(driver, back, 1.0) == pytest.approx(-LIMITS.acceleration)
 
 
 def test_a_car_that_stands_reverses_at_once() -> None:
-    assert drive(Driver(), Drive(forward=-1.0), 1.0) == pytest.approx(-LIMITS.acceleration)
+    assert drive(Driver(), DriverInput(forward=-1.0), 1.0) == pytest.approx(-LIMITS.acceleration)
 
 
 def test_forward_right_after_braking_to_a_standstill_needs_no_letting_go() -> None:
     driver = Driver()
-    drive(driver, Drive(forward=-1.0), 3.0, speed=8.0)
-    assert drive(driver, Drive(forward=1.0), 1.0) == pytest.approx(LIMITS.acceleration)
+    drive(driver, DriverInput(forward=-1.0), 3.0, speed=8.0)
+    assert drive(driver, DriverInput(forward=1.0), 1.0) == pytest.approx(LIMITS.acceleration)
 
 
 @pytest.mark.parametrize('speed', [10.0, -10.0])
 def test_the_brake_stops_the_car_either_way_and_stays_on(speed: float) -> None:
     driver = Driver()
-    driver.hear(FULL_BRAKE, 0.0)
+    driver.receive(FULL_BRAKE, 0.0)
     speeds = [speed]
-    for k in range(400):  # 20 s: long after the wish has gone stale
+    for k in range(400):  # 20 s: long after the request has gone stale
         speeds.append(speeds[-1] + driver.dt * driver.command(k * driver.dt, speeds[-1]).motor)
     assert abs(speeds[25]) == pytest.approx(0.0, abs=0.4)
     assert speeds[-1] == pytest.approx(0.0, abs=1e-9)
@@ -76,29 +76,29 @@ def test_the_brake_stops_the_car_either_way_and_stays_on(speed: float) -> None:
 
 def test_another_wish_releases_the_brake() -> None:
     driver = Driver()
-    driver.hear(FULL_BRAKE, 0.0)
-    driver.hear(COAST, 1.0)
+    driver.receive(FULL_BRAKE, 0.0)
+    driver.receive(COAST, 1.0)
     assert driver.command(1.0, 5.0).motor == 0.0
 
 
 def test_a_command_that_holds_for_longer_than_it_should_does_not_reverse_the_car() -> None:
     driver = Driver()
     speed = 5.0
-    driver.hear(FULL_BRAKE, 0.0)
+    driver.receive(FULL_BRAKE, 0.0)
     for k in range(100):
         speed += 1.6 * driver.dt * driver.command(k * driver.dt, speed).motor
         assert speed >= 0.0
 
 
 def test_the_car_reaches_the_greatest_speed_and_not_more() -> None:
-    speed = drive(Driver(Limits(speed=6.0)), Drive(forward=1.0), 20.0)
+    speed = drive(Driver(Limits(speed=6.0)), DriverInput(forward=1.0), 20.0)
     assert speed == pytest.approx(6.0)
-    assert drive(Driver(Limits(speed=6.0)), Drive(forward=-1.0), 20.0) == pytest.approx(-6.0)
+    assert drive(Driver(Limits(speed=6.0)), DriverInput(forward=-1.0), 20.0) == pytest.approx(-6.0)
 
 
 def test_the_wheel_turns_at_its_rate_up_to_its_limit() -> None:
     driver = Driver()
-    driver.hear(Drive(turn=1.0), 0.0)
+    driver.receive(DriverInput(turn=1.0), 0.0)
     angles = [driver.command(0.0, 0.0).servo for _ in range(20)]
     assert angles[0] == pytest.approx(LIMITS.steering_rate * driver.dt)
     assert angles[-1] == LIMITS.steering
@@ -108,17 +108,17 @@ def test_right_is_left_mirrored() -> None:
     left, right = Driver(), Driver()
     for k in range(20):
         turn = 1.0 if k < 5 else 0.0
-        left.hear(Drive(turn=turn), 0.0)
-        right.hear(Drive(turn=-turn), 0.0)
+        left.receive(DriverInput(turn=turn), 0.0)
+        right.receive(DriverInput(turn=-turn), 0.0)
         assert left.command(0.0, 0.0).servo == -right.command(0.0, 0.0).servo
 
 
 def test_the_wheel_let_go_returns_to_straight_and_not_past_it() -> None:
     driver = Driver()
-    driver.hear(Drive(turn=0.7), 0.0)
+    driver.receive(DriverInput(turn=0.7), 0.0)
     for _ in range(7):
         driver.command(0.0, 0.0)
-    driver.hear(COAST, 0.0)
+    driver.receive(COAST, 0.0)
     angles = [driver.command(0.0, 0.0).servo for _ in range(20)]
     assert angles[0] == pytest.approx(0.7 * 7 * driver.dt - driver.dt)
     assert angles[-1] == 0.0
@@ -127,24 +127,24 @@ def test_the_wheel_let_go_returns_to_straight_and_not_past_it() -> None:
 
 def test_a_wheel_that_stays_is_only_put_straight_by_the_brake() -> None:
     driver = Driver(Limits(self_centring=False))
-    driver.hear(Drive(turn=1.0), 0.0)
+    driver.receive(DriverInput(turn=1.0), 0.0)
     turned = driver.command(0.0, 0.0).servo
-    driver.hear(COAST, 0.0)
+    driver.receive(COAST, 0.0)
     assert driver.command(0.0, 0.0).servo == turned
-    driver.hear(FULL_BRAKE, 0.0)
+    driver.receive(FULL_BRAKE, 0.0)
     assert driver.command(0.0, 0.0).servo == 0.0
 
 
 def test_a_stale_wish_is_coasting_with_the_wheel_going_straight() -> None:
     driver = Driver(stale_after=0.5)
-    driver.hear(Drive(forward=1.0, turn=1.0), 10.0)
+    driver.receive(DriverInput(forward=1.0, turn=1.0), 10.0)
     assert driver.command(10.5, 0.0) == (LIMITS.acceleration, 0.05)
     assert driver.command(10.51, 0.0) == (0.0, 0.0)
 
 
 def test_reset_forgets_wish_and_wheel() -> None:
     driver = Driver()
-    driver.hear(Drive(forward=1.0, turn=1.0), 0.0)
+    driver.receive(DriverInput(forward=1.0, turn=1.0), 0.0)
     driver.command(0.0, 0.0)
     driver.reset()
     assert driver.command(0.0, 0.0) == (0.0, 0.0)
@@ -152,19 +152,19 @@ def test_reset_forgets_wish_and_wheel() -> None:
 
 @pytest.mark.parametrize('value', [nan, inf, -inf])
 def test_a_share_that_is_not_finite_is_not_usable(value: float) -> None:
-    assert Drive(1.0, -1.0, 1e300).usable
-    for wish in (Drive(forward=value), Drive(turn=value), Drive(brake=value)):
-        assert not wish.usable
+    assert DriverInput(1.0, -1.0, 1e300).usable
+    for request in (DriverInput(forward=value), DriverInput(turn=value), DriverInput(brake=value)):
+        assert not request.usable
 
 
 @given(st.lists(st.tuples(SHARE, SHARE, SHARE, st.floats(0.0, 1.0), st.floats(-50.0, 50.0))))
 def test_whatever_is_wished_for_stays_within_the_limits(
-    wishes: list[tuple[float, float, float, float, float]],
+    requests: list[tuple[float, float, float, float, float]],
 ) -> None:
     driver = Driver()
     t, angle = 0.0, 0.0
-    for forward, turn, brake, wait, speed in wishes:
-        driver.hear(Drive(forward, turn, brake), t)
+    for forward, turn, brake, wait, speed in requests:
+        driver.receive(DriverInput(forward, turn, brake), t)
         t += wait
         command = driver.command(t, speed)
         assert abs(command.motor) <= max(LIMITS.acceleration, LIMITS.deceleration)

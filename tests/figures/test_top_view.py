@@ -17,7 +17,7 @@ from matplotlib.text import Text
 
 from barc_sim.commands.replay import save
 from barc_sim.commands.replay import view_of as chosen_view
-from barc_sim.control.driver import FULL_BRAKE, Drive
+from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.side_view import SIZE
 from barc_sim.figures.top_view import TopView, suits
 from barc_sim.simulation.closed_loop import drive, rollout
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    wishes = [(0.05 * k, Drive(forward=1.0)) for k in range(40)]
-    wishes += [(2.0 + 0.05 * k, Drive(turn=1.0)) for k in range(60)]
-    return drive([*wishes, (6.0, FULL_BRAKE)], 9.0)
+    requests = [(0.05 * k, DriverInput(forward=1.0)) for k in range(40)]
+    requests += [(2.0 + 0.05 * k, DriverInput(turn=1.0)) for k in range(60)]
+    return drive([*requests, (6.0, FULL_BRAKE)], 9.0)
 
 
 def view_of(log: Log) -> TopView:
@@ -165,7 +165,7 @@ def test_a_drive_whose_commands_are_unknown_is_shown(log: Log) -> None:
 # imageio_ffmpeg leaves it to the garbage collector to close its pipes.
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
 def test_the_video_of_a_drive_by_hand_shows_it_from_above_at_real_speed(tmp_path: Path) -> None:
-    log = drive([(0.0, Drive(forward=1.0))], 0.6)
+    log = drive([(0.0, DriverInput(forward=1.0))], 0.6)
     assert isinstance(chosen_view(log, Figure(figsize=SIZE), ''), TopView)
     path = tmp_path / 'drive.mp4'
     save(log, path)

@@ -95,7 +95,7 @@ def test_wheel_turns_and_returns_or_stays_as_told(bench: Callable[..., Bench]) -
     b.send(turn=1.0)
     b.until(lambda: b.relay.driver.servo == 0.2)
     b.send()
-    b.until(lambda: not b.relay.driver.wish.turn)
+    b.until(lambda: not b.relay.driver.request.turn)
     assert b.relay.driver.servo == 0.2
     b.relay.set_parameters([Parameter('self_centring', value=True)])
     b.until(lambda: b.relay.driver.servo == 0.0)

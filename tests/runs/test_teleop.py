@@ -23,7 +23,7 @@ from rosbags.highlevel import AnyReader
 
 import barc_sim
 from barc_sim.bags import reader as bag
-from barc_sim.control.driver import COAST, Drive, Limits
+from barc_sim.control.driver import COAST, DriverInput, Limits
 from barc_sim.simulation.closed_loop import drive
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def session(tmp_path: Path) -> Iterator[Session]:
         session.close()
 
 
-def wishes(path: Path) -> list[tuple[float, Drive]]:
+def requests(path: Path) -> list[tuple[float, DriverInput]]:
     """Return the recorded `cmd_vel`, at times since the first state."""
     found = []
     with AnyReader([path]) as reader:
@@ -138,8 +138,8 @@ def wishes(path: Path) -> list[tuple[float, Drive]]:
                 first = first or time_ns
             elif first:
                 twist = reader.deserialize(data, connection.msgtype)
-                wish = Drive(twist.linear.x, twist.angular.z, -twist.linear.z)
-                found.append(((time_ns - first) / 1e9, wish))
+                request = DriverInput(twist.linear.x, twist.angular.z, -twist.linear.z)
+                found.append(((time_ns - first) / 1e9, request))
     return found
 
 
@@ -155,9 +155,9 @@ def test_keys_drive_the_car_as_the_limits_predict(session: Session) -> None:
     session.type(b'q')
     assert session.end() == 0
     log = bag.read(session.bag())
-    heard = wishes(session.bag())
-    begun = next(t for t, wish in heard if wish.forward == 1.0)
-    ended = next(t for t, wish in heard if wish == COAST)
+    heard = requests(session.bag())
+    begun = next(t for t, request in heard if request.forward == 1.0)
+    ended = next(t for t, request in heard if request == COAST)
     assert ended - begun > 2.0
     slack = lost(session.bag()) * Limits().acceleration
     expected = (ended - begun) * Limits().acceleration
@@ -204,7 +204,7 @@ def test_a_recorded_drive_driven_again_is_the_same_each_time_and_as_it_was(
     session.type(b'q')
     assert session.end() == 0
     log = bag.read(session.bag())
-    heard = wishes(session.bag())
+    heard = requests(session.bag())
     duration = float(log.t[-1])
     again = drive(heard, duration)
     assert same(again, drive(heard, duration))

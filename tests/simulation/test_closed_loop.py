@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, Drive, Limits
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, PID, speed_controller
 from barc_sim.simulation.closed_loop import drive, rollout
 from barc_sim.simulation.log import Log
@@ -240,23 +240,23 @@ def test_speed_controller_takes_gains() -> None:
 # Driving by hand
 
 
-WISHES = [(0.0, Drive(forward=1.0)), (1.5, Drive(turn=1.0)), (2.0, FULL_BRAKE)]
+REQUESTS = [(0.0, DriverInput(forward=1.0)), (1.5, DriverInput(turn=1.0)), (2.0, FULL_BRAKE)]
 
 
 def test_the_same_wishes_give_the_same_trajectory_bit_for_bit() -> None:
-    one, other = drive(WISHES, 6.0), drive(reversed(WISHES), 6.0)
+    one, other = drive(REQUESTS, 6.0), drive(reversed(REQUESTS), 6.0)
     for name in Log.__dataclass_fields__:
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
 
 
 def test_up_gives_the_speed_that_the_limits_predict() -> None:
-    wishes = [(0.05 * k, Drive(forward=1.0)) for k in range(40)]
-    log = drive([*wishes, (2.0, COAST)], 4.0)
+    requests = [(0.05 * k, DriverInput(forward=1.0)) for k in range(40)]
+    log = drive([*requests, (2.0, COAST)], 4.0)
     assert log.speed[-1] == pytest.approx(2.0 * Limits().acceleration, rel=0.01)
 
 
 def test_left_turns_left_and_the_brake_stops_the_car() -> None:
-    log = drive(WISHES, 6.0)
+    log = drive(REQUESTS, 6.0)
     assert log.psi[-1] > 0.1
     assert log.y[-1] > 0.1
     assert log.speed[-1] == pytest.approx(0.0, abs=1e-3)
@@ -264,7 +264,7 @@ def test_left_turns_left_and_the_brake_stops_the_car() -> None:
 
 
 def test_a_wish_goes_stale() -> None:
-    log = drive([(0.0, Drive(forward=1.0))], 3.0)
+    log = drive([(0.0, DriverInput(forward=1.0))], 3.0)
     assert log.speed[-1] == pytest.approx(0.5 * Limits().acceleration, rel=0.15)
     assert log.motor[-1] == 0.0
 

@@ -70,7 +70,7 @@ class StudentPid:
 
 
 class StudentDriver(Driver):
-    """A student's relay as a `Driver`: what is wished for is up to it, but for the brake.
+    """A student's relay as a `Driver`: it handles all input but the brake.
 
     Its commands are cut to the car's limits.
     """
@@ -100,9 +100,9 @@ class StudentDriver(Driver):
             where the student's code fails.
         """
         own = super().command(t, speed)
-        if self.wish.brake:
+        if self.request.brake:
             return own
-        motor, servo = self._relay.relay(self.wish.forward, self.wish.turn, self.dt)
+        motor, servo = self._relay.relay(self.request.forward, self.request.turn, self.dt)
         limits = self.limits
         greatest = max(limits.acceleration, limits.deceleration)
         self.servo = max(-limits.steering, min(servo, limits.steering))

@@ -1,4 +1,4 @@
-"""Keys of a terminal: the bytes that they arrive as, and what the held ones wish for."""
+"""Keys of a terminal: the bytes that they arrive as, and what the held ones request for."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, Drive
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -107,7 +107,7 @@ def _key(match: re.Match[str], final: str) -> Iterator[KeyEvent]:
 
 
 class HeldKeys:
-    """Which keys are held, and what they wish for.
+    """Which keys are held, and what they request for.
 
     Most terminals tell no release: there a key counts as held for `press_hold` after it was
     pressed, and for `repeat_hold` after each repeat; and only the key pressed last repeats.
@@ -146,17 +146,17 @@ class HeldKeys:
         """Return the driving keys held at `t` [s]."""
         return tuple(key for key in _DRIVING if self._until.get(key, -inf) >= t)
 
-    def wish(self, t: float) -> Drive | None:
-        """Return what the keys wish for at `t` [s]; when let go, coasting once and then None.
+    def request(self, t: float) -> DriverInput | None:
+        """Return what the keys request for at `t` [s]; when let go, coasting once and then None.
 
         Nothing follows the brake: it is to stay on.
         """
         held = self.held(t)
-        wish = Drive(
+        request = DriverInput(
             forward=float('up' in held) - float('down' in held),
             turn=float('left' in held) - float('right' in held),
         )
         if 'space' in held:
-            wish = FULL_BRAKE
-        told, self._told = self._told, wish
-        return wish if held or told not in {COAST, FULL_BRAKE} else None
+            request = FULL_BRAKE
+        told, self._told = self._told, request
+        return request if held or told not in {COAST, FULL_BRAKE} else None

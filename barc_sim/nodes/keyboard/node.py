@@ -1,4 +1,4 @@
-"""The node `keyboard`: publishes what the keys of the terminal wish for, as `cmd_vel`."""
+"""The node `keyboard`: publishes what the keys of the terminal request for, as `cmd_vel`."""
 
 from __future__ import annotations
 
@@ -125,9 +125,9 @@ class Keyboard(Node):
             self.get_logger().warning('there is no simulator to reset')
 
     def _publish(self) -> None:
-        wish = self._keys.wish(time.monotonic())
-        if wish is not None:
-            self._twist_pub.publish(to_twist(wish))
+        request = self._keys.request(time.monotonic())
+        if request is not None:
+            self._twist_pub.publish(to_twist(request))
 
 
 def main(args: list[str] | None = None) -> int:

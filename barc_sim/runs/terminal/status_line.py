@@ -9,7 +9,7 @@ from contextlib import suppress
 from math import degrees
 from typing import NamedTuple
 
-from barc_sim.control.driver import COAST, Drive
+from barc_sim.control.driver import COAST, DriverInput
 
 #: [s] between two drawings in a terminal, and between two lines elsewhere.
 _LIVE_PERIOD = 0.1
@@ -24,7 +24,7 @@ class Status(NamedTuple):
     t: float  #: [s] of the drive
     speed: float  #: [m/s]
     steering: float  #: [rad]
-    wish: Drive = COAST
+    request: DriverInput = COAST
 
 
 class StatusLine:
@@ -72,13 +72,13 @@ class StatusLine:
 
 def text(status: Status) -> str:
     """Return the line for `status`; its columns stay where they are."""
-    wish = status.wish
+    request = status.request
     held = {
-        '↑': wish.forward > 0.0,
-        '↓': wish.forward < 0.0,
-        '←': wish.turn > 0.0,
-        '→': wish.turn < 0.0,
-        'brake': wish.brake > 0.0,
+        '↑': request.forward > 0.0,
+        '↓': request.forward < 0.0,
+        '←': request.turn > 0.0,
+        '→': request.turn < 0.0,
+        'brake': request.brake > 0.0,
     }
     # Rounded first, and zero added: no negative zero is shown.
     speed, steering = round(status.speed, 2) + 0.0, round(degrees(status.steering), 1) + 0.0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.control.driver import Drive
+from barc_sim.control.driver import DriverInput
 from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import StudentError
 from barc_sim.simulation.closed_loop import drive, rollout
@@ -107,8 +107,12 @@ def test_where_a_deadline_was_missed_the_last_command_held() -> None:
 
 
 def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
-    wishes = [(0.0, Drive(forward=1.0)), (0.4, Drive(forward=1.0, turn=1.0)), (0.8, Drive())]
-    log = drive(wishes, 2.0)
+    requests = [
+        (0.0, DriverInput(forward=1.0)),
+        (0.4, DriverInput(forward=1.0, turn=1.0)),
+        (0.8, DriverInput()),
+    ]
+    log = drive(requests, 2.0)
     # Published close to a deadline, a command may be recorded with the state before.
     motor, servo = np.roll(log.motor, -1), np.roll(log.servo, -1)
     flat = partial(Plant, road=Road.flat())
@@ -118,7 +122,7 @@ def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
 
 
 def test_braking_by_the_simulator_itself_is_followed() -> None:
-    log = drive([(0.0, Drive(forward=1.0))], 1.0)
+    log = drive([(0.0, DriverInput(forward=1.0))], 1.0)
     plant, rows = Plant(road=Road.flat()), []
     for k in range(len(log)):
         rows.append(plant.observe().measured)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from barc_sim.control import pid
-from barc_sim.control.driver import FULL_BRAKE, Drive
+from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.lab.user_code import adapters as own_code
 from barc_sim.lab.user_code.adapters import StudentDriver, StudentPid
 from barc_sim.lab.user_code.loading import (
@@ -101,21 +101,21 @@ def test_a_reset_makes_a_fresh_object_with_the_present_gains(tmp_path: Path) -> 
 
 def test_a_relay_makes_the_commands_of_what_is_wished_for(tmp_path: Path) -> None:
     driver = StudentDriver(relays(tmp_path, 'def relay(x, z):\n    return 3 * x, 0.2 * z\n'))
-    driver.hear(Drive(forward=1.0, turn=-1.0), 1.0)
+    driver.receive(DriverInput(forward=1.0, turn=-1.0), 1.0)
     assert driver.command(1.1, 0.0) == (3.0, -0.2)
     assert driver.servo == -0.2
-    assert driver.command(9.0, 0.0) == (0.0, 0.0)  # the wish has gone stale
+    assert driver.command(9.0, 0.0) == (0.0, 0.0)  # the request has gone stale
 
 
 def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
     driver = StudentDriver(relays(tmp_path, 'def relay(x, z):\n    return 99 * x, 99 * z\n'))
-    driver.hear(Drive(forward=1.0, turn=1.0), 1.0)
+    driver.receive(DriverInput(forward=1.0, turn=1.0), 1.0)
     assert driver.command(1.1, 0.0) == (8.0, 0.5)
 
 
 def test_the_brake_is_not_up_to_the_relay(tmp_path: Path) -> None:
     driver = StudentDriver(relays(tmp_path, 'def relay(x, z):\n    return 4, 0\n'))
-    driver.hear(FULL_BRAKE, 1.0)
+    driver.receive(FULL_BRAKE, 1.0)
     assert driver.command(1.1, 10.0).motor == -8.0
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, Drive
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.nodes.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys, KeyDecoder, KeyEvent
 
 KEYS = {
@@ -98,8 +98,8 @@ def test_no_bytes_do_harm(data: bytes) -> None:
     keys = HeldKeys()
     for event in events(data):
         keys.hear(event, 0.0)
-    wish = keys.wish(0.0)
-    assert wish is None or all(-1.0 <= share <= 1.0 for share in wish)
+    request = keys.request(0.0)
+    assert request is None or all(-1.0 <= share <= 1.0 for share in request)
 
 
 def press(*keys: str, releases: bool = False) -> HeldKeys:
@@ -111,27 +111,27 @@ def press(*keys: str, releases: bool = False) -> HeldKeys:
 
 
 @pytest.mark.parametrize(
-    ('keys', 'wish'),
+    ('keys', 'expected'),
     [
-        (['up'], Drive(forward=1.0)),
-        (['down'], Drive(forward=-1.0)),
-        (['left'], Drive(turn=1.0)),
-        (['right'], Drive(turn=-1.0)),
-        (['up', 'left'], Drive(forward=1.0, turn=1.0)),
+        (['up'], DriverInput(forward=1.0)),
+        (['down'], DriverInput(forward=-1.0)),
+        (['left'], DriverInput(turn=1.0)),
+        (['right'], DriverInput(turn=-1.0)),
+        (['up', 'left'], DriverInput(forward=1.0, turn=1.0)),
         (['up', 'down'], COAST),
         (['up', 'left', 'space'], FULL_BRAKE),
     ],
 )
-def test_keys_wish(keys: list[str], wish: Drive) -> None:
-    assert press(*keys).wish(0.1) == wish
+def test_held_keys_make_the_drivers_input(keys: list[str], expected: DriverInput) -> None:
+    assert press(*keys).request(0.1) == expected
 
 
 def test_a_press_holds_until_a_repeat_may_come_then_it_is_zero_once_and_silent() -> None:
     held = press('up')
-    assert held.wish(PRESS_HOLD) == Drive(forward=1.0)
-    assert held.wish(PRESS_HOLD + 0.01) == COAST
-    assert held.wish(PRESS_HOLD + 0.06) is None
-    assert held.wish(9.0) is None
+    assert held.request(PRESS_HOLD) == DriverInput(forward=1.0)
+    assert held.request(PRESS_HOLD + 0.01) == COAST
+    assert held.request(PRESS_HOLD + 0.06) is None
+    assert held.request(9.0) is None
 
 
 def test_a_key_that_repeats_is_held_until_shortly_after_the_last_repeat() -> None:
@@ -141,43 +141,43 @@ def test_a_key_that_repeats_is_held_until_shortly_after_the_last_repeat() -> Non
         t = 0.5 + k * 0.03
         assert held.held(t) == ('up',)
         held.hear(KeyEvent('up'), t)
-    assert held.wish(last + REPEAT_HOLD - 0.01) == Drive(forward=1.0)
-    assert held.wish(last + REPEAT_HOLD + 0.01) == COAST
+    assert held.request(last + REPEAT_HOLD - 0.01) == DriverInput(forward=1.0)
+    assert held.request(last + REPEAT_HOLD + 0.01) == COAST
 
 
 def test_a_press_after_the_hold_is_a_first_press_again() -> None:
     held = press('up')
     held.hear(KeyEvent('up'), 10.0)
-    assert held.wish(10.0 + PRESS_HOLD) == Drive(forward=1.0)
+    assert held.request(10.0 + PRESS_HOLD) == DriverInput(forward=1.0)
 
 
 def test_where_releases_are_told_a_key_is_held_until_then() -> None:
     held = press('up', 'left', releases=True)
-    assert held.wish(100.0) == Drive(forward=1.0, turn=1.0)
+    assert held.request(100.0) == DriverInput(forward=1.0, turn=1.0)
     held.hear(KeyEvent('left', released=True), 100.0)
-    assert held.wish(100.0) == Drive(forward=1.0)
+    assert held.request(100.0) == DriverInput(forward=1.0)
     held.hear(KeyEvent('up', released=True), 101.0)
-    assert held.wish(101.0) == COAST
-    assert held.wish(101.1) is None
+    assert held.request(101.0) == COAST
+    assert held.request(101.1) is None
 
 
 def test_nothing_follows_the_brake_so_that_it_stays_on() -> None:
     held = press('space', releases=True)
-    assert held.wish(0.0) == FULL_BRAKE
+    assert held.request(0.0) == FULL_BRAKE
     held.hear(KeyEvent('space', released=True), 0.2)
-    assert held.wish(0.2) is None
+    assert held.request(0.2) is None
 
 
 def test_a_key_still_held_when_the_brake_is_let_go_counts_again() -> None:
     held = press('up', 'space', releases=True)
-    assert held.wish(0.0) == FULL_BRAKE
+    assert held.request(0.0) == FULL_BRAKE
     held.hear(KeyEvent('space', released=True), 0.2)
-    assert held.wish(0.2) == Drive(forward=1.0)
+    assert held.request(0.2) == DriverInput(forward=1.0)
 
 
 def test_letting_go_of_all_keys_is_coasting() -> None:
     held = press('up', 'left', releases=True)
-    assert held.wish(0.0)
+    assert held.request(0.0)
     held.release()
-    assert held.wish(0.1) == COAST
-    assert held.wish(0.2) is None
+    assert held.request(0.1) == COAST
+    assert held.request(0.2) is None

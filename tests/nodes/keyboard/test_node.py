@@ -24,19 +24,19 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 import barc_sim
-from barc_sim.control.driver import COAST, FULL_BRAKE, Drive
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.nodes.keyboard.keys import HeldKeys, KeyDecoder
 from barc_sim.nodes.keyboard.node import Keyboard
 from barc_sim.nodes.keyboard.terminal import Terminal
 from barc_sim.ros import names as topic_names
-from barc_sim.ros.conversions import to_drive
+from barc_sim.ros.conversions import to_driver_input
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rclpy.context import Context
 
-UP, LEFT = Drive(forward=1.0), Drive(turn=1.0)
+UP, LEFT = DriverInput(forward=1.0), DriverInput(turn=1.0)
 
 
 class Bench:
@@ -45,7 +45,7 @@ class Bench:
     def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
         self.user, self.fd = pty.openpty()
         self.before = termios.tcgetattr(self.fd)
-        self.heard: list[Drive] = []
+        self.heard: list[DriverInput] = []
         self.resets = 0
         self.peer = Node('vehicle_simulator', context=context)
         self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, topic_names.QOS)
@@ -57,7 +57,7 @@ class Bench:
         self.until = partial(spin_until, self.executor)
 
     def _on_twist(self, twist: Twist) -> None:
-        self.heard.append(to_drive(twist))
+        self.heard.append(to_driver_input(twist))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.resets += 1
@@ -68,9 +68,9 @@ class Bench:
         os.write(self.user, data)
 
     @property
-    def changes(self) -> list[Drive]:
+    def changes(self) -> list[DriverInput]:
         """What was heard, each once."""
-        return [wish for wish, _ in groupby(self.heard)]
+        return [request for request, _ in groupby(self.heard)]
 
     def close(self) -> None:
         """End the node."""
@@ -110,7 +110,7 @@ def test_what_is_published_is_what_the_keys_wish_for(bench: Bench) -> None:
     for k, data in enumerate(script):
         for event in decoder.decode(data):
             keys.hear(event, float(k))
-        expected += [keys.wish(k + 0.1), keys.wish(k + 0.9)]
+        expected += [keys.request(k + 0.1), keys.request(k + 0.9)]
     for data in script:
         bench.type(data)
         before = len(bench.heard)
@@ -119,7 +119,7 @@ def test_what_is_published_is_what_the_keys_wish_for(bench: Bench) -> None:
             spin_for(bench, 0.7)
         else:
             bench.until(lambda before=before: COAST in bench.heard[before:])
-    assert bench.changes == [wish for wish in expected if wish is not None]
+    assert bench.changes == [request for request in expected if request is not None]
 
 
 def test_with_releases_keys_combine_and_end_when_let_go(bench: Bench) -> None:
@@ -127,7 +127,7 @@ def test_with_releases_keys_combine_and_end_when_let_go(bench: Bench) -> None:
     bench.until(lambda: UP in bench.heard)
     spin_for(bench, 0.8)
     bench.type(b'\x1b[97;1:1u')
-    both = Drive(forward=1.0, turn=1.0)
+    both = DriverInput(forward=1.0, turn=1.0)
     bench.until(lambda: both in bench.heard)
     bench.type(b'\x1b[119;1:3u')
     bench.until(lambda: LEFT in bench.heard)
@@ -190,15 +190,17 @@ def test_random_bytes_pastes_and_cut_sequences_leave_it_running(bench: Bench) ->
     bench.type(b'[A')
     bench.until(lambda: UP in bench.heard)
     assert not bench.keyboard.finished.done()
-    assert all(-1.0 <= share <= 1.0 for wish in bench.heard for share in wish)
+    assert all(-1.0 <= share <= 1.0 for request in bench.heard for share in request)
 
 
 def test_closing_its_terminal_brakes_where_it_runs_alone(
     ros: Context, spin_until: Callable[..., None]
 ) -> None:
-    heard: list[Drive] = []
+    heard: list[DriverInput] = []
     peer = Node('peer', context=ros)
-    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_drive(t)), topic_names.QOS)
+    peer.create_subscription(
+        Twist, 'cmd_vel', lambda t: heard.append(to_driver_input(t)), topic_names.QOS
+    )
     executor = SingleThreadedExecutor(context=ros)
     executor.add_node(peer)
     user, fd = pty.openpty()

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, Drive
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.runs.terminal.status_line import Status, StatusLine, text
 
 if TYPE_CHECKING:
     from pytest import CaptureFixture  # noqa: PT013 (a type)
 
-RIGHT = Status(12.34, -3.456, radians(-7.26), Drive(forward=1.0, turn=-1.0))
+RIGHT = Status(12.34, -3.456, radians(-7.26), DriverInput(forward=1.0, turn=-1.0))
 
 
 def test_line_tells_time_speed_steering_and_what_is_held() -> None:
@@ -21,11 +21,11 @@ def test_line_tells_time_speed_steering_and_what_is_held() -> None:
 
 
 @pytest.mark.parametrize(
-    ('wish', 'held'),
-    [(COAST, '-'), (FULL_BRAKE, 'brake'), (Drive(forward=-0.5, turn=0.1), '↓ ←')],
+    ('pressed', 'held'),
+    [(COAST, '-'), (FULL_BRAKE, 'brake'), (DriverInput(forward=-0.5, turn=0.1), '↓ ←')],
 )
-def test_held_is_what_is_wished_for(wish: Drive, held: str) -> None:
-    assert text(Status(0.0, 0.0, 0.0, wish)).endswith(f'held {held}')
+def test_held_keys_are_shown(pressed: DriverInput, held: str) -> None:
+    assert text(Status(0.0, 0.0, 0.0, pressed)).endswith(f'held {held}')
 
 
 def test_there_is_no_negative_zero_and_columns_stay() -> None:
