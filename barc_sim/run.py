@@ -122,7 +122,7 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='N',
         help='so many cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
     )
-    _add_own_code(mode, 'model', 'controller')
+    _add_user_code(mode, 'model', 'controller')
     mode.add_argument(
         '--no-controller',
         action='store_true',
@@ -150,12 +150,12 @@ def _add_teleop(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='FACTOR',
         help='simulated seconds per second (1)',
     )
-    _add_own_code(mode, 'model', 'relay')
+    _add_user_code(mode, 'model', 'relay')
     add_view_options(mode, on=True)
     _add_common(mode)
 
 
-def _add_own_code(mode: Parser, *parts: str) -> None:
+def _add_user_code(mode: Parser, *parts: str) -> None:
     files = ' and '.join(FILES[part] for part in parts)
     mode.add_argument(
         '--lab',

@@ -1,4 +1,4 @@
-"""Command: tell a student what is right and what is wrong in a folder, and where to look."""
+"""Command: tell a user what is right and what is wrong in a folder, and where to look."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
         'submissions',
         type=Path,
         metavar='SUBMISSIONS',
-        help="a student's folder (or .zip), or a folder of those",
+        help='a submission: a folder or .zip, or a folder of those',
     )
     parser.add_argument(
         '--rubric', type=Path, metavar='FILE', help=f'the points; default: {_RUBRIC}'

@@ -24,7 +24,7 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
     parser = Parser(
         prog=PROG,
         description='Do a recorded run again: its commands through the model, its speeds through '
-        "the controller, of barc_sim and of the student's code that is attached to the bag.",
+        'the controller, of barc_sim and of user code that is attached to the bag.',
         epilog='Exit code 0: the bag could have come from the code that it claims to come from.',
     )
     parser.add_argument(

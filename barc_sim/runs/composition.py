@@ -20,8 +20,8 @@ from barc_sim.bags.losses import in_words
 from barc_sim.cli.parser import report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import attachments
-from barc_sim.lab.user_code.adapters import describe as own_code_metadata
-from barc_sim.lab.user_code.loading import StudentError, find, load
+from barc_sim.lab.user_code.adapters import describe as user_code_metadata
+from barc_sim.lab.user_code.loading import UserCodeError, find_files, load_files
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.recorder.options import from_options
 from barc_sim.page.options import open_page, wanted
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.lab.user_code.loading import Lab
+    from barc_sim.lab.user_code.loading import UserCode
     from barc_sim.nodes.simulator.node import VehicleSimulator
     from barc_sim.nodes.view.node import ViewNode
 
@@ -52,7 +52,7 @@ _SWITCH_INTERVAL = 1e-4
 
 
 def conduct(
-    create: Callable[[Lab, Printed], Run],
+    create: Callable[[UserCode, Printed], Run],
     options: Namespace,
     ros_args: list[str],
     stop: StopSignals,
@@ -62,24 +62,24 @@ def conduct(
     Raises
     ------
     UserError
-        where an option, a student's file or a ROS argument can't be used; nothing is left behind
-        then. What a student's code does wrong later ends the run, with all up to there in the bag.
+        where an option, a user's file or a ROS argument can't be used; nothing is left behind
+        then. What user code does wrong later ends the run, with all up to there in the bag.
     """
     if options.road:
         Road.named(options.road)
     if not options.no_bag:
         check_root(options.bag_dir)
     printed = Printed(quiet=options.quiet)
-    lab = load_own_code(options, printed)
+    user_code = load_user_code(options, printed)
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     if stop.requested.is_set():  # while all that was imported
         return 0
     with ros(ros_args, network=options.network):
-        run = create(lab, printed)
+        run = create(user_code, printed)
         try:
             run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
-        except StudentError as error:
+        except UserCodeError as error:
             run.fail(str(error))
         except UserError:  # nothing was driven
             run.discard()
@@ -96,26 +96,28 @@ def conduct(
     return 1 if run.failure or (run.recorder and run.recorder.failure) else 0
 
 
-def load_own_code(options: Namespace, printed: Printed) -> Lab:
-    """Load the student's files that the command line names.
+def load_user_code(options: Namespace, printed: Printed) -> UserCode:
+    """Load the user's files that the command line names.
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where one of them can't be used.
     """
-    files = find(options.lab, options.parts) if options.lab else {}
+    files = find_files(options.lab, options.parts) if options.lab else {}
     named = {part: getattr(options, part) for part in options.parts}
-    return load(files | {part: file for part, file in named.items() if file}, output=printed)
+    return load_files(files | {part: file for part, file in named.items() if file}, output=printed)
 
 
 class Run(ABC):
     """A recorder, and of each car a simulator and the nodes that drive it, composed."""
 
-    def __init__(self, options: Namespace, argv: list[str], lab: Lab, printed: Printed) -> None:
+    def __init__(
+        self, options: Namespace, argv: list[str], user_code: UserCode, printed: Printed
+    ) -> None:
         """Make the nodes, the recorder first: it is to hear what the others say at their start.
 
-        `lab` has a student's code, and `printed` takes what that prints.
+        `user_code` has user code, and `printed` takes what that prints.
 
         Raises
         ------
@@ -123,8 +125,8 @@ class Run(ABC):
             where a parameter or the topic can't be had; nothing is left behind then.
         """
         self._root_is_new = not options.bag_dir.exists()
-        self.lab = lab
-        self.failure: str | None = None  #: what a student's code did wrong
+        self.user_code = user_code
+        self.failure: str | None = None  #: what user code did wrong
         self._printed = printed
         self.recorder = None if options.no_bag else self._record(options)
         self._nodes: list[Node] = [self.recorder] if self.recorder else []
@@ -149,8 +151,8 @@ class Run(ABC):
         return BagRecorder(
             options.bag_dir,
             from_options(options),
-            metadata=own_code_metadata(self.lab),
-            attachments=attachments(self.lab),
+            metadata=user_code_metadata(self.user_code),
+            attachments=attachments(self.user_code),
         )
 
     @abstractmethod
@@ -222,7 +224,7 @@ class Run(ABC):
             simulator.finish()
 
     def fail(self, failure: str) -> None:
-        """Take note of what a student's code did wrong."""
+        """Take note of what user code did wrong."""
         self.failure = failure
         if self.recorder:
             self.recorder.add_metadata({'failure': failure})

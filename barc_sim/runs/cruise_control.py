@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import SPEED_REFERENCE
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import StudentPid
+from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.runs.composition import Run, conduct, overrides
@@ -37,7 +37,10 @@ def cruise_control(
         where an option or a ROS argument can't be used; nothing is left behind then.
     """
     return conduct(
-        lambda lab, printed: CruiseControl(options, argv, lab, printed), options, ros_args, stop
+        lambda user_code, printed: CruiseControl(options, argv, user_code, printed),
+        options,
+        ros_args,
+        stop,
     )
 
 
@@ -74,7 +77,7 @@ class CruiseControl(Run):
                 distance=_DISTANCE,
                 keeps_clock=number == 0,
                 on_step=car.on_step,
-                model=self.lab.model or bikeFE,
+                model=self.user_code.model or bikeFE,
                 namespace=namespace,
                 parameter_overrides=overrides(
                     distance=options.distance,
@@ -97,7 +100,9 @@ class CruiseControl(Run):
             return lambda: speed
         controller: CruiseController = self.add(
             CruiseController(
-                pid=StudentPid(self.lab.controller) if self.lab.controller else None,
+                pid=UserController(self.user_code.controller)
+                if self.user_code.controller
+                else None,
                 namespace=namespace,
                 parameter_overrides=overrides(
                     speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd

@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import StudentDriver
+from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.nodes.keyboard.node import Keyboard
 from barc_sim.nodes.keyboard.terminal import Terminal
 from barc_sim.nodes.relay import Relay
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.lab.user_code.loading import Lab
+    from barc_sim.lab.user_code.loading import UserCode
     from barc_sim.runs.terminal.printed import Printed
     from barc_sim.vehicle.plant import Observation
 
@@ -44,7 +44,7 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
         print(error, file=sys.stderr)  # noqa: T201
     with terminal or nullcontext():
         return conduct(
-            lambda lab, printed: Teleop(options, argv, lab, printed, terminal),
+            lambda user_code, printed: Teleop(options, argv, user_code, printed, terminal),
             options,
             ros_args,
             stop,
@@ -58,7 +58,7 @@ class Teleop(Run):
         self,
         options: Namespace,
         argv: list[str],
-        lab: Lab,
+        user_code: UserCode,
         printed: Printed,
         terminal: Terminal | None,
     ) -> None:
@@ -72,7 +72,7 @@ class Teleop(Run):
         self._terminal = terminal
         self._line = StatusLine(quiet=options.quiet)
         printed.show_with(self._line.say)
-        super().__init__(options, argv, lab, printed)
+        super().__init__(options, argv, user_code, printed)
         if terminal and not options.quiet:
             print(_HELP)  # noqa: T201
 
@@ -81,7 +81,7 @@ class Teleop(Run):
         simulator: VehicleSimulator = self.add(
             VehicleSimulator(
                 on_step=self._on_step,
-                model=self.lab.model or bikeFE,
+                model=self.user_code.model or bikeFE,
                 parameter_overrides=overrides(
                     road=options.road or 'flat',
                     realtime_factor=options.realtime_factor,
@@ -99,7 +99,7 @@ class Teleop(Run):
                 'above 0'
             )
         self._relay = self.add(
-            Relay(driver=StudentDriver(self.lab.relay) if self.lab.relay else None)
+            Relay(driver=UserDriver(self.user_code.relay) if self.user_code.relay else None)
         )
         if self._terminal:
             keyboard = self.add(Keyboard(self._terminal))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.lab.user_code.adapters import StudentPid
+from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.simulation.metrics import summary
 from barc_sim.tuning.cost import Scores
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.lab.user_code.loading import Controllers
+    from barc_sim.lab.user_code.loading import ControllerFactory
     from barc_sim.simulation.log import Log
     from barc_sim.tuning.course import Course
 
@@ -45,18 +45,18 @@ def scored(course: Course, log: Log) -> tuple[float, float, float, float]:
     return told.rms_error_after_run_up, told.max_error_after_run_up, told.overshoot, effort
 
 
-def _driven(course: Course, controllers: Controllers, gains: NDArray[np.float64]) -> Log:
-    pid = StudentPid(controllers)
+def _driven(course: Course, controllers: ControllerFactory, gains: NDArray[np.float64]) -> Log:
+    pid = UserController(controllers)
     pid.kp, pid.ki, pid.kd = gains.tolist()
     pid.output_min, pid.output_max = -course.limit, course.limit
     pid.reset()
     return course.drive(pid)
 
 
-def _loaded(path: Path) -> Controllers:
+def _loaded(path: Path) -> ControllerFactory:
     """Return the class in the file at `path`; what its code prints goes nowhere."""
-    from barc_sim.lab.user_code.loading import load  # noqa: PLC0415 (only where it is asked for)
+    from barc_sim.lab.user_code.loading import load_files  # noqa: PLC0415 (only where it is asked for)
 
-    found = load({'controller': path}, output=lambda _: None).controller
+    found = load_files({'controller': path}, output=lambda _: None).controller
     assert found  # noqa: S101 (what is asked for is there, or an error)
     return found

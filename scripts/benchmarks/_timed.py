@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from barc_sim.lab.user_code.loading import Lab
+from barc_sim.lab.user_code.loading import UserCode
 from barc_sim.run import parser
 from barc_sim.runs.cruise_control import CruiseControl
 from barc_sim.runs.terminal.printed import Printed
@@ -28,7 +28,7 @@ class TimedRun(CruiseControl):
         self.processor: list[float] = []  #: [s] of processor time
         self.first = 0.0  #: [s] since the epoch
         options = parser().parse_args(['acc', '--quiet', *arguments])
-        super().__init__(options, [], Lab(), Printed(quiet=True))
+        super().__init__(options, [], UserCode(), Printed(quiet=True))
         (self._car,) = self.cars
         self._car.show = self.note
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.commands import new
-from barc_sim.lab.user_code.loading import StudentError, load_lab
+from barc_sim.lab.user_code.loading import UserCodeError, load_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,15 +26,15 @@ def test_a_folder_has_the_templates_and_how_to_go_on_is_printed(
 
 def test_each_template_can_be_loaded_and_is_unfinished(tmp_path: Path) -> None:
     new.write(tmp_path / 'lab')
-    lab = load_lab(tmp_path / 'lab')
+    lab = load_folder(tmp_path / 'lab')
     assert lab.model
     assert lab.controller
     assert lab.relay
-    with pytest.raises(StudentError, match=UNFINISHED):
+    with pytest.raises(UserCodeError, match=UNFINISHED):
         lab.model(*[0.0] * 11)
-    with pytest.raises(StudentError, match=UNFINISHED):
+    with pytest.raises(UserCodeError, match=UNFINISHED):
         lab.controller(1.0, 1.0, 1.0).acc_calculate(8.0, 0.0, 0.0)
-    with pytest.raises(StudentError, match=UNFINISHED):
+    with pytest.raises(UserCodeError, match=UNFINISHED):
         lab.relay().relay(0.0, 0.0, 0.05)
 
 

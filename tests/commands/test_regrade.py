@@ -12,15 +12,15 @@ from made_bags import make, parameters
 from barc_sim.commands import regrade
 from barc_sim.control.driver import DriverInput
 from barc_sim.control.pid import __file__ as own_pid
-from barc_sim.lab.user_code import adapters as own_code
-from barc_sim.lab.user_code.adapters import StudentPid
-from barc_sim.lab.user_code.loading import load, load_lab
+from barc_sim.lab.user_code import adapters
+from barc_sim.lab.user_code.adapters import UserController
+from barc_sim.lab.user_code.loading import load_files, load_folder
 from barc_sim.simulation.closed_loop import drive, rollout
 from barc_sim.vehicle.bike_model import __file__ as own_model
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from barc_sim.lab.user_code.loading import Lab
+    from barc_sim.lab.user_code.loading import UserCode
 
 HALF = (
     'from helpers import half\n'
@@ -32,26 +32,26 @@ HALF = (
 
 
 @pytest.fixture
-def lab(tmp_path: Path) -> Lab:
-    """Return a student's model, which is right, and controller, which is another."""
+def lab(tmp_path: Path) -> UserCode:
+    """Return a user's model, which is right, and controller, which is another."""
     folder = tmp_path / 'lab'
     folder.mkdir()
     (folder / 'bike_model.py').write_bytes(Path(own_model).read_bytes())
     (folder / 'controller.py').write_text(HALF)
     (folder / 'helpers.py').write_text('def half(x):\n    return x / 2\n')
-    return load_lab(folder)
+    return load_folder(folder)
 
 
-def bag_of(tmp_path: Path, lab: Lab, **changed: bytes) -> Path:
+def bag_of(tmp_path: Path, lab: UserCode, **changed: bytes) -> Path:
     assert lab.model
     assert lab.controller
-    controller = StudentPid(lab.controller)
+    controller = UserController(lab.controller)
     controller.output_min, controller.output_max = -8.0, 8.0
     controller.reset()
     log = rollout(Plant(model=lab.model), controller, distance=30.0)
     changes = {f'student/{name}.py': data for name, data in changed.items()}
-    attachments = own_code.attachments(lab) | changes
-    return make(tmp_path / 'bag', log, own_code.describe(lab), attachments)
+    attachments = adapters.attachments(lab) | changes
+    return make(tmp_path / 'bag', log, adapters.describe(lab), attachments)
 
 
 def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,8 +61,8 @@ def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFi
     assert out.endswith('The bag could have come from barc_sim.\n')
 
 
-def test_a_run_with_a_students_code_came_from_that(
-    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+def test_a_run_with_user_code_came_from_that(
+    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert regrade.main([str(bag_of(tmp_path, lab))]) == 0
     out = capsys.readouterr().out
@@ -73,7 +73,7 @@ def test_a_run_with_a_students_code_came_from_that(
 
 
 def test_a_changed_file_is_named(
-    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.0\n')
     assert regrade.main([str(bag)]) == 1
@@ -81,7 +81,7 @@ def test_a_changed_file_is_named(
 
 
 def test_other_code_did_not_make_the_commands(
-    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.01\n')
     assert regrade.main([str(bag)]) == 1
@@ -91,14 +91,14 @@ def test_other_code_did_not_make_the_commands(
 
 
 def test_code_that_fails_is_told_in_a_sentence(
-    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert regrade.main([str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
     assert 'ZeroDivisionError' in capsys.readouterr().out
 
 
 def test_what_was_found_can_be_had_as_json(
-    tmp_path: Path, lab: Lab, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert regrade.main([str(bag_of(tmp_path, lab)), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
@@ -117,7 +117,7 @@ def test_files_of_two_folders_are_told_apart(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         (tmp_path / name / 'code.py').write_bytes(Path(source).read_bytes())
     both = {'model': tmp_path / 'one' / 'code.py', 'controller': tmp_path / 'other' / 'code.py'}
-    bag = bag_of(tmp_path, load(both))
+    bag = bag_of(tmp_path, load_files(both))
     assert regrade.main([str(bag)]) == 0
 
 
@@ -141,7 +141,7 @@ def test_a_bag_that_does_not_tell_its_parameters_is_refused(
 
 @pytest.mark.parametrize('name', ['/etc/passwd', '../out.py', 'a/../../out.py'])
 def test_a_bag_cannot_write_elsewhere(
-    tmp_path: Path, lab: Lab, name: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_of(tmp_path, lab, **{name: b'x'})
     # The name ends in .py there; it leads out of the folder all the same.

@@ -90,7 +90,7 @@ def test_headings_go_down_one_by_one(tmp_path: Path) -> None:
     assert all(int(b[1]) <= int(a[1]) + 1 for a, b in pairwise(headings))
 
 
-def test_the_students_code_is_shown_line_by_line(tmp_path: Path) -> None:
+def test_the_users_code_is_shown_line_by_line(tmp_path: Path) -> None:
     code = '"""Two\nlines."""\n\nx = 1 < 2\n'
     bag = make(tmp_path / 'bag', rollout(distance=5.0), attachments={'student/a.py': code.encode()})
     page = page_of(bag)

@@ -1,4 +1,4 @@
-"""The runs with a student's files: `--lab`, `--model`, `--controller`, `--relay`."""
+"""The runs with a user's files: `--lab`, `--model`, `--controller`, `--relay`."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_the_bag_has_the_files_that_drove_and_their_hashes(start: Start, tmp_pat
         assert digest == hashlib.sha256(data).hexdigest()
 
 
-def test_gains_go_to_the_students_class_and_unknown_terms_are_unknown(
+def test_gains_go_to_the_users_class_and_unknown_terms_are_unknown(
     start: Start, tmp_path: Path
 ) -> None:
     lab(tmp_path / 'lab', controller=PID.format(line=''))

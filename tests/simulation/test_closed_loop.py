@@ -73,7 +73,7 @@ def test_two_rollouts_with_noise_of_one_seed_are_bit_identical() -> None:
 
 
 def test_rollout_is_the_lab_templates_loop(lab_run: Log) -> None:
-    """A student's plain loop over bikeFE and the controller, with nothing else of ours."""
+    """A user's plain loop over bikeFE and the controller, with nothing else of ours."""
     x = y = psi = v = 0.0
     pid, road, vehicle = speed_controller(), Road.lab(), Vehicle()
     states, commands = [], []

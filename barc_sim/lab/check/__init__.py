@@ -1,4 +1,4 @@
-"""Judges a student's `bikeFE` and `PID` against the reference: what `check` and `grade` share.
+"""Judges a user's `bikeFE` and `PID` against the reference: what `check` and `grade` share.
 
 No ROS, no clock, no randomness but the seed's: a score is the same on every machine. Tolerances
 are far above what mathematical libraries differ by, and far below any mistake.

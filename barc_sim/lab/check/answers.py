@@ -1,4 +1,4 @@
-"""What a student's `bikeFE` answers in the situations in which it is judged."""
+"""What a user's `bikeFE` answers in the situations in which it is judged."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] sin
 
 
 class Controller(Protocol):
-    """One instance of the student's `PID`; whatever it does wrong is a UserError."""
+    """One instance of the user's `PID`; whatever it does wrong is a UserError."""
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
         """Return the acceleration [m/s²] that it asks for."""
@@ -42,11 +42,11 @@ class Controller(Protocol):
         """Return what `acc_calculate` does of one sample after the other."""
 
     def reset(self) -> bool:
-        """Call the student's `reset()`; False where the class has none."""
+        """Call the user's `reset()`; False where the class has none."""
 
 
 class Code(Protocol):
-    """What a student wrote; whatever it does wrong is a UserError."""
+    """What a user wrote; whatever it does wrong is a UserError."""
 
     @property
     def has_model(self) -> bool:
@@ -64,7 +64,7 @@ class Code(Protocol):
 
 
 class Parts(Protocol):
-    """What `LocalCode` needs of a `barc_sim.lab.user_code.loading.Lab`."""
+    """What `LocalCode` needs of a `barc_sim.lab.user_code.loading.UserCode`."""
 
     @property
     def model(self) -> Callable[..., Any] | None:
@@ -76,7 +76,7 @@ class Parts(Protocol):
 
 
 class LocalCode:
-    """A student's folder, called in this process: nothing stops an endless loop."""
+    """A user's folder, called in this process: nothing stops an endless loop."""
 
     def __init__(self, lab: Parts) -> None:
         """Judge the parts that `lab` has."""
@@ -113,10 +113,10 @@ class LocalCode:
 
 
 class _LocalController:
-    def __init__(self, pid: Any) -> None:  # noqa: ANN401 (a student's class)
+    def __init__(self, pid: Any) -> None:  # noqa: ANN401 (a user's class)
         self._pid = pid
-        # `barc_sim.lab.user_code` wraps the student's object, and keeps it as `student`.
-        self._reset = getattr(getattr(pid, 'student', pid), 'reset', None)
+        # `barc_sim.lab.user_code` wraps the user's object, and keeps it as `instance`.
+        self._reset = getattr(getattr(pid, 'instance', pid), 'reset', None)
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
         return float(self._pid.acc_calculate(reference, current, dt))

@@ -37,7 +37,7 @@ def causes(
     given
         The arguments, see `equations.arguments`.
     answers
-        What the student's function returned, by equation; shape `(n,)` each.
+        What the user's function returned, by equation; shape `(n,)` each.
     wrong
         The equations for which a cause is looked for.
     """

@@ -1,4 +1,4 @@
-"""What findings are drawn of: a student's run beside the reference's."""
+"""What findings are drawn of: a user's run beside the reference's."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The closed loop over one road, with the student's controller and with the reference's."""
+    """The closed loop over one road, with the user's controller and with the reference's."""
 
     own: Log
     reference: Log

@@ -1,4 +1,4 @@
-"""A student's run beside the reference's, and how far the student's model is off."""
+"""A user's run beside the reference's, and how far the user's model is off."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All criteria of a student's code."""
+"""All criteria of user code."""
 
 from __future__ import annotations
 

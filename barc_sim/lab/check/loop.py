@@ -1,4 +1,4 @@
-"""Judges the closed loop: the student's controller in the reference's car, on several roads."""
+"""Judges the closed loop: the user's controller in the reference's car, on several roads."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Drive(NamedTuple):
 
 
 class _Cut(PID):
-    """A student's controller whose output the motor cuts at its limits."""
+    """A user's controller whose output the motor cuts at its limits."""
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(

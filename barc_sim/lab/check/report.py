@@ -1,4 +1,4 @@
-"""Tells a student in the terminal what was found."""
+"""Tells a user in the terminal what was found."""
 
 from __future__ import annotations
 
@@ -109,5 +109,5 @@ def _tell_prints(prints: Prints, console: Console) -> None:
 
 
 def _plain(console: Console, text: str) -> None:
-    """Print `text` as it is: what a student prints is no markup."""
+    """Print `text` as it is: what a user prints is no markup."""
     console.print(Text(text), soft_wrap=True)

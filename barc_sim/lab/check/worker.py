@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.stretches import Gains
 
-#: [s] A call of the student's code may take so long; it is ended, and told of, where it is Python.
+#: [s] A call of user code may take so long; it is ended, and told of, where it is Python.
 CALL_BUDGET = 0.5
 #: [s] Where that does not end it (a sleep, a loop in C), the process is.
 DEADLINE = 45.0
@@ -31,7 +31,7 @@ _CHARACTERS = 400  #: of what is printed, kept
 
 @dataclass(frozen=True)
 class Prints:
-    """The beginning of what the student's code prints."""
+    """The beginning of what user code prints."""
 
     text: str = ''
     dropped: int = 0  #: lines beyond that
@@ -70,7 +70,7 @@ class _Parts:
 
 
 def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEADLINE) -> Report:
-    """Return what is found of a student's `folder`, at the latest after `deadline` [s].
+    """Return what is found of a user's `folder`, at the latest after `deadline` [s].
 
     Raises
     ------
@@ -78,7 +78,7 @@ def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEA
         where the folder, or anything to judge in it, is not there.
     """
     _check_there(folder)
-    # A fresh interpreter: what this process has imported or patched is not the student's.
+    # A fresh interpreter: what this process has imported or patched is not the user's.
     context = multiprocessing.get_context('spawn')
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(theirs, folder, seed, gains), daemon=True)
@@ -128,12 +128,12 @@ def _work(connection: Connection, folder: Path, seed: int, gains: Gains) -> None
 
 def _load(folder: Path, part: str) -> Callable[..., Any] | None:
     """Return a part of the folder; one that can't be loaded says so at each call."""
-    from barc_sim.lab.user_code.loading import FILES, load_lab  # noqa: PLC0415 (as above)
+    from barc_sim.lab.user_code.loading import FILES, load_folder  # noqa: PLC0415 (as above)
 
     if not (folder / FILES[part]).exists():
         return None
     try:
-        lab = load_lab(folder, [part], budget=CALL_BUDGET)
+        lab = load_folder(folder, [part], budget=CALL_BUDGET)
     except UserError as error:
         return partial(_raise, error)
     loaded: Callable[..., Any] | None = getattr(lab, part)

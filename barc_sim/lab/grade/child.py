@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
-    from barc_sim.lab.user_code.loading import Controller, Controllers, Model
+    from barc_sim.lab.user_code.loading import ControllerFactory, UserModel, UserPid
 
 
 class _Start(NamedTuple):
@@ -76,9 +76,9 @@ class _Code:
     """The submission's functions, each file loaded when it is first asked for."""
 
     def __init__(self) -> None:
-        self._model: Model | None = None
-        self._new: Controllers | None = None
-        self._controllers: list[Controller] = []
+        self._model: UserModel | None = None
+        self._new: ControllerFactory | None = None
+        self._controllers: list[UserPid] = []
 
     def answer(self, operation: int, values: tuple[float, ...]) -> list[float]:
         """Do what a request asks for."""
@@ -89,7 +89,7 @@ class _Code:
             return [len(self._controllers) - 1.0]
         controller = self._controllers[int(values[0])]
         if operation == Operation.RESET:
-            return [float(_reset(controller.student))]
+            return [float(_reset(controller.instance))]
         rows = zip(*[iter(values[1:])] * STEP_COLUMNS, strict=True)
         return [controller.acc_calculate(*row) for row in rows]
 
@@ -100,17 +100,17 @@ class _Code:
 
     def _new_controller(
         self, kp: float, ki: float, kd: float, output_min: float, output_max: float
-    ) -> Controller:
+    ) -> UserPid:
         if self._new is None:
             self._new = code.load_controller(Path('controller.py'), budget=None)
         return self._new(kp, ki, kd, output_min=output_min, output_max=output_max)
 
 
-def _reset(student: Any) -> bool:  # noqa: ANN401 (a submission's object)
+def _reset(instance: Any) -> bool:  # noqa: ANN401 (a submission's object)
     """Call its `reset`; return whether there is one."""
-    if not hasattr(student, 'reset'):
+    if not hasattr(instance, 'reset'):
         return False
-    student.reset()
+    instance.reset()
     return True
 
 

@@ -11,7 +11,7 @@ from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.lab.grade.process import Ended, Failed, Process
 from barc_sim.lab.grade.protocol import STATE_COLUMNS, Operation
 from barc_sim.lab.grade.start import Limits
-from barc_sim.lab.user_code.loading import FILES, StudentError
+from barc_sim.lab.user_code.loading import FILES, UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class ConfinedCode:
     """The functions of the files in `folder`, called in a process that is confined to it.
 
     A function that ends its process fails for that; the next call is made in a new one. Whatever
-    is wrong is a StudentError.
+    is wrong is a UserCodeError.
     """
 
     def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
@@ -94,24 +94,24 @@ class ConfinedCode:
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where the function fails, ends its process or answers anything but finite numbers.
         """
         if self._deaths[function] >= _DEATHS:
-            raise StudentError(self._reasons[function])
+            raise UserCodeError(self._reasons[function])
         if self._process is None:
             self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
         try:
             answers = self._process.request(operation, values, count)
         except Failed as error:
-            raise StudentError(str(error)) from None
+            raise UserCodeError(str(error)) from None
         except Ended as error:
             self.close()
             self._deaths[function] += 1
             self._reasons[function] = f'{function}: the process that called it {error}'
-            raise StudentError(self._reasons[function]) from None
+            raise UserCodeError(self._reasons[function]) from None
         if not all(map(isfinite, answers)):
-            raise StudentError(f'{function} has answered with numbers that are not finite')
+            raise UserCodeError(f'{function} has answered with numbers that are not finite')
         return answers
 
     def is_current(self, process: Process | None) -> bool:
@@ -152,5 +152,5 @@ class ConfinedController:
         self, operation: Operation, values: tuple[float, ...], count: int
     ) -> tuple[float, ...]:
         if not self._code.is_current(self._process):
-            raise StudentError(f'{_CONTROLLER}: the process that held this controller has ended')
+            raise UserCodeError(f'{_CONTROLLER}: the process that held this controller has ended')
         return self._code.ask(_CONTROLLER, operation, values, count)

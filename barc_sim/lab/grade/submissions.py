@@ -27,7 +27,7 @@ _Content = tuple[str, 'Callable[[], bytes]']
 
 @dataclass(frozen=True)
 class Submission:
-    """A student's files, held in memory so that nothing else of the folder can be reached."""
+    """A user's files, held in memory so that nothing else of the folder can be reached."""
 
     name: str  #: its folder's or archive's
     files: dict[str, bytes] = field(default_factory=dict)  #: by path in the folder

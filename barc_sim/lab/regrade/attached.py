@@ -1,4 +1,4 @@
-"""A student's code that is attached to a bag, at work in a confined process."""
+"""User code that is attached to a bag, at work in a confined process."""
 
 from __future__ import annotations
 

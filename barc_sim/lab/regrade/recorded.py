@@ -32,8 +32,8 @@ class Recorded:
     simulator: Mapping[str, Any]  #: parameters
     controller: Mapping[str, Any] | None  #: parameters; None where there was none
     placements: int  #: messages that may have put the car elsewhere
-    files: Mapping[str, str]  #: the names of a student's sources, by part
-    sources: Mapping[str, bytes]  #: a student's files, by name
+    files: Mapping[str, str]  #: the names of a user's sources, by part
+    sources: Mapping[str, bytes]  #: a user's files, by name
     changed: tuple[str, ...]  #: those that are not what the run's hashes say
 
 

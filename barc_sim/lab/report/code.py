@@ -1,4 +1,4 @@
-"""A student's code as HTML, with its lines numbered."""
+"""User code as HTML, with its lines numbered."""
 
 from __future__ import annotations
 

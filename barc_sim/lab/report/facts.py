@@ -34,7 +34,7 @@ class Facts:
     info: Mapping[str, str]
     summary: metrics.Summary
     graph: NodeGraph | None
-    sources: Mapping[str, str]  #: a student's code, by name
+    sources: Mapping[str, str]  #: user code, by name
     hashes: Mapping[str, str]  #: SHA-256 of the sources and of the bag's files, by name
 
 

@@ -1,4 +1,4 @@
-"""A student's code in the places of barc_sim's own."""
+"""User code in the places of barc_sim's own."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from barc_sim.control.pid import KD, KI, KP
 from barc_sim.vehicle.bike_model import Input
 
 if TYPE_CHECKING:
-    from barc_sim.lab.user_code.loading import Controllers, Lab, Relays
+    from barc_sim.lab.user_code.loading import ControllerFactory, RelayFactory, UserCode
 
-#: The entry of a bag's metadata that tells of a student's code.
+#: The entry of a bag's metadata that tells of user code.
 METADATA = 'student_code'
 #: What the names of its files are preceded by, as attachments.
 FOLDER = 'student/'
 
 
-class StudentPid:
-    """A student's class `PID` as a `SpeedController`: limited, and made anew where it is reset.
+class UserController:
+    """A user's class `PID` as a `SpeedController`: limited, and made anew where it is reset.
 
-    The terms are those of the student's object, NaN where it has no `proportional`, `integral` or
+    The terms are those of the user's object, NaN where it has no `proportional`, `integral` or
     `derivative`; `saturated` is true where it says so itself, too. Changed gains are set where it
     has `kp`, `ki` and `kd`.
     """
 
-    def __init__(self, new: Controllers) -> None:
+    def __init__(self, new: ControllerFactory) -> None:
         """Make a controller with the gains of the run's default."""
         self._new = new
         self.kp, self.ki, self.kd = KP, KI, KD
@@ -39,7 +39,7 @@ class StudentPid:
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where its constructor fails.
         """
         self._gains = self.kp, self.ki, self.kd
@@ -53,8 +53,8 @@ class StudentPid:
 
         Raises
         ------
-        StudentError
-            where the student's method fails.
+        UserCodeError
+            where the user's method fails.
         """
         gains = self.kp, self.ki, self.kd
         if gains != self._gains:
@@ -69,13 +69,13 @@ class StudentPid:
         return output
 
 
-class StudentDriver(Driver):
-    """A student's relay as a `Driver`: it handles all input but the brake.
+class UserDriver(Driver):
+    """A user's relay as a `Driver`: it handles all input but the brake.
 
     Its commands are cut to the car's limits.
     """
 
-    def __init__(self, new: Relays) -> None:
+    def __init__(self, new: RelayFactory) -> None:
         """Begin with a fresh relay."""
         self._new = new
         super().__init__()
@@ -85,7 +85,7 @@ class StudentDriver(Driver):
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where its constructor fails.
         """
         super().reset()
@@ -96,8 +96,8 @@ class StudentDriver(Driver):
 
         Raises
         ------
-        StudentError
-            where the student's code fails.
+        UserCodeError
+            where user code fails.
         """
         own = super().command(t, speed)
         if self.request.brake:
@@ -109,12 +109,12 @@ class StudentDriver(Driver):
         return Input(max(-greatest, min(motor, greatest)), self.servo)
 
 
-def describe(lab: Lab) -> dict[str, str]:
-    """Return what a bag's metadata says of a student's code: files by part, and hashes."""
-    hashes = {source.name: source.sha256 for source in lab.sources}
-    return {METADATA: json.dumps({'files': lab.files, 'sha256': hashes})} if hashes else {}
+def describe(user_code: UserCode) -> dict[str, str]:
+    """Return what a bag's metadata says of user code: files by part, and hashes."""
+    hashes = {source.name: source.sha256 for source in user_code.sources}
+    return {METADATA: json.dumps({'files': user_code.files, 'sha256': hashes})} if hashes else {}
 
 
-def attachments(lab: Lab) -> dict[str, bytes]:
-    """Return the student's files, by their names as attachments of a bag."""
-    return {FOLDER + source.name: source.text.encode() for source in lab.sources}
+def attachments(user_code: UserCode) -> dict[str, bytes]:
+    """Return the user's files, by their names as attachments of a bag."""
+    return {FOLDER + source.name: source.text.encode() for source in user_code.sources}

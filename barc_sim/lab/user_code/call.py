@@ -1,4 +1,4 @@
-"""Calls a student's function: within its time, with errors that a student understands."""
+"""Calls a user's function: within its time, with errors that a user understands."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import traceback
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
-from barc_sim.lab.user_code.source import StudentError
+from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -21,12 +21,12 @@ _SHOWN = 120
 
 
 class Calls:
-    """Calls of one function of a student's.
+    """Calls of one function of a user's.
 
     Attributes
     ----------
     function
-        The student's.
+        The user's.
     """
 
     def __init__(
@@ -39,12 +39,12 @@ class Calls:
         self._call = Budget(budget).call if budget else _call
         self._budget = budget
 
-    def __call__(self, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 (a student's)
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 (a user's)
         """Return what the function returns.
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where it raises, or does not return within its time.
         """
         try:
@@ -54,30 +54,30 @@ class Calls:
 
     def wrong(
         self, result: object, args: tuple[Any, ...], kwargs: Mapping[str, Any]
-    ) -> StudentError:
+    ) -> UserCodeError:
         """Return the error that tells of a wrong `result`."""
         hint = ': is its return missing?' if result is None else ''
-        return StudentError(
+        return UserCodeError(
             f'{where(self._folder, self.function)}: {self._said(args, kwargs)} returned '
             f'{shown(result)}; expected {self._expected}{hint}'
         )
 
     def _raised(
         self, error: BaseException, args: tuple[Any, ...], kwargs: Mapping[str, Any]
-    ) -> StudentError:
+    ) -> UserCodeError:
         place = blamed(self._folder, error) or where(self._folder, self.function)
         said = self._said(args, kwargs)
         if isinstance(error, OutOfTime):
-            return StudentError(
+            return UserCodeError(
                 f'{place}: {said} has not returned within {self._budget:g} s; expected '
                 f'{self._expected}: is there a loop that does not end?'
             )
         if isinstance(error, NotImplementedError):
-            return StudentError(
+            return UserCodeError(
                 f'{place}: {self.function.__name__} is not written yet (TODO): called as {said}; '
                 f'expected {self._expected}'
             )
-        return StudentError(f'{place}: {said} raised {told(error)}; expected {self._expected}')
+        return UserCodeError(f'{place}: {said} raised {told(error)}; expected {self._expected}')
 
     def _said(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
         names = [name for name in inspect.signature(self.function).parameters if name not in kwargs]
@@ -90,13 +90,13 @@ def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  #
     return function(*args, **kwargs)
 
 
-def number(value: Any) -> float | None:  # noqa: ANN401 (a student's)
+def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
     """Return a number as a float, whatever its type: an array of one number counts; else None."""
     if isinstance(value, (str, bytes)):
         return None
     try:
         return float(value.item() if hasattr(value, 'item') else value)
-    except Exception:  # noqa: BLE001 (what a student's value says to that is not known)
+    except Exception:  # noqa: BLE001 (what a user's value says to that is not known)
         return None
 
 
@@ -111,7 +111,7 @@ def shown(value: object) -> str:
 def _repr(value: object) -> str:
     try:
         return repr(value)
-    except Exception:  # noqa: BLE001 (a student's __repr__)
+    except Exception:  # noqa: BLE001 (a user's __repr__)
         return reprlib.repr(value)
 
 
@@ -119,7 +119,7 @@ def told(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
     try:
         text = ' '.join(str(error).split())
-    except Exception:  # noqa: BLE001 (a student's __str__)
+    except Exception:  # noqa: BLE001 (a user's __str__)
         text = ''
     text = text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
     return f'{type(error).__name__}: {text}' if text else type(error).__name__

@@ -1,4 +1,4 @@
-"""What a student writes, as barc_sim calls it: model, controller, relay, checked at each call."""
+"""What a user writes, as barc_sim calls it: model, controller, relay, checked at each call."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.call import Calls, number, shown, where
-from barc_sim.lab.user_code.source import StudentError
+from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,8 +24,8 @@ _FLOAT = {float}
 _EVERY_KIND = inspect.Parameter.VAR_KEYWORD
 
 
-class Model:
-    """A student's `bikeFE`.
+class UserModel:
+    """A user's `bikeFE`.
 
     Where it takes them, by name, it is also told `l_f`, `l_r` and `g`.
     """
@@ -35,7 +35,7 @@ class Model:
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where it does not.
         """
         _check_takes(folder, function, _BIKE_FE)
@@ -47,8 +47,8 @@ class Model:
 
         Raises
         ------
-        StudentError
-            where the student's function fails, or returns anything but four finite numbers.
+        UserCodeError
+            where the user's function fails, or returns anything but four finite numbers.
         """
         taken = self._options(options)
         result = self._calls(*args, **taken)
@@ -58,8 +58,8 @@ class Model:
         return numbers
 
 
-class Controllers:
-    """A student's class `PID`: makes controllers of it.
+class ControllerFactory:
+    """A user's class `PID`: makes controllers of it.
 
     Where it takes them, by name, its constructor is also told further options by name, such as
     `output_min` and `output_max`.
@@ -70,13 +70,13 @@ class Controllers:
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where it does not.
         """
         _check_takes(folder, cls, _GAINS)
         method = getattr(cls, 'acc_calculate', None)
         if not callable(method):
-            raise StudentError(
+            raise UserCodeError(
                 f'{where(folder, cls)}: the class {cls.__name__} has no method '
                 'acc_calculate(self, speed_reference, speed_current)'
             )
@@ -86,33 +86,33 @@ class Controllers:
         self._calls = Calls(folder, cls, budget, 'an object')
         self._expected = 'a finite number, the acceleration [m/s²]'
 
-    def __call__(self, kp: float, ki: float, kd: float, **options: float) -> Controller:
+    def __call__(self, kp: float, ki: float, kd: float, **options: float) -> UserPid:
         """Return a fresh controller.
 
         Raises
         ------
-        StudentError
-            where the student's constructor fails.
+        UserCodeError
+            where the user's constructor fails.
         """
-        student = self._calls(kp, ki, kd, **self._options(options))
-        method = student.acc_calculate
+        instance = self._calls(kp, ki, kd, **self._options(options))
+        method = instance.acc_calculate
         dt_name = _dt_name(self._folder, method, _SPEEDS)
         calls = Calls(self._folder, method, self._budget, self._expected)
-        return Controller(student, calls, dt_name)
+        return UserPid(instance, calls, dt_name)
 
 
-class Controller:
-    """An object of a student's class `PID`.
+class UserPid:
+    """An object of a user's class `PID`.
 
     Attributes
     ----------
-    student
+    instance
         The object itself.
     """
 
-    def __init__(self, student: Any, calls: Calls, dt_name: str) -> None:  # noqa: ANN401
+    def __init__(self, instance: Any, calls: Calls, dt_name: str) -> None:  # noqa: ANN401
         """Call `calls`, with dt by the name `dt_name` unless that is empty."""
-        self.student = student
+        self.instance = instance
         self._calls = calls
         self._dt_name = dt_name
 
@@ -121,8 +121,8 @@ class Controller:
 
         Raises
         ------
-        StudentError
-            where the student's method fails, or returns anything but a finite number.
+        UserCodeError
+            where the user's method fails, or returns anything but a finite number.
         """
         speeds = (speed_reference, speed_current)
         options = {self._dt_name: dt} if self._dt_name else {}
@@ -134,18 +134,18 @@ class Controller:
 
     def tell(self, name: str) -> float:
         """Return the object's attribute `name`, NaN where it has no such number."""
-        value = number(getattr(self.student, name, nan))
+        value = number(getattr(self.instance, name, nan))
         return nan if value is None else value
 
     def set_gains(self, kp: float, ki: float, kd: float) -> None:
         """Change those gains that the object has as attributes."""
         for name, value in zip(_GAINS, (kp, ki, kd), strict=True):
-            if hasattr(self.student, name):
-                setattr(self.student, name, value)
+            if hasattr(self.instance, name):
+                setattr(self.instance, name, value)
 
 
-class Relays:
-    """A student's function `relay`, or class `Relay` with a method `relay`: makes relays of it."""
+class RelayFactory:
+    """A user's function `relay`, or class `Relay` with a method `relay`: makes relays of it."""
 
     def __init__(
         self, folder: Folder, relay: Callable[..., Any] | type, budget: float | None
@@ -154,13 +154,13 @@ class Relays:
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where it does not.
         """
         if isinstance(relay, type):
             _check_takes(folder, relay, ())
             if not callable(getattr(relay, 'relay', None)):
-                raise StudentError(
+                raise UserCodeError(
                     f'{where(folder, relay)}: the class {relay.__name__} has no method '
                     'relay(self, linear_x, angular_z)'
                 )
@@ -171,22 +171,22 @@ class Relays:
         if self._new is None:
             _dt_name(folder, relay, _TWIST)
 
-    def __call__(self) -> Relay:
+    def __call__(self) -> UserRelay:
         """Return a fresh relay.
 
         Raises
         ------
-        StudentError
-            where the student's constructor fails.
+        UserCodeError
+            where the user's constructor fails.
         """
         function = self._new().relay if self._new else self._function
         dt_name = _dt_name(self._folder, function, _TWIST)
         expected = f'two finite numbers, [{", ".join(_COMMAND)}]'
-        return Relay(Calls(self._folder, function, self._budget, expected), dt_name)
+        return UserRelay(Calls(self._folder, function, self._budget, expected), dt_name)
 
 
-class Relay:
-    """A student's relay at work."""
+class UserRelay:
+    """A user's relay at work."""
 
     def __init__(self, calls: Calls, dt_name: str) -> None:
         """Call `calls`, with dt by the name `dt_name` unless that is empty."""
@@ -198,8 +198,8 @@ class Relay:
 
         Raises
         ------
-        StudentError
-            where the student's code fails, or returns anything but two finite numbers.
+        UserCodeError
+            where user code fails, or returns anything but two finite numbers.
         """
         twist = (linear_x, angular_z)
         options = {self._dt_name: dt} if self._dt_name else {}
@@ -210,7 +210,7 @@ class Relay:
         return numbers[0], numbers[1]
 
 
-def _numbers(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a student's)
+def _numbers(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a user's)
     """Return `result` as a list of `count` finite floats; None where it is none."""
     # Most often it is one already, and is asked for in each step.
     if type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT:
@@ -254,7 +254,7 @@ def _signature(folder: Folder, function: Callable[..., Any]) -> inspect.Signatur
     try:
         return inspect.signature(function)
     except (TypeError, ValueError) as error:
-        raise StudentError(
+        raise UserCodeError(
             f'{where(folder, function)}: expected a function of Python, not {shown(function)}'
         ) from error
 
@@ -264,9 +264,9 @@ def _takes(
     function: Callable[..., Any],
     signature: inspect.Signature,
     names: Sequence[str],
-) -> StudentError:
+) -> UserCodeError:
     name = getattr(function, '__name__', shown(function))
-    return StudentError(
+    return UserCodeError(
         f'{where(folder, function)}: {name} takes ({", ".join(signature.parameters)}); expected '
         f'({", ".join(names)})'
     )

@@ -57,10 +57,10 @@ class Folder:
 
         Raises
         ------
-        StudentError
+        UserCodeError
             where it can't be read or compiled.
         """
-        name = file.stem if file.stem in self._names else f'student_{file.stem}'
+        name = file.stem if file.stem in self._names else f'user_code_{file.stem}'
         path = str(file.absolute())
         if name not in self._modules:
             spec = importlib.util.spec_from_loader(name, _Loader(self, name, path))
@@ -135,7 +135,7 @@ class Folder:
         return {name: sys.modules.pop(name) for name in names}
 
     def _is_own(self, name: str) -> bool:
-        return name.partition('.')[0] in self._names or name.startswith('student_')
+        return name.partition('.')[0] in self._names or name.startswith('user_code_')
 
 
 class _Loader(SourceFileLoader):
@@ -159,13 +159,13 @@ def _modules_in(folder: Path) -> Iterator[str]:
 
 
 def _print_to(output: Callable[[str], object]) -> Callable[..., None]:
-    def student_print(*values: object, file: Any = None, **options: Any) -> None:  # noqa: ANN401
+    def user_print(*values: object, file: Any = None, **options: Any) -> None:  # noqa: ANN401
         text = io.StringIO()
         print(*values, file=file or text, **options)
         if not file:
             output(text.getvalue())
 
-    return student_print
+    return user_print
 
 
 def _no_input(*_: object) -> str:

@@ -1,4 +1,4 @@
-"""Loads a student's `bike_model.py`, `controller.py` and `relay.py`, as they are."""
+"""Loads a user's `bike_model.py`, `controller.py` and `relay.py`, as they are."""
 
 from __future__ import annotations
 
@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.call import BUDGET, blamed, shown, told
-from barc_sim.lab.user_code.functions import Controller, Controllers, Model, Relay, Relays
+from barc_sim.lab.user_code.functions import (
+    ControllerFactory,
+    RelayFactory,
+    UserModel,
+    UserPid,
+    UserRelay,
+)
 from barc_sim.lab.user_code.importing import Folder
-from barc_sim.lab.user_code.source import Source, StudentError
+from barc_sim.lab.user_code.source import Source, UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -20,97 +26,97 @@ if TYPE_CHECKING:
 __all__ = [
     'BUDGET',
     'FILES',
-    'Controller',
-    'Controllers',
-    'Lab',
-    'Model',
-    'Relay',
-    'Relays',
+    'ControllerFactory',
+    'RelayFactory',
     'Source',
-    'StudentError',
-    'find',
-    'load',
+    'UserCode',
+    'UserCodeError',
+    'UserModel',
+    'UserPid',
+    'UserRelay',
+    'find_files',
     'load_controller',
-    'load_lab',
+    'load_files',
+    'load_folder',
     'load_model',
     'load_relay',
 ]
 
-#: By what it brings, the file in a student's folder.
+#: By what it brings, the file in a user's folder.
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
 #: [s] to load a file in: it may import the like of SciPy.
 _LOADING = 20.0
 
 
 @dataclass(frozen=True)
-class Lab:
-    """What a student's folder has; None for what it has not."""
+class UserCode:
+    """What a user's folder has; None for what it has not."""
 
-    model: Model | None = None
-    controller: Controllers | None = None
-    relay: Relays | None = None
+    model: UserModel | None = None
+    controller: ControllerFactory | None = None
+    relay: RelayFactory | None = None
     #: By part, as in `FILES`, the name of its source.
     files: Mapping[str, str] = field(default_factory=dict)
     #: The files above, and those that they import from their folder.
     sources: tuple[Source, ...] = ()
 
 
-def load_lab(
+def load_folder(
     folder: Path | str,
     parts: Collection[str] = tuple(FILES),
     *,
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
-) -> Lab:
+) -> UserCode:
     """Load those of the files of `folder` that there are.
 
     Parameters
     ----------
     folder
-        A student's.
+        A user's.
     parts
         Which of `FILES` are looked for.
     budget
         [s] Each call is given so long; None: for ever, and no thread is started.
     output
-        Takes what the student's code prints; without it, that goes to stdout.
+        Takes what user code prints; without it, that goes to stdout.
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where there is no such folder, nothing in it, or a file that can't be used.
     """
-    return load(find(folder, parts), budget=budget, output=output)
+    return load_files(find_files(folder, parts), budget=budget, output=output)
 
 
-def find(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
+def find_files(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
     """Return, by part, those of the files of `folder` that there are.
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where there is no such folder, or nothing in it.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise StudentError(
+        raise UserCodeError(
             f'there is no folder {str(folder)!r}: python -m barc_sim new '
             f'{shlex.quote(str(folder))} writes one'
         )
     files = {part: folder / FILES[part] for part in parts if (folder / FILES[part]).exists()}
     if not files:
         names = ', '.join(FILES[part] for part in parts)
-        raise StudentError(f'the folder {str(folder)!r} has no {names}: expected one at least')
+        raise UserCodeError(f'the folder {str(folder)!r} has no {names}: expected one at least')
     return files
 
 
-def load(
+def load_files(
     files: Mapping[str, Path],
     *,
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
-) -> Lab:
-    """Load files by part (see `FILES`), of whichever folders; else as `load_lab`."""
+) -> UserCode:
+    """Load files by part (see `FILES`), of whichever folders; else as `load_folder`."""
     loaders: dict[str, Callable[[Folder, Path, float | None], Any]] = {
         'model': _model,
         'controller': _controller,
@@ -126,68 +132,68 @@ def load(
     loaded = {
         part: loaders[part](folders[path.parent], path, budget) for part, path in paths.items()
     }
-    return Lab(
+    return UserCode(
         **loaded,
         files={part: folders[path.parent].sources[str(path)].name for part, path in paths.items()},
         sources=tuple(source for folder in folders.values() for source in folder.sources.values()),
     )
 
 
-def load_model(path: Path | str, *, budget: float | None = BUDGET) -> Model:
+def load_model(path: Path | str, *, budget: float | None = BUDGET) -> UserModel:
     """Return the function `bikeFE` of the file `path`.
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where there is none that can be used.
     """
     path = Path(path)
     return _model(Folder(path.parent), path, budget)
 
 
-def load_controller(path: Path | str, *, budget: float | None = BUDGET) -> Controllers:
+def load_controller(path: Path | str, *, budget: float | None = BUDGET) -> ControllerFactory:
     """Return the class `PID` of the file `path`: kp, ki, kd -> a fresh controller.
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where there is none that can be used.
     """
     path = Path(path)
     return _controller(Folder(path.parent), path, budget)
 
 
-def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> Relays:
+def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> RelayFactory:
     """Return the class `Relay`, or the function `relay`, of the file `path`: () -> a fresh relay.
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where there is none that can be used.
     """
     path = Path(path)
     return _relay(Folder(path.parent), path, budget)
 
 
-def _model(folder: Folder, path: Path, budget: float | None) -> Model:
+def _model(folder: Folder, path: Path, budget: float | None) -> UserModel:
     function = _named(folder, path, budget, ['bikeFE'])
     if not callable(function):
-        raise StudentError(f'{path.name}: bikeFE is {shown(function)}; expected a function')
-    return Model(folder, function, budget)
+        raise UserCodeError(f'{path.name}: bikeFE is {shown(function)}; expected a function')
+    return UserModel(folder, function, budget)
 
 
-def _controller(folder: Folder, path: Path, budget: float | None) -> Controllers:
+def _controller(folder: Folder, path: Path, budget: float | None) -> ControllerFactory:
     cls = _named(folder, path, budget, ['PID'])
     if not isinstance(cls, type):
-        raise StudentError(f'{path.name}: PID is {shown(cls)}; expected a class')
-    return Controllers(folder, cls, budget)
+        raise UserCodeError(f'{path.name}: PID is {shown(cls)}; expected a class')
+    return ControllerFactory(folder, cls, budget)
 
 
-def _relay(folder: Folder, path: Path, budget: float | None) -> Relays:
+def _relay(folder: Folder, path: Path, budget: float | None) -> RelayFactory:
     relay = _named(folder, path, budget, ['Relay', 'relay'])
     if not callable(relay):
-        raise StudentError(f'{path.name}: relay is {shown(relay)}; expected a function')
-    return Relays(folder, relay, budget)
+        raise UserCodeError(f'{path.name}: relay is {shown(relay)}; expected a function')
+    return RelayFactory(folder, relay, budget)
 
 
 def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -> Any:  # noqa: ANN401
@@ -195,23 +201,23 @@ def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -
     loading = Budget(_LOADING) if budget else None
     try:
         module = loading.call(folder.load, path) if loading else folder.load(path)
-    except StudentError:
+    except UserCodeError:
         raise
     except ModuleNotFoundError as error:
-        raise StudentError(
+        raise UserCodeError(
             f'{blamed(folder, error) or path.name}: there is no module {error.name!r} here: '
             'install it in this Python, put it into the folder, or do without'
         ) from error
     except OutOfTime as error:
-        raise StudentError(
+        raise UserCodeError(
             f'{blamed(folder, error) or path.name}: loading the file took longer than '
             f'{_LOADING:g} s: is there a loop outside of its functions that does not end?'
         ) from error
     except (Exception, SystemExit) as error:
-        raise StudentError(
+        raise UserCodeError(
             f'{blamed(folder, error) or path.name}: loading the file raised {told(error)}'
         ) from error
     for name in names:
         if hasattr(module, name):
             return getattr(module, name)
-    raise StudentError(f'{path.name} defines no {" nor ".join(reversed(names))}')
+    raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')

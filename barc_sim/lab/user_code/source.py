@@ -1,4 +1,4 @@
-"""A student's file: its text, and what is wrong with it before it runs."""
+"""A user's file: its text, and what is wrong with it before it runs."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ _MAX_BYTES = 1_000_000
 _ROS_1 = {'rospy', 'roslib', 'barc', 'rosbag', 'rosgraph', 'dynamic_reconfigure', 'tf'}
 
 
-class StudentError(UserError):
-    """What is wrong with a student's code, in one sentence: file, line, values, what was expected.
+class UserCodeError(UserError):
+    """What is wrong with user code, in one sentence: file, line, values, what was expected.
 
-    Where an exception of the student's code is the reason, it is kept as the `__cause__`.
+    Where an exception of user code is the reason, it is kept as the `__cause__`.
     """
 
 
 class Source(NamedTuple):
-    """A file of a student's, as it was when it was loaded."""
+    """A file of a user's, as it was when it was loaded."""
 
-    name: str  #: in the student's folder
+    name: str  #: in the user's folder
     path: Path
     text: str
     sha256: str  #: of the file's bytes, which are `text` in UTF-8
@@ -44,21 +44,21 @@ def read(path: Path, name: str) -> Source:
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where it can't be read, or is no text in UTF-8.
     """
     try:
         with path.open('rb') as file:
             data = file.read(_MAX_BYTES + 1)
     except OSError as error:
-        raise StudentError(f'{str(path)!r} cannot be read: {error.strerror}') from error
+        raise UserCodeError(f'{str(path)!r} cannot be read: {error.strerror}') from error
     if len(data) > _MAX_BYTES:
-        raise StudentError(f'{str(path)!r} has more than {_MAX_BYTES} bytes: is it Python?')
+        raise UserCodeError(f'{str(path)!r} has more than {_MAX_BYTES} bytes: is it Python?')
     try:
         text = data.decode()
     except UnicodeDecodeError as error:
         line = data.count(b'\n', 0, error.start) + 1
-        raise StudentError(
+        raise UserCodeError(
             f'{name}, line {line}: the byte 0x{data[error.start]:02x} is not UTF-8: '
             'save the file in the encoding UTF-8'
         ) from error
@@ -70,7 +70,7 @@ def compiled(source: Source) -> CodeType:
 
     Raises
     ------
-    StudentError
+    UserCodeError
         where it is not Python 3, or the lab's template for ROS 1.
     """
     try:
@@ -80,12 +80,12 @@ def compiled(source: Source) -> CodeType:
             code = compile(tree, str(source.path), 'exec', dont_inherit=True)
     except SyntaxError as error:
         text = (error.text or '').strip() or source.line(error.lineno or 0)
-        raise StudentError(
+        raise UserCodeError(
             f'{source.name}, line {error.lineno or 1}: this is no Python 3: {error.msg}'
             + (f': {text}' if text else '')
         ) from error
     except (ValueError, RecursionError, MemoryError) as error:
-        raise StudentError(f'{source.name} is no Python 3: {error}') from error
+        raise UserCodeError(f'{source.name} is no Python 3: {error}') from error
     _refuse_ros_1(source, tree)
     return code
 
@@ -99,7 +99,7 @@ def _refuse_ros_1(source: Source, tree: ast.Module) -> None:
     lines |= {node.lineno for node in _run_at_import(tree) if names & _used(node)}
     first = source.line(found[0].lineno)
     some = len(lines) > 1
-    raise StudentError(
+    raise UserCodeError(
         f'{source.name}, line {found[0].lineno}: {first}: that is ROS 1, which is not here and '
         f'not needed: delete the line{"s" if some else ""} '
         f'{", ".join(map(str, sorted(lines)))}; barc_sim brings the nodes'

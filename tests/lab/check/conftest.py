@@ -1,4 +1,4 @@
-"""A student's code from its text, and what is found of it."""
+"""User code from its text, and what is found of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import pytest
 
 from barc_sim.lab.check import LocalCode
-from barc_sim.lab.user_code.loading import load_lab
+from barc_sim.lab.user_code.loading import load_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -62,7 +62,7 @@ class PID:
 
 
 class Lab(Protocol):
-    """Writes and loads a student's files."""
+    """Writes and loads a user's files."""
 
     def __call__(self, model: str | None = None, controller: str | None = None) -> LocalCode:
         """Return the code."""
@@ -70,13 +70,13 @@ class Lab(Protocol):
 
 @pytest.fixture
 def lab(tmp_path: Path) -> Lab:
-    """Return what makes code of the text of a student's files."""
+    """Return what makes code of the text of a user's files."""
 
     def load(model: str | None = None, controller: str | None = None) -> LocalCode:
         for name, text in {'bike_model.py': model, 'controller.py': controller}.items():
             if text is not None:
                 (tmp_path / name).write_text(text, encoding='utf-8')
-        return LocalCode(load_lab(tmp_path, budget=None))
+        return LocalCode(load_folder(tmp_path, budget=None))
 
     return load
 
@@ -91,11 +91,11 @@ def replaced(text: str, *pairs: tuple[str, str]) -> str:
 
 @pytest.fixture
 def model() -> str:
-    """Return a right `bike_model.py`, as a student may write it."""
+    """Return a right `bike_model.py`, as a user may write it."""
     return MODEL
 
 
 @pytest.fixture
 def controller() -> str:
-    """Return a right `controller.py`, as a student may write it."""
+    """Return a right `controller.py`, as a user may write it."""
     return CONTROLLER

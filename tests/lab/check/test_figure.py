@@ -1,4 +1,4 @@
-"""The figure of a check: what it draws of a student's run and model."""
+"""The figure of a check: what it draws of a user's run and model."""
 
 from __future__ import annotations
 

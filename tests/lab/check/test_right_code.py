@@ -10,7 +10,7 @@ import pytest
 
 import barc_sim
 from barc_sim.lab.check import CRITERIA, LocalCode, judge
-from barc_sim.lab.user_code.loading import load_lab
+from barc_sim.lab.user_code.loading import load_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -91,7 +91,7 @@ def test_the_references_own_folder_gets_full_marks(tmp_path: Path) -> None:
     package = Path(barc_sim.__file__).parent
     shutil.copy(package / 'vehicle' / 'bike_model.py', tmp_path)
     shutil.copy(package / 'control' / 'pid.py', tmp_path / 'controller.py')
-    findings = judge(LocalCode(load_lab(tmp_path, budget=None)))
+    findings = judge(LocalCode(load_folder(tmp_path, budget=None)))
     assert told(findings) == {}
     assert tuple(finding.criterion for finding in findings) == CRITERIA
 

@@ -10,7 +10,7 @@ import pytest
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.lab.regrade import commands
-from barc_sim.lab.user_code.loading import StudentError
+from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import rollout
 from barc_sim.simulation.log import Log
 from barc_sim.vehicle.plant import Plant
@@ -58,7 +58,7 @@ def test_states_without_a_command_are_passed_over() -> None:
 def test_a_controller_that_fails_is_not_it() -> None:
     class Failing:
         def acc_calculate(self, *_: float) -> float:
-            raise StudentError('line 7: wrong')
+            raise UserCodeError('line 7: wrong')
 
     assert judge(rollout(distance=1.0), Failing).first == 'line 7: wrong'
 

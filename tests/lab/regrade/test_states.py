@@ -11,7 +11,7 @@ import pytest
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.regrade import states
-from barc_sim.lab.user_code.loading import StudentError
+from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import drive, rollout
 from barc_sim.simulation.log import Log
 from barc_sim.vehicle.bike_model import Input, State, bikeFE
@@ -86,7 +86,7 @@ def test_another_model_is_not_it() -> None:
 
 def test_a_model_that_fails_is_not_it() -> None:
     def model(*_: float, **__: float) -> list[float]:
-        raise StudentError('line 3: wrong')
+        raise UserCodeError('line 3: wrong')
 
     assert judge(rollout(distance=1.0), partial(Plant, model=model)).first == 'line 3: wrong'
 

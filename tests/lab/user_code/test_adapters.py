@@ -1,4 +1,4 @@
-"""A student's code in the places of barc_sim's own."""
+"""User code in the places of barc_sim's own."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import pytest
 
 from barc_sim.control import pid
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
-from barc_sim.lab.user_code import adapters as own_code
-from barc_sim.lab.user_code.adapters import StudentDriver, StudentPid
+from barc_sim.lab.user_code import adapters
+from barc_sim.lab.user_code.adapters import UserController, UserDriver
 from barc_sim.lab.user_code.loading import (
-    Controllers,
-    Relays,
+    ControllerFactory,
+    RelayFactory,
     load_controller,
-    load_lab,
+    load_folder,
     load_relay,
 )
 from barc_sim.simulation.closed_loop import rollout
@@ -37,29 +37,29 @@ class PID:
 """
 
 
-def controllers(tmp_path: Path, text: str = P) -> Controllers:
+def controllers(tmp_path: Path, text: str = P) -> ControllerFactory:
     (tmp_path / 'controller.py').write_text(text)
     return load_controller(tmp_path / 'controller.py')
 
 
-def relays(tmp_path: Path, text: str) -> Relays:
+def relays(tmp_path: Path, text: str) -> RelayFactory:
     (tmp_path / 'relay.py').write_text(text)
     return load_relay(tmp_path / 'relay.py')
 
 
 @pytest.fixture
 def reference(tmp_path: Path) -> Path:
-    """Return a folder with barc_sim's own model and controller as a student's."""
+    """Return a folder with barc_sim's own model and controller as a user's."""
     for module, name in ((bike_model, 'bike_model.py'), (pid, 'controller.py')):
         (tmp_path / name).write_bytes(Path(module.__file__ or '').read_bytes())
     return tmp_path
 
 
 def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: Path) -> None:
-    lab = load_lab(reference)
+    lab = load_folder(reference)
     assert lab.model
     assert lab.controller
-    controller = StudentPid(lab.controller)
+    controller = UserController(lab.controller)
     controller.output_min, controller.output_max = -8.0, 8.0
     controller.reset()
     log, expected = rollout(Plant(model=lab.model), controller), rollout()
@@ -68,7 +68,7 @@ def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: P
 
 
 def test_what_is_beyond_the_limit_is_cut_and_told(tmp_path: Path) -> None:
-    controller = StudentPid(controllers(tmp_path))
+    controller = UserController(controllers(tmp_path))
     controller.output_min, controller.output_max = -8.0, 8.0
     assert controller.acc_calculate(8.0, 0.0, 0.02) == 8.0
     assert controller.saturated
@@ -77,7 +77,7 @@ def test_what_is_beyond_the_limit_is_cut_and_told(tmp_path: Path) -> None:
 
 
 def test_terms_that_the_object_does_not_tell_are_unknown(tmp_path: Path) -> None:
-    controller = StudentPid(controllers(tmp_path))
+    controller = UserController(controllers(tmp_path))
     controller.acc_calculate(8.0, 7.0, 0.02)
     assert controller.proportional == 30.0
     assert isnan(controller.integral)
@@ -85,14 +85,14 @@ def test_terms_that_the_object_does_not_tell_are_unknown(tmp_path: Path) -> None
 
 
 def test_changed_gains_reach_the_object_with_its_state(tmp_path: Path) -> None:
-    controller = StudentPid(controllers(tmp_path))
+    controller = UserController(controllers(tmp_path))
     controller.acc_calculate(8.0, 7.0, 0.02)
     controller.kp = 2.0
     assert controller.acc_calculate(8.0, 7.0, 0.02) == 2.0 + 2.0
 
 
 def test_a_reset_makes_a_fresh_object_with_the_present_gains(tmp_path: Path) -> None:
-    controller = StudentPid(controllers(tmp_path))
+    controller = UserController(controllers(tmp_path))
     controller.acc_calculate(8.0, 7.0, 0.02)
     controller.kp = 2.0
     controller.reset()
@@ -100,7 +100,7 @@ def test_a_reset_makes_a_fresh_object_with_the_present_gains(tmp_path: Path) -> 
 
 
 def test_a_relay_makes_the_commands_of_what_is_wished_for(tmp_path: Path) -> None:
-    driver = StudentDriver(relays(tmp_path, 'def relay(x, z):\n    return 3 * x, 0.2 * z\n'))
+    driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 3 * x, 0.2 * z\n'))
     driver.receive(DriverInput(forward=1.0, turn=-1.0), 1.0)
     assert driver.command(1.1, 0.0) == (3.0, -0.2)
     assert driver.servo == -0.2
@@ -108,14 +108,14 @@ def test_a_relay_makes_the_commands_of_what_is_wished_for(tmp_path: Path) -> Non
 
 
 def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
-    driver = StudentDriver(relays(tmp_path, 'def relay(x, z):\n    return 99 * x, 99 * z\n'))
+    driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 99 * x, 99 * z\n'))
     driver.receive(DriverInput(forward=1.0, turn=1.0), 1.0)
     assert driver.command(1.1, 0.0) == (8.0, 0.5)
 
 
 def test_the_brake_is_not_up_to_the_relay(tmp_path: Path) -> None:
-    driver = StudentDriver(relays(tmp_path, 'def relay(x, z):\n    return 4, 0\n'))
-    driver.receive(FULL_BRAKE, 1.0)
+    driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 4, 0\n'))
+    driver.hear(FULL_BRAKE, 1.0)
     assert driver.command(1.1, 10.0).motor == -8.0
 
 
@@ -124,16 +124,16 @@ def test_a_reset_makes_a_fresh_relay(tmp_path: Path) -> None:
         'class Relay:\n    n = 0\n    def relay(self, x, z):\n'
         '        self.n += 1\n        return self.n, 0\n'
     )
-    driver = StudentDriver(relays(tmp_path, text))
+    driver = UserDriver(relays(tmp_path, text))
     assert [driver.command(t, 0.0).motor for t in (0.0, 0.05)] == [1.0, 2.0]
     driver.reset()
     assert driver.command(0.1, 0.0).motor == 1.0
 
 
 def test_a_bag_is_told_the_files_and_their_hashes(reference: Path) -> None:
-    lab = load_lab(reference)
-    told = json.loads(own_code.describe(lab)[own_code.METADATA])
+    lab = load_folder(reference)
+    told = json.loads(adapters.describe(lab)[adapters.METADATA])
     assert told['files'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
     assert told['sha256'].keys() == {'bike_model.py', 'controller.py'}
-    attached = own_code.attachments(lab)
+    attached = adapters.attachments(lab)
     assert attached['student/controller.py'] == (reference / 'controller.py').read_bytes()

@@ -1,4 +1,4 @@
-"""A student's folder of modules, apart from all others."""
+"""A user's folder of modules, apart from all others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.lab.user_code.importing import Folder
-from barc_sim.lab.user_code.source import StudentError
+from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -140,5 +140,5 @@ def test_a_folder_that_has_gone_keeps_what_was_loaded(tmp_path: Path) -> None:
 
 def test_a_helper_that_cannot_be_compiled_is_named(tmp_path: Path) -> None:
     own = folder(tmp_path, main='import helpers', helpers='x = (')
-    with pytest.raises(StudentError, match=r'^helpers\.py, line 1: this is no Python 3'):
+    with pytest.raises(UserCodeError, match=r'^helpers\.py, line 1: this is no Python 3'):
         own.load(own.path / 'main.py')

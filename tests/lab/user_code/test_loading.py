@@ -1,4 +1,4 @@
-"""Loading a student's files, and calling what they define."""
+"""Loading a user's files, and calling what they define."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from barc_sim.lab.user_code.loading import (
-    StudentError,
-    load,
+    UserCodeError,
     load_controller,
-    load_lab,
+    load_files,
+    load_folder,
     load_model,
     load_relay,
 )
@@ -22,7 +22,7 @@ from barc_sim.lab.user_code.loading import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from barc_sim.lab.user_code.loading import Controllers, Model
+    from barc_sim.lab.user_code.loading import ControllerFactory, UserModel
 
 ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)
 SAID = (
@@ -40,7 +40,7 @@ def lab(tmp_path: Path, **files: str) -> Path:
     return tmp_path
 
 
-def model(tmp_path: Path, body: str, before: str = '') -> Model:
+def model(tmp_path: Path, body: str, before: str = '') -> UserModel:
     path = lab(tmp_path, bike_model=f'{before}{HEAD}    {body}\n') / 'bike_model.py'
     return load_model(path, budget=SHORT)
 
@@ -82,7 +82,7 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
 def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
     tmp_path: Path, body: str, shown: str
 ) -> None:
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         model(tmp_path, body)(*ROW)
     sentence = str(caught.value)
     assert sentence.startswith(f'bike_model.py, line 1: {SAID} returned ')
@@ -108,7 +108,7 @@ def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
 def test_an_exception_names_its_line_and_what_was_passed_in(
     tmp_path: Path, body: str, told: str
 ) -> None:
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         model(tmp_path, body)(*ROW)
     said = str(caught.value)
     assert said.startswith(f'bike_model.py, line 2: {SAID} raised {told}')
@@ -118,29 +118,29 @@ def test_an_exception_names_its_line_and_what_was_passed_in(
 
 def test_an_exception_names_the_line_of_a_helper(tmp_path: Path) -> None:
     lab(tmp_path, helpers='def half(x):\n    return x / 0\n')
-    with pytest.raises(StudentError, match=r'^helpers\.py, line 2: bikeFE\(.* ZeroDivisionError'):
+    with pytest.raises(UserCodeError, match=r'^helpers\.py, line 2: bikeFE\(.* ZeroDivisionError'):
         model(tmp_path, 'from helpers import half; return half(x)')(*ROW)
 
 
 def test_an_exception_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> None:
     before = 'class E(Exception):\n    def __str__(self):\n        return 1 / 0\n'
-    with pytest.raises(StudentError, match=r'line 5: .* raised E; expected'):
+    with pytest.raises(UserCodeError, match=r'line 5: .* raised E; expected'):
         model(tmp_path, 'raise E', before)(*ROW)
 
 
 def test_a_result_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> None:
     before = 'class R:\n    def __repr__(self):\n        return 1 / 0\n'
-    with pytest.raises(StudentError, match=r'returned <R instance at .*>; expected'):
+    with pytest.raises(UserCodeError, match=r'returned <R instance at .*>; expected'):
         model(tmp_path, 'return R()', before)(*ROW)
 
 
 def test_unfinished_code_is_called_unfinished(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r'line 2: bikeFE is not written yet \(TODO\)'):
+    with pytest.raises(UserCodeError, match=r'line 2: bikeFE is not written yet \(TODO\)'):
         model(tmp_path, 'raise NotImplementedError')(*ROW)
 
 
 def test_a_loop_without_end_is_ended(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r'line 2: .* within 0.2 s; expected .* does not end\?'):
+    with pytest.raises(UserCodeError, match=r'line 2: .* within 0.2 s; expected .* does not end\?'):
         model(tmp_path, 'while True: pass')(*ROW)
 
 
@@ -149,7 +149,7 @@ def test_a_loop_without_end_is_ended(tmp_path: Path) -> None:
 )
 def test_code_that_catches_all_is_ended_too(tmp_path: Path) -> None:
     body = 'while True:\n        try:\n            x += 1\n        except:\n            pass'
-    with pytest.raises(StudentError, match='has not returned within'):
+    with pytest.raises(UserCodeError, match='has not returned within'):
         model(tmp_path, body)(*ROW)
 
 
@@ -200,7 +200,7 @@ def test_extra_arguments_with_defaults_keep_them(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
     tmp_path: Path, text: str, sentence: str
 ) -> None:
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         load_model(lab(tmp_path, bike_model=text) / 'bike_model.py')
     assert sentence.replace('is no Python', 'no Python') in str(caught.value).replace(
         'is no Python', 'no Python'
@@ -212,12 +212,12 @@ def test_a_loop_without_end_outside_of_functions_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('barc_sim.lab.user_code.loading._LOADING', SHORT)
-    with pytest.raises(StudentError, match=r'line 2: loading the file took longer than 0.2 s'):
+    with pytest.raises(UserCodeError, match=r'line 2: loading the file took longer than 0.2 s'):
         load_model(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r"nothing\.py' cannot be read: No such file"):
+    with pytest.raises(UserCodeError, match=r"nothing\.py' cannot be read: No such file"):
         load_model(tmp_path / 'nothing.py')
 
 
@@ -234,7 +234,7 @@ class PID:
 """
 
 
-def controller(tmp_path: Path, text: str) -> Controllers:
+def controller(tmp_path: Path, text: str) -> ControllerFactory:
     return load_controller(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT)
 
 
@@ -288,7 +288,7 @@ def test_gains_that_the_object_has_not_are_not_set(tmp_path: Path) -> None:
 )
 def test_a_command_that_is_no_number_is_refused(tmp_path: Path, result: str, said: str) -> None:
     text = PID.replace('return self.proportional + self.calls', f'return {result}')
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
     call = 'acc_calculate(speed_reference=8.0, speed_current=7.0)'
     assert f'controller.py, line 7: {call} returned {said}' in str(caught.value)
@@ -316,7 +316,7 @@ def test_a_numpy_command_is_a_float(tmp_path: Path) -> None:
     ],
 )
 def test_a_class_that_cannot_be_used_is_refused(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         controller(tmp_path, text)
     assert said in str(caught.value)
 
@@ -324,7 +324,7 @@ def test_a_class_that_cannot_be_used_is_refused(tmp_path: Path, text: str, said:
 def test_a_constructor_that_fails_names_the_gains(tmp_path: Path) -> None:
     text = PID.replace('self.calls = 0', 'raise ValueError(kp)')
     with pytest.raises(
-        StudentError, match=r'line 5: PID\(kp=30.0, ki=2.0, kd=0.0\) raised ValueError: 30.0'
+        UserCodeError, match=r'line 5: PID\(kp=30.0, ki=2.0, kd=0.0\) raised ValueError: 30.0'
     ):
         controller(tmp_path, text)(30.0, 2.0, 0.0)
 
@@ -334,7 +334,7 @@ def test_a_method_that_takes_too_little_is_refused_when_a_controller_is_made(
 ) -> None:
     text = PID.replace('speed_reference, speed_current):', 'speed_current):')
     with pytest.raises(
-        StudentError,
+        UserCodeError,
         match=r'acc_calculate takes \(speed_current\); expected \(speed_reference, speed_current',
     ):
         controller(tmp_path, text)(1.0, 2.0, 3.0)
@@ -376,14 +376,14 @@ def test_relays_of_a_class_have_a_state_of_their_own(tmp_path: Path) -> None:
     ],
 )
 def test_a_relay_that_cannot_be_used_is_refused(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         load_relay(lab(tmp_path, relay=text) / 'relay.py')
     assert said in str(caught.value)
 
 
 def test_a_lab_has_what_its_folder_has(tmp_path: Path) -> None:
     folder = lab(tmp_path, controller='import helpers\n' + PID, helpers='', unused='')
-    found = load_lab(folder)
+    found = load_folder(folder)
     assert found.model is None
     assert found.relay is None
     assert found.controller
@@ -396,19 +396,19 @@ def test_a_lab_has_what_its_folder_has(tmp_path: Path) -> None:
 
 def test_only_the_parts_that_are_asked_for_are_loaded(tmp_path: Path) -> None:
     folder = lab(tmp_path, controller=PID, relay='1 / 0\n')
-    assert load_lab(folder, ['model', 'controller']).relay is None
+    assert load_folder(folder, ['model', 'controller']).relay is None
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(
-        StudentError, match=r"no folder '.*my_lab': python -m barc_sim new /.*my_lab"
+        UserCodeError, match=r"no folder '.*my_lab': python -m barc_sim new /.*my_lab"
     ):
-        load_lab(tmp_path / 'my_lab')
+        load_folder(tmp_path / 'my_lab')
 
 
 def test_a_folder_with_nothing_in_it_is_named(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r'has no bike_model\.py, controller\.py, relay\.py'):
-        load_lab(tmp_path)
+    with pytest.raises(UserCodeError, match=r'has no bike_model\.py, controller\.py, relay\.py'):
+        load_folder(tmp_path)
 
 
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
@@ -424,7 +424,7 @@ def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
         relay='from h import f\ndef relay(x, z): return f()\n',
         h='f = lambda: [2] * 2',
     )
-    both = load({'model': one / 'bike_model.py', 'relay': two / 'relay.py'})
+    both = load_files({'model': one / 'bike_model.py', 'relay': two / 'relay.py'})
     assert both.model
     assert both.relay
     assert both.model(*ROW) == [1.0] * 4
@@ -440,7 +440,7 @@ def test_what_is_printed_goes_where_it_is_wanted(
         bike_model=f'print("loaded")\n{HEAD}    print(x, y, sep="-", end="")\n    return [0] * 4\n',
     )
     printed: list[str] = []
-    found = load_lab(folder, output=printed.append)
+    found = load_folder(folder, output=printed.append)
     assert found.model
     found.model(*ROW)
     assert printed == ['loaded\n', '1.0-2.0']

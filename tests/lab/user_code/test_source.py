@@ -1,4 +1,4 @@
-"""A student's file before it runs."""
+"""A user's file before it runs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.user_code.source import StudentError, compiled, read
+from barc_sim.lab.user_code.source import UserCodeError, compiled, read
 
 ROS_1 = """#!/usr/bin/env python
 import rospy
@@ -41,7 +41,7 @@ def source(tmp_path: Path, data: bytes) -> Source:
 
 
 def test_the_labs_template_for_ros_1_names_the_lines_to_delete(tmp_path: Path) -> None:
-    with pytest.raises(StudentError) as caught:
+    with pytest.raises(UserCodeError) as caught:
         compiled(source(tmp_path, ROS_1.encode()))
     assert str(caught.value) == (
         'controller.py, line 2: import rospy: that is ROS 1, which is not here and not needed: '
@@ -58,18 +58,18 @@ def test_what_is_left_of_the_template_is_compiled(tmp_path: Path) -> None:
 
 
 def test_print_without_brackets_is_named(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r"line 1: .*Missing parentheses.*: print 'hi'$"):
+    with pytest.raises(UserCodeError, match=r"line 1: .*Missing parentheses.*: print 'hi'$"):
         compiled(source(tmp_path, b"print 'hi'\n"))
 
 
 def test_tabs_and_blanks_mixed_are_named(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r'controller\.py, line 3: .*tabs'):
+    with pytest.raises(UserCodeError, match=r'controller\.py, line 3: .*tabs'):
         compiled(source(tmp_path, b'if 1:\n        x = 1\n\tx = 2\n'))
 
 
 @pytest.mark.parametrize('data', [b'\xff\xfex\0', 'x = 1\n# °'.encode('latin-1')])
 def test_another_encoding_is_refused(tmp_path: Path, data: bytes) -> None:
-    with pytest.raises(StudentError, match=r'line [12]: the byte 0x(ff|b0) is not UTF-8: save'):
+    with pytest.raises(UserCodeError, match=r'line [12]: the byte 0x(ff|b0) is not UTF-8: save'):
         source(tmp_path, data)
 
 
@@ -84,15 +84,15 @@ def test_a_string_that_warns_does_not_fail(tmp_path: Path) -> None:
 
 
 def test_a_file_of_no_sensible_size_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match='more than 1000000 bytes'):
+    with pytest.raises(UserCodeError, match='more than 1000000 bytes'):
         source(tmp_path, b'#' * 1_000_001)
 
 
 def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match='Is a directory'):
+    with pytest.raises(UserCodeError, match='Is a directory'):
         read(tmp_path, 'controller.py')
 
 
 def test_brackets_without_end_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(StudentError, match=r'no Python 3'):
+    with pytest.raises(UserCodeError, match=r'no Python 3'):
         compiled(source(tmp_path, b'(' * 100_000))

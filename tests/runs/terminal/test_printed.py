@@ -1,4 +1,4 @@
-"""What a student's code prints, beside a line that is drawn in place."""
+"""What user code prints, beside a line that is drawn in place."""
 
 from __future__ import annotations
 
