@@ -21,14 +21,13 @@ from barc_sim.control.pid import (
     SPEED_REFERENCE,
     speed_controller,
 )
-from barc_sim.ros import names as topic_names
-from barc_sim.ros import service_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
-from barc_sim.ros.warnings import Refusals, SeldomWarning
+from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
 from barc_sim.vehicle.bike_model import Input
 from barc_sim.vehicle.parameter import Parameter
 
@@ -85,30 +84,28 @@ class CruiseController(Node):
         self._pid.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
         self._previous: int | None = None
-        self._refusals = Refusals(self)
-        self._gone_back = SeldomWarning(self)
+        self._refusals = RefusedInput(self)
+        self._gone_back = RateLimitedWarning(self)
         self._state: ZDynBkMdl | None = None
         self._error: EZDynBkMdl | None = None
 
-        self._ecu_pub = publisher(self, ECU, topic_names.ECU)
-        self._pid_state_pub = publisher(self, PidState, topic_names.PID_STATE)
+        self._ecu_pub = publisher(self, ECU, names.ECU)
+        self._pid_state_pub = publisher(self, PidState, names.PID_STATE)
         group = QuickCallbackGroup()
         for kind, topic, callback in (
-            (EZDynBkMdl, topic_names.STATE_ERROR, self._on_state_error),
-            (ZDynBkMdl, topic_names.STATE, self._on_state),
+            (EZDynBkMdl, names.STATE_ERROR, self._on_state_error),
+            (ZDynBkMdl, names.STATE, self._on_state),
         ):
             drained_subscription(self, kind, topic, callback, group)
         subscription(
             self,
             Float64,
-            topic_names.SPEED_REFERENCE,
+            names.SPEED_REFERENCE,
             self._on_speed_reference,
             group,
-            qos=topic_names.QOS_NEWEST,
+            qos=names.QOS_NEWEST,
         )
-        self.create_service(
-            Trigger, service_names.RESET_CONTROLLER, self._on_reset, callback_group=group
-        )
+        self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset, callback_group=group)
 
     def _on_speed_reference(self, message: Float64) -> None:
         low, high = _SPEEDS

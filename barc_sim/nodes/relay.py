@@ -17,8 +17,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
 from barc_sim.control.driver import STALE_AFTER, Driver, Limits
-from barc_sim.ros import names as topic_names
-from barc_sim.ros import service_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input, to_ecu
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
@@ -88,15 +87,11 @@ class Relay(Node):
         self._speed = 0.0
         self.refused = 0
 
-        self._ecu_pub = publisher(self, ECU, topic_names.ECU)
+        self._ecu_pub = publisher(self, ECU, names.ECU)
         group = QuickCallbackGroup()
-        subscription(
-            self, ZDynBkMdl, topic_names.STATE, self._on_state, group, qos=topic_names.QOS_NEWEST
-        )
-        drained_subscription(self, Twist, topic_names.CMD_VEL, self._on_twist, group)
-        self.create_service(
-            Trigger, service_names.RESET_RELAY, self._on_reset, callback_group=group
-        )
+        subscription(self, ZDynBkMdl, names.STATE, self._on_state, group, qos=names.QOS_NEWEST)
+        drained_subscription(self, Twist, names.CMD_VEL, self._on_twist, group)
+        self.create_service(Trigger, names.RESET_RELAY, self._on_reset, callback_group=group)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self.driver.dt, self._on_timer, group, steady)
 

@@ -1,4 +1,4 @@
-"""Topic names, relative so that a namespace moves them all, and their quality of service."""
+"""Names of topics and services, relative so that a namespace moves them all, and their QoS."""
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
@@ -11,7 +11,7 @@ CMD_VEL = 'cmd_vel'
 SPEED_REFERENCE = 'speed_reference'
 INITIAL_POSE = 'initialpose'
 
-# For ROS's own tools, by the node `mirror`.
+# Published by the node `mirror`, for ROS's own tools.
 ODOM = 'odom'
 PATH = 'path'
 MARKERS = 'markers'
@@ -19,12 +19,19 @@ ROAD_MARKERS = 'road_markers'
 ACCEL = 'accel'
 JOINT_STATES = 'joint_states'
 
-# Where everybody looks for them, whatever the namespace.
+# ROS's own tools expect these outside of every namespace.
 TF = '/tf'
 DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
-#: Every topic of a run: reliable, with room for a second of 100 Hz.
+# Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.
+RESET_SIMULATOR = 'vehicle_simulator/reset'
+PAUSE_SIMULATOR = 'vehicle_simulator/pause'
+STEP_SIMULATOR = 'vehicle_simulator/step'
+RESET_CONTROLLER = 'controller/reset'
+RESET_RELAY = 'relay/reset'
+
+#: Of every topic of a run: reliable, with room for a second at 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-#: To listen where only the newest counts.
+#: Of a subscription that needs only the newest message.
 QOS_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

@@ -1,39 +1,76 @@
-"""Who publishes a topic, without those whose process is gone.
-
-DDS takes 20 s to notice that a process was killed. Fast DDS's identifiers tell host and process,
-so that of those on this machine it is known at once; of others, all are taken to be there.
-"""
+"""The publishers of a topic: which are alive, and how a simulator claims its topic for itself."""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-_HOST = slice(4)  #: in an endpoint's identifier: DDS's maker and the host
+# Parts of a Fast DDS identifier (GID).
+_HOST = slice(4)  #: the vendor and the host
 _PROCESS = slice(4, 6)  #: the lower half of the process's number
 _HALF = 1 << 16
 _PARAMETER_EVENTS = '/parameter_events'  # every node publishes it
 
 
+def claim(node: Node, topic: str) -> socket.socket:
+    """Claim `topic` for `node` on this machine, in its ROS domain; closing the result frees it.
+
+    The claim is a socket's name in Linux's abstract namespace. It is taken at once, where discovery
+    would need seconds to find another publisher, and it is free as soon as its process ends.
+
+    Raises
+    ------
+    UserError
+        Another process holds the claim.
+    """
+    name = node.resolve_topic_name(topic)
+    domain = node.context.get_domain_id()
+    # A topic's name may be longer than a socket's.
+    digest = hashlib.sha256(name.encode()).hexdigest()
+    held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        held.bind(f'\0barc_sim/{domain}/{digest}')
+    except OSError:
+        held.close()
+        raise UserError(taken(name, domain)) from None
+    return held
+
+
+def taken(topic: str, domain: int) -> str:
+    """Return the sentence for a second publisher of `topic`."""
+    return (
+        f'another simulator publishes {topic} in ROS domain {domain}: give this one a namespace '
+        f'(--ros-args -r __ns:=/car2) or a domain (ROS_DOMAIN_ID={domain + 1}) of its own'
+    )
+
+
 def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    """Return those that publish `topic`, but for processes of this machine that have died."""
+    """Return the publishers of `topic`, without those of dead processes on this machine.
+
+    DDS needs 20 s to notice that a process was killed. The identifiers of Fast DDS contain host
+    and process, so a dead process of this machine is recognised at once.
+    """
     ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
     host = _host(node) if len(ends) else None
-    return [end for end in ends if host is None or not _is_gone(bytes(end.endpoint_gid), host)]
+    return [end for end in ends if host is None or not _is_dead(bytes(end.endpoint_gid), host)]
 
 
 def is_own(end: TopicEndpointInfo) -> bool:
-    """Return whether `end` is of this process, as far as its identifier tells."""
+    """Return whether `end` belongs to this process, by the number in its identifier."""
     return _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
 
 
 def _host(node: Node) -> bytes | None:
-    """Return what identifiers of this machine begin with; None where they don't tell."""
+    """Return the first bytes of this machine's identifiers; None with another DDS."""
     own = os.getpid() % _HALF
     for end in node.get_publishers_info_by_topic(_PARAMETER_EVENTS):
         gid = bytes(end.endpoint_gid)
@@ -46,7 +83,7 @@ def _process(gid: bytes) -> int:
     return int.from_bytes(gid[_PROCESS], 'little')
 
 
-def _is_gone(gid: bytes, host: bytes) -> bool:
+def _is_dead(gid: bytes, host: bytes) -> bool:
     return gid[_HOST] == host and not any(
         Path('/proc', str(number)).exists()
         for number in range(_process(gid), _greatest_number() + 1, _HALF)

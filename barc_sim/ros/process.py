@@ -16,9 +16,8 @@ from rclpy.task import Future
 
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
-from barc_sim.ros.dds_profiles import use_profiles
 from barc_sim.ros.executor.executor import QuickExecutor
-from barc_sim.ros.shared_memory import sweep
+from barc_sim.ros.fast_dds import sweep, use_profiles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""Warnings that whoever sends nonsense could call for a thousand times a second."""
+"""Rate-limited warnings, such as those about invalid input."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ if TYPE_CHECKING:
 _PERIOD = 1.0
 
 
-class SeldomWarning:
-    """Warns once a second at most.
+class RateLimitedWarning:
+    """Warns at most once a second.
 
-    The logger's own throttle looks at the stack for each message, for 0.3 ms; this costs next to
-    nothing between two warnings.
+    The logger's own throttle inspects the stack at each message, which takes 0.3 ms; here a
+    suppressed warning costs next to nothing.
     """
 
     def __init__(self, node: Node) -> None:
-        """Warn as `node`."""
+        """Warn with the logger of `node`."""
         self._logger = node.get_logger()
         self._next = 0.0
 
     def warn(self, sentence: Callable[[], str]) -> None:
-        """Warn, if it is time again."""
+        """Log what `sentence` returns, unless the last warning is less than a second old."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + _PERIOD
             self._logger.warning(sentence())
 
 
-class Refusals:
-    """What a node refuses: counted, and warned of once a second."""
+class RefusedInput:
+    """Counts the invalid messages that a node refuses, and warns at most once a second."""
 
     def __init__(self, node: Node) -> None:
-        """Nothing refused yet."""
+        """Warn with the logger of `node`."""
         self.count = 0
-        self._warning = SeldomWarning(node)
+        self._warning = RateLimitedWarning(node)
 
-    def add(self, what: Callable[[], str]) -> None:
-        """Count one; `what` says what it was, where that is to be told."""
+    def add(self, describe: Callable[[], str]) -> None:
+        """Count a message; `describe` is called only where a warning is logged."""
         self.count += 1
-        self._warning.warn(lambda: f'refused {what()} ({self.count} refused up to now)')
+        self._warning.warn(lambda: f'refused {describe()} ({self.count} refused so far)')

@@ -14,27 +14,27 @@ from _garbage import Garbage
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.serialization import serialize_message
 
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.process import ros
 
 #: By mode what a node of the run other than the recorder listens to, and its type.
 TOPICS = {
     'acc': {
-        topic_names.ECU: 'barc_interfaces/msg/ECU',
-        topic_names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
-        topic_names.STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
-        topic_names.ENVIRONMENT: 'barc_interfaces/msg/Environment',
-        topic_names.PID_STATE: 'barc_interfaces/msg/PidState',
-        topic_names.SPEED_REFERENCE: 'std_msgs/msg/Float64',
-        topic_names.INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+        names.ECU: 'barc_interfaces/msg/ECU',
+        names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
+        names.STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
+        names.ENVIRONMENT: 'barc_interfaces/msg/Environment',
+        names.PID_STATE: 'barc_interfaces/msg/PidState',
+        names.SPEED_REFERENCE: 'std_msgs/msg/Float64',
+        names.INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
         '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
     },
     'teleop': {
-        topic_names.ECU: 'barc_interfaces/msg/ECU',
-        topic_names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
-        topic_names.CMD_VEL: 'geometry_msgs/msg/Twist',
-        topic_names.INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
+        names.ECU: 'barc_interfaces/msg/ECU',
+        names.STATE: 'barc_interfaces/msg/ZDynBkMdl',
+        names.CMD_VEL: 'geometry_msgs/msg/Twist',
+        names.INITIAL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
         '/parameter_events': 'rcl_interfaces/msg/ParameterEvent',
     },
 }
@@ -55,9 +55,9 @@ def main() -> None:
         garbage = Garbage(chance, time.time_ns())
         sends = []
         for topic, kind in TOPICS[task['mode']].items():
-            publisher = node.create_publisher(message_class(kind), topic, topic_names.QOS)
+            publisher = node.create_publisher(message_class(kind), topic, names.QOS)
             # A pose that is right would put the car at rest in each step.
-            tame = 0.001 if topic == topic_names.INITIAL_POSE else 0.5
+            tame = 0.001 if topic == names.INITIAL_POSE else 0.5
             pool = [
                 serialize_message(garbage.of(kind, wild=chance.random() >= tame))
                 for _ in range(_POOL)
@@ -69,7 +69,7 @@ def main() -> None:
 def _wait_for_states(node: rclpy.node.Node) -> None:
     """Wait until the run drives: before, it would refuse to start beside another simulator."""
     heard: list[Any] = []
-    subscription = node.create_subscription(ZDynBkMdl, topic_names.STATE, heard.append, 100)
+    subscription = node.create_subscription(ZDynBkMdl, names.STATE, heard.append, 100)
     while len(heard) < _FIRST_STATES:
         rclpy.spin_once(node)
     node.destroy_subscription(subscription)

@@ -12,7 +12,7 @@ from geometry_msgs.msg import Twist, Vector3
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
 from barc_sim.ros.peers import living_publishers
 
@@ -91,8 +91,8 @@ class Witness(Node):
         """Listen."""
         super().__init__('witness')
         self.speed, self.stamp, self.states = 0.0, 0, 0
-        self.create_subscription(ZDynBkMdl, topic_names.STATE, self._on_state, topic_names.QOS)
-        self._twist_pub = self.create_publisher(Twist, topic_names.CMD_VEL, topic_names.QOS)
+        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
+        self._twist_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
         self.create_timer(0.1, self._wish)
         self._executor: Any = SingleThreadedExecutor()
         self._executor.add_node(self)
@@ -106,7 +106,7 @@ class Witness(Node):
 
     def commanded(self) -> bool:
         """Return whether there is a node that commands."""
-        return bool(living_publishers(self, topic_names.ECU))
+        return bool(living_publishers(self, names.ECU))
 
     def turn(self) -> None:
         """Take what has come."""

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.ros import service_names
+from barc_sim.ros import names
 from barc_sim.ros.executor.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
 
@@ -46,7 +46,7 @@ class _Drives(Node):
                 Parameter(name, value=value) for name, value in _PARAMETERS.items()
             ],
         )
-        self._reset = self.create_client(Trigger, service_names.RESET)
+        self._reset = self.create_client(Trigger, names.RESET_SIMULATOR)
         self._left = resets
         self.digests: list[str] = []
         self.seconds: list[float] = []

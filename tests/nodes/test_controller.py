@@ -23,7 +23,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.loading import load_controller
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 
 if TYPE_CHECKING:
@@ -56,10 +56,10 @@ class Bench:
         self.until = partial(spin_until, self.executor)
         self.commands: list[ECU] = []
         self.told: list[PidState] = []
-        self.peer.create_subscription(ECU, 'ecu', self.commands.append, topic_names.QOS)
-        self.peer.create_subscription(PidState, 'pid_state', self.told.append, topic_names.QOS)
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
-        self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', topic_names.QOS)
+        self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
+        self.peer.create_subscription(PidState, 'pid_state', self.told.append, names.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
+        self.errors = self.peer.create_publisher(EZDynBkMdl, 'ez_vhcl', names.QOS)
 
     def send_state(self, stamp: int, v_x: float) -> None:
         """Send a state stamped `stamp` [ns]."""

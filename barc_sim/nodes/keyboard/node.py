@@ -18,8 +18,7 @@ from barc_sim.cli.parser import call
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.nodes.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
 from barc_sim.nodes.keyboard.terminal import Terminal
-from barc_sim.ros import names as topic_names
-from barc_sim.ros import service_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_twist
 from barc_sim.ros.endpoints import publisher
 from barc_sim.ros.executor.executor import QuickCallbackGroup
@@ -81,9 +80,9 @@ class Keyboard(Node):
         # Whoever sets it, from whatever thread: the terminal is given back before all else ends.
         self.finished.add_done_callback(lambda _: terminal.close())
 
-        self._twist_pub = publisher(self, Twist, topic_names.CMD_VEL)
+        self._twist_pub = publisher(self, Twist, names.CMD_VEL)
         group = QuickCallbackGroup()
-        self._reset = self.create_client(Trigger, service_names.RESET, callback_group=group)
+        self._reset = self.create_client(Trigger, names.RESET_SIMULATOR, callback_group=group)
         self._typed = self.create_guard_condition(self._on_typed, group)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(1.0 / RATE, self._publish, group, steady)

@@ -30,7 +30,7 @@ from barc_sim.nodes.mirrors.messages import (
 )
 from barc_sim.nodes.mirrors.options import MIRRORS
 from barc_sim.nodes.mirrors.ride import Ride, Trail
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.endpoints import publisher, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
@@ -112,34 +112,34 @@ class MirrorNode(Node):
 
         if 'markers' in on:
             self._car = CarMirror(self._prefix, vehicle)
-            self._car_pub = publisher(self, MarkerArray, topic_names.MARKERS)
-            self._road_pub = self.create_publisher(MarkerArray, topic_names.ROAD_MARKERS, _LATCHED)
+            self._car_pub = publisher(self, MarkerArray, names.MARKERS)
+            self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
             self._road_pub.publish(to_road(road, self._prefix))
         if 'path' in on:
             self._trail = Trail()
-            self._path_pub = publisher(self, Path, topic_names.PATH)
+            self._path_pub = publisher(self, Path, names.PATH)
         group = QuickCallbackGroup()
         if 'diagnostics' in on:
             self._facts, self._facts_before = facts, Facts()
             self._state_before: tuple[int, int] | None = None
             self._command_at: int | None = None
-            self._diagnostics_pub = publisher(self, DiagnosticArray, topic_names.DIAGNOSTICS)
+            self._diagnostics_pub = publisher(self, DiagnosticArray, names.DIAGNOSTICS)
             wall = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(_SLOW_PERIOD, self._diagnose, group, wall)
         self._commands = None
         if on & {'markers', 'joint_states', 'diagnostics'}:
-            self._commands = polled(self, ECU, topic_names.ECU, _DEPTH, PolledCallbackGroup())
+            self._commands = polled(self, ECU, names.ECU, _DEPTH, PolledCallbackGroup())
         if on:
-            subscription(self, ZDynBkMdl, topic_names.STATE, self._on_state, group)
+            subscription(self, ZDynBkMdl, names.STATE, self._on_state, group)
 
     def _of_each_state(self, on: set[str]) -> list[tuple[Publisher, Callable[[Seen], Any]]]:
         """Return where to publish what of each state."""
         kinds: dict[str, tuple[type[Any], str, Callable[[], Any]]] = {
-            'odom': (Odometry, topic_names.ODOM, lambda: OdometryMirror(self._prefix)),
-            'accel': (AccelStamped, topic_names.ACCEL, lambda: AccelerationMirror(self._prefix)),
+            'odom': (Odometry, names.ODOM, lambda: OdometryMirror(self._prefix)),
+            'accel': (AccelStamped, names.ACCEL, lambda: AccelerationMirror(self._prefix)),
             'joint_states': (
                 JointState,
-                topic_names.JOINT_STATES,
+                names.JOINT_STATES,
                 lambda: JointMirror(self._prefix),
             ),
         }
@@ -149,7 +149,7 @@ class MirrorNode(Node):
         else:
             kinds['tf'] = (
                 TFMessage,
-                topic_names.TF,
+                names.TF,
                 lambda: TransformMirror(self._prefix, TFMessage),
             )
         return [

@@ -23,16 +23,14 @@ from barc_sim.nodes.simulator.pacing import Pace
 from barc_sim.nodes.simulator.peer_watch import PeerWatch
 from barc_sim.nodes.simulator.publishers import StateOutlet
 from barc_sim.nodes.simulator.start_gate import Gate
-from barc_sim.ros import names as topic_names
-from barc_sim.ros import service_names
-from barc_sim.ros.claim import claim, taken
+from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_input, to_state_at_rest
 from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.peers import living_publishers
+from barc_sim.ros.peers import claim, living_publishers, taken
 from barc_sim.ros.process import spin
-from barc_sim.ros.warnings import Refusals
+from barc_sim.ros.warnings import RefusedInput
 from barc_sim.vehicle.bike_model import Input, bikeFE
 from barc_sim.vehicle.parameter import Parameter
 from barc_sim.vehicle.parameters import PARAMETERS
@@ -116,10 +114,10 @@ class VehicleSimulator(Node):
         factor = values['realtime_factor']
         self._pace = Pace(self._plant.ts / factor) if factor else None
         self._on_step = on_step
-        self._claim = claim(self, topic_names.STATE)
+        self._claim = claim(self, names.STATE)
         self.finished: Future = Future()
         self.steps = self.missed = 0
-        self._refusals = Refusals(self)
+        self._refusals = RefusedInput(self)
         self._first_step = self._stamp = 0
         self._running = self._paused = self._reset_due = self._step_due = False
         self._place: State | None = None  # to be put there
@@ -128,19 +126,19 @@ class VehicleSimulator(Node):
         self._outlet = StateOutlet(self, clock=clock)
         self._watch = PeerWatch(self, self._outlet)
         group = QuickCallbackGroup()
-        self._hear = drained_subscription(self, ECU, topic_names.ECU, self._on_command, group)
+        self._hear = drained_subscription(self, ECU, names.ECU, self._on_command, group)
         subscription(
             self,
             PoseWithCovarianceStamped,
-            topic_names.INITIAL_POSE,
+            names.INITIAL_POSE,
             self._on_initial_pose,
             group,
-            qos=topic_names.QOS_NEWEST,
+            qos=names.QOS_NEWEST,
         )
         for kind, name, callback in (
-            (Trigger, service_names.RESET, self._on_reset),
-            (SetBool, service_names.PAUSE, self._on_pause),
-            (Trigger, service_names.STEP, self._on_single_step),
+            (Trigger, names.RESET_SIMULATOR, self._on_reset),
+            (SetBool, names.PAUSE_SIMULATOR, self._on_pause),
+            (Trigger, names.STEP_SIMULATOR, self._on_single_step),
         ):
             self.create_service(kind, name, callback, callback_group=group)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
@@ -181,7 +179,7 @@ class VehicleSimulator(Node):
         self.finished.set_result(None)
 
     def _begin(self) -> None:
-        if len(living_publishers(self, topic_names.STATE)) > 1:
+        if len(living_publishers(self, names.STATE)) > 1:
             raise UserError(taken(self._outlet.topic, self.context.get_domain_id()))
         self._running = True
         self._stamp = max(time.time_ns(), self._stamp + self._period_ns)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.endpoints import incompatible_peers
 from barc_sim.ros.peers import living_publishers
 
@@ -32,11 +32,11 @@ class PeerWatch:
 
     def look(self, steps: int, *, waits: bool) -> None:
         """Look around; `steps` states are published, and time `waits` for the next answer."""
-        ends = living_publishers(self._node, topic_names.ECU)
+        ends = living_publishers(self._node, names.ECU)
         commanders = {bytes(end.endpoint_gid) for end in ends}
         stands_still = steps == self._steps
         if not steps:
-            topic = self._node.resolve_topic_name(topic_names.ECU)
+            topic = self._node.resolve_topic_name(names.ECU)
             self._warn(f'waiting for a controller that publishes {topic}')
         elif waits and stands_still:
             self._warn(f'waiting for the command that answers state {steps - 1}')

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from barc_interfaces.msg import Environment, EZDynBkMdl, ZDynBkMdl
 from rosgraph_msgs.msg import Clock
 
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_environment, to_header, to_state, to_state_error
 from barc_sim.ros.endpoints import publisher
 
@@ -29,11 +29,11 @@ class StateOutlet:
     """
 
     def __init__(self, node: Node, *, clock: bool) -> None:
-        self._state_error_pub = publisher(node, EZDynBkMdl, topic_names.STATE_ERROR)
-        self._environment_pub = publisher(node, Environment, topic_names.ENVIRONMENT)
-        self._state_pub = publisher(node, ZDynBkMdl, topic_names.STATE)
+        self._state_error_pub = publisher(node, EZDynBkMdl, names.STATE_ERROR)
+        self._environment_pub = publisher(node, Environment, names.ENVIRONMENT)
+        self._state_pub = publisher(node, ZDynBkMdl, names.STATE)
         # Reliable: who asks for the best effort hears it as well, and no bag lacks a tick.
-        self._clock_pub = publisher(node, Clock, topic_names.CLOCK) if clock else None
+        self._clock_pub = publisher(node, Clock, names.CLOCK) if clock else None
         self.topic = str(self._state_pub.topic_name)  #: of the states, by its full name
         self.keeps_clock = clock
 

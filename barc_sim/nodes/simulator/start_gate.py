@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 
-from barc_sim.ros import names as topic_names
-from barc_sim.ros import service_names
+from barc_sim.ros import names
 from barc_sim.ros.peers import is_own, living_publishers
 
 if TYPE_CHECKING:
@@ -63,7 +62,7 @@ class Gate:
         self._wait = wait
         self._resets = [
             node.create_client(Trigger, name, callback_group=group)
-            for name in (service_names.RESET_CONTROLLER, service_names.RESET_RELAY)
+            for name in (names.RESET_CONTROLLER, names.RESET_RELAY)
         ]
         self._resetting: list[Future] = []
         self._patient_until = 0.0
@@ -85,7 +84,7 @@ class Gate:
             if time.monotonic() < self._patient_until:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
-        ends = living_publishers(self._node, topic_names.ECU)
+        ends = living_publishers(self._node, names.ECU)
         self._needed = _COUNT if all(map(is_own, ends)) else _COUNT_APART
         self._ready_for = self._ready_for + 1 if ends or not self._wait else 0
         if self._ready_for < self._needed:

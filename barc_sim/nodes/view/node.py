@@ -23,7 +23,7 @@ from barc_sim.page.facts import SIMULATOR, facts
 from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, say
 from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
 from barc_sim.page.server import ViewServer
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.endpoints import publisher
 from barc_sim.ros.parameters import declare
@@ -40,10 +40,10 @@ if TYPE_CHECKING:
 
 MODES = ('acc', 'teleop')
 _TYPES = {
-    topic_names.STATE_ERROR: EZDynBkMdl,
-    topic_names.ENVIRONMENT: Environment,
-    topic_names.ECU: ECU,
-    topic_names.PID_STATE: PidState,
+    names.STATE_ERROR: EZDynBkMdl,
+    names.ENVIRONMENT: Environment,
+    names.ECU: ECU,
+    names.PID_STATE: PidState,
 }
 #: Messages of a topic that wait for the next look: a page needs no more than the newest of them.
 _DEPTH = 16
@@ -118,10 +118,10 @@ class ViewNode(Node):
         self._received: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
         self._newest: tuple[int, int] | None = None
 
-        self._cmd_vel_pub = publisher(self, Twist, topic_names.CMD_VEL)
+        self._cmd_vel_pub = publisher(self, Twist, names.CMD_VEL)
         self._peers = Peers(self, self._server.call)
         group = PolledCallbackGroup()
-        self._states = polled(self, ZDynBkMdl, topic_names.STATE, _DEPTH, group)
+        self._states = polled(self, ZDynBkMdl, names.STATE, _DEPTH, group)
         self._others = {
             topic: polled(self, kind, topic, _DEPTH, group) for topic, kind in _TYPES.items()
         }
@@ -243,7 +243,7 @@ class ViewNode(Node):
         return simulated / real
 
     def _look_at_parameters(self) -> None:
-        for name, names, known in (
+        for name, wanted, known in (
             ('vehicle_simulator', SIMULATOR, self._simulator),
             ('controller', TUNABLE, self._controller),
         ):
@@ -251,7 +251,7 @@ class ViewNode(Node):
             if (
                 not known
                 and now >= self._ask_at.get(name, 0.0)
-                and self._peers.parameters(name, names, partial(self._on_parameters, known))
+                and self._peers.parameters(name, wanted, partial(self._on_parameters, known))
             ):
                 self._ask_at[name] = now + _PATIENCE
         controller = f'{self.get_namespace().rstrip("/")}/controller'

@@ -28,7 +28,7 @@ from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.nodes.keyboard.keys import HeldKeys, KeyDecoder
 from barc_sim.nodes.keyboard.node import Keyboard
 from barc_sim.nodes.keyboard.terminal import Terminal
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Bench:
         self.heard: list[DriverInput] = []
         self.resets = 0
         self.peer = Node('vehicle_simulator', context=context)
-        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, topic_names.QOS)
+        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, names.QOS)
         self.peer.create_service(Trigger, '~/reset', self._on_reset)
         self.keyboard = Keyboard(Terminal(self.fd), context=context)
         self.executor = SingleThreadedExecutor(context=context)
@@ -198,9 +198,7 @@ def test_closing_its_terminal_brakes_where_it_runs_alone(
 ) -> None:
     heard: list[DriverInput] = []
     peer = Node('peer', context=ros)
-    peer.create_subscription(
-        Twist, 'cmd_vel', lambda t: heard.append(to_driver_input(t)), topic_names.QOS
-    )
+    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_driver_input(t)), names.QOS)
     executor = SingleThreadedExecutor(context=ros)
     executor.add_node(peer)
     user, fd = pty.openpty()

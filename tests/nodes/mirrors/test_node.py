@@ -28,7 +28,7 @@ from barc_sim.nodes.mirrors.diagnosis import Facts
 from barc_sim.nodes.mirrors.messages import JOINTS
 from barc_sim.nodes.mirrors.node import MirrorNode
 from barc_sim.nodes.mirrors.options import MIRRORS
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road
 
@@ -72,9 +72,9 @@ class Bench:
         self.until = partial(spin_until, self.executor)
         self.heard: dict[str, list[Any]] = {topic: [] for topic in TYPES}
         for topic, kind in TYPES.items():
-            self.peer.create_subscription(kind, topic, self.heard[topic].append, topic_names.QOS)
-        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
-        self.commands = self.peer.create_publisher(ECU, 'ecu', topic_names.QOS)
+            self.peer.create_subscription(kind, topic, self.heard[topic].append, names.QOS)
+        self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
+        self.commands = self.peer.create_publisher(ECU, 'ecu', names.QOS)
         self.sent = 0
 
     def send(self, **state: float) -> None:

@@ -30,7 +30,7 @@ import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.nodes.simulator import node as module
 from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
 from barc_sim.simulation.closed_loop import rollout
 
@@ -75,8 +75,8 @@ class Bench:
         self.until = partial(spin_until, self.executor)
         self.times: list[int] = []
         self.stamps: list[int] = []
-        self.commands = self.peer.create_publisher(ECU, 'ecu', topic_names.QOS)
-        self.peer.create_subscription(ZDynBkMdl, 'z_vhcl', self._on_state, topic_names.QOS)
+        self.commands = self.peer.create_publisher(ECU, 'ecu', names.QOS)
+        self.peer.create_subscription(ZDynBkMdl, 'z_vhcl', self._on_state, names.QOS)
         self.peer.create_subscription(Clock, '/clock', self._on_clock, 100)
 
     def _on_state(self, state: ZDynBkMdl) -> None:

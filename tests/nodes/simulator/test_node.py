@@ -25,7 +25,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.simulator import node as module
 from barc_sim.nodes.simulator import start_gate as gate
 from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Input, motion
@@ -75,21 +75,21 @@ class World:
     def driver(self, answer: Callable[[ZDynBkMdl], ECU] | None = None) -> Publisher:
         """Return a publisher of commands; each state is kept, and answered by `answer`."""
         node = self.add(Node('driver', context=self.context))
-        commands = node.create_publisher(ECU, 'ecu', topic_names.QOS)
+        commands = node.create_publisher(ECU, 'ecu', names.QOS)
 
         def on_state(state: ZDynBkMdl) -> None:
             self.states.append(state)
             if answer:
                 commands.publish(answer(state))
 
-        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, topic_names.QOS)
+        node.create_subscription(ZDynBkMdl, 'z_vhcl', on_state, names.QOS)
         return commands
 
     def heard(self, message_type: type[Any], topic: str) -> list[Any]:
         """Return a list that grows by each message."""
         messages: list[Any] = []
         node = self.add(Node('listener', context=self.context))
-        node.create_subscription(message_type, topic, messages.append, topic_names.QOS)
+        node.create_subscription(message_type, topic, messages.append, names.QOS)
         return messages
 
 
@@ -437,7 +437,7 @@ def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: W
 
 def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: World) -> None:
     foreign = world.add(Node('other', context=world.context))
-    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', topic_names.QOS)
+    foreign.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
     simulator = world.simulator(wait_for_controller=False)
     with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
         world.until(simulator.finished.done)

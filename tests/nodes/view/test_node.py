@@ -25,7 +25,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.nodes.view.node import ViewNode
 from barc_sim.page.protocol import COLUMNS, Status, say
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor.executor import QuickExecutor
 
@@ -49,12 +49,12 @@ class Peer(Node):
         self.refusal = ''
         self._steps = 0
         self._pubs = {
-            topic: self.create_publisher(kind, topic, topic_names.QOS)
+            topic: self.create_publisher(kind, topic, names.QOS)
             for topic, kind in {
-                topic_names.STATE: ZDynBkMdl,
-                topic_names.ENVIRONMENT: Environment,
-                topic_names.ECU: ECU,
-                topic_names.PID_STATE: PidState,
+                names.STATE: ZDynBkMdl,
+                names.ENVIRONMENT: Environment,
+                names.ECU: ECU,
+                names.PID_STATE: PidState,
             }.items()
         }
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, 100)
@@ -65,10 +65,10 @@ class Peer(Node):
         """Publish a state at `x`, and all that belongs to it."""
         header = to_header(START + self._steps * STEP)
         self._steps += 1
-        self._pubs[topic_names.ENVIRONMENT].publish(Environment(header=header, theta=10.0))
-        self._pubs[topic_names.STATE].publish(ZDynBkMdl(header=header, x=x, v_x=7.0))
-        self._pubs[topic_names.ECU].publish(ECU(header=header, motor=1.5, servo=0.1))
-        self._pubs[topic_names.PID_STATE].publish(PidState(header=header, reference=8.0))
+        self._pubs[names.ENVIRONMENT].publish(Environment(header=header, theta=10.0))
+        self._pubs[names.STATE].publish(ZDynBkMdl(header=header, x=x, v_x=7.0))
+        self._pubs[names.ECU].publish(ECU(header=header, motor=1.5, servo=0.1))
+        self._pubs[names.PID_STATE].publish(PidState(header=header, reference=8.0))
 
     def _on_twist(self, twist: Twist) -> None:
         self.twists.append((twist.linear.x, twist.angular.z))

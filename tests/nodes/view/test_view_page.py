@@ -22,7 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.view.node import ViewNode
 from barc_sim.page.protocol import Status
-from barc_sim.ros import names as topic_names
+from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
 from barc_sim.vehicle.bike_model import Input, State, Vehicle, motion, step
@@ -55,16 +55,12 @@ class Car(Node):
         self.paused = self.braking = False
         self.twists: list[tuple[float, float]] = []
         self._stamp = 1_700_000_000_000_000_000
-        self._state_pub = self.create_publisher(ZDynBkMdl, topic_names.STATE, topic_names.QOS)
-        self._environment_pub = self.create_publisher(
-            Environment, topic_names.ENVIRONMENT, topic_names.QOS
-        )
-        self._ecu_pub = self.create_publisher(ECU, topic_names.ECU, topic_names.QOS)
+        self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
+        self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
+        self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         group = QuickCallbackGroup()
         self.create_subscription(Twist, 'cmd_vel', self._on_twist, 10, callback_group=group)
-        self.create_subscription(
-            ECU, topic_names.ECU, self._on_ecu, topic_names.QOS, callback_group=group
-        )
+        self.create_subscription(ECU, names.ECU, self._on_ecu, names.QOS, callback_group=group)
         self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
         self.create_service(SetBool, '~/pause', self._on_pause, callback_group=group)
         self.create_timer(TS, self._step, group)

@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 import barc_sim
 from barc_sim.errors import UserError
-from barc_sim.ros.claim import claim
+from barc_sim.ros.peers import claim
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -26,7 +26,7 @@ ROOT = Path(barc_sim.__file__).parents[1]
 HOLDER = """
 import rclpy
 from rclpy.node import Node
-from barc_sim.ros.claim import claim
+from barc_sim.ros.peers import claim
 rclpy.init()
 node = Node('holder')
 held = claim(node, 'z_vhcl')
