@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from math import inf, isfinite
-from typing import Protocol
+from typing import TYPE_CHECKING
+
+from barc_sim.control.controller import Gain
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 #: The run's gains: on the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
 KP, KI, KD = 30.0, 200.0, 0.1
@@ -11,26 +16,6 @@ SPEED_REFERENCE = 8.0
 ACCELERATION_LIMIT = 8.0
 #: [s] What a controller's first call is told as dt, which has no call before it: the lab's step.
 FIRST_DT = 0.02
-
-
-class SpeedController(Protocol):
-    """What holds the speed: a `PID`, or what is to take its place."""
-
-    kp: float
-    ki: float
-    kd: float
-    output_min: float
-    output_max: float
-    proportional: float
-    integral: float
-    derivative: float
-    saturated: bool
-
-    def reset(self) -> None:
-        """Forget the past: the next call is the first."""
-
-    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float, /) -> float:
-        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
 
 
 class PID:
@@ -55,11 +40,22 @@ class PID:
     `saturated` tell of the latest call.
     """
 
+    gains: Mapping[str, Gain] = {
+        'kp': Gain(KP, '1/s', 'proportional gain', 100.0),
+        'ki': Gain(KI, '1/s²', 'integral gain', 400.0),
+        'kd': Gain(KD, '-', 'derivative gain', 5.0),
+    }
+    terms: Mapping[str, str] = {
+        'proportional': 'kp times the error',
+        'integral': 'the integral of ki times the error',
+        'derivative': 'kd times the rate of change of the measured speed, negative',
+    }
+
     def __init__(
         self,
-        kp: float,
-        ki: float,
-        kd: float,
+        kp: float = KP,
+        ki: float = KI,
+        kd: float = KD,
         *,
         dt: float = 0.02,
         output_min: float = -inf,

@@ -34,7 +34,7 @@ from barc_sim.vehicle.parameter import Parameter
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
-    from barc_sim.control.pid import SpeedController
+    from barc_sim.control.controller import Controller
 
 _SPEEDS = (-100.0, 100.0)  #: [m/s]
 _FASTEST = 1e6  #: [m/s] A state beyond is none.
@@ -67,7 +67,7 @@ class CruiseController(Node):
     def __init__(
         self,
         *,
-        pid: SpeedController | None = None,
+        pid: Controller | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Declare the parameters and wait for states; `pid` takes the place of barc_sim's own.
@@ -78,7 +78,7 @@ class CruiseController(Node):
             where a parameter is out of range, or `pid` can't be had with them.
         """
         super().__init__('controller', **options)
-        self._pid: SpeedController = pid or speed_controller()
+        self._pid: Controller = pid or speed_controller()
         self._values = declare(self, _PARAMETERS)
         self._apply()
         self._pid.reset()

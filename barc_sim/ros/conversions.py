@@ -14,7 +14,7 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.vehicle.bike_model import Input, State
 
 if TYPE_CHECKING:
-    from barc_sim.control.pid import SpeedController
+    from barc_sim.control.controller import Controller
     from barc_sim.vehicle.plant import Observation
 
 NANOSECONDS = 1_000_000_000
@@ -98,7 +98,7 @@ def to_twist(request: DriverInput) -> Twist:
 
 
 def to_pid_state(
-    pid: SpeedController, reference: float, measurement: float, output: float, header: Header
+    pid: Controller, reference: float, measurement: float, output: float, header: Header
 ) -> PidState:
     """Return what `pid` computed in its latest call."""
     return PidState(

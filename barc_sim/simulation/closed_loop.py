@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from barc_sim.control.driver import DriverInput
-    from barc_sim.control.pid import SpeedController
+    from barc_sim.control.controller import Controller
 
 
 def rollout(
     plant: Plant | None = None,
-    pid: SpeedController | None = None,
+    pid: Controller | None = None,
     *,
     speed_reference: float = SPEED_REFERENCE,
     distance: float = 180.0,

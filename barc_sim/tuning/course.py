@@ -17,7 +17,7 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation, Sensor
 
 if TYPE_CHECKING:
-    from barc_sim.control.pid import SpeedController
+    from barc_sim.control.controller import Controller
     from barc_sim.simulation.log import Log
 
 #: A loop that takes longer than this many times what it should counts as one that never arrives.
@@ -82,7 +82,7 @@ class Course:
         """The greatest number of steps, as `rollout` counts them."""
         return round(self.max_duration / self.ts)
 
-    def drive(self, pid: SpeedController) -> Log:
+    def drive(self, pid: Controller) -> Log:
         """Return the run of `pid` over the course, by `rollout`."""
         plant = Plant(
             road=self.road,

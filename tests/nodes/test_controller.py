@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
 
-    from barc_sim.control.pid import SpeedController
+    from barc_sim.control.controller import Controller
 
 MS = 1_000_000
 
@@ -44,7 +44,7 @@ class Bench:
         self,
         context: Context,
         spin_until: Callable[..., None],
-        pid: SpeedController | None = None,
+        pid: Controller | None = None,
         **parameters: float | bool,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
@@ -95,7 +95,7 @@ class Bench:
 def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
     made: list[Bench] = []
 
-    def make(pid: SpeedController | None = None, **parameters: float | bool) -> Bench:
+    def make(pid: Controller | None = None, **parameters: float | bool) -> Bench:
         made.append(Bench(ros, spin_until, pid, **parameters))
         return made[-1]
 

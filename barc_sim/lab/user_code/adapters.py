@@ -20,7 +20,7 @@ FOLDER = 'student/'
 
 
 class UserController:
-    """A user's class `PID` as a `SpeedController`: limited, and made anew where it is reset.
+    """A user's class `PID` as a `Controller`: limited, and made anew where it is reset.
 
     The terms are those of the user's object, NaN where it has no `proportional`, `integral` or
     `derivative`; `saturated` is true where it says so itself, too. Changed gains are set where it

@@ -1,0 +1,40 @@
+"""What a speed controller is: named gains, named terms, and a command for a measured speed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class Gain(NamedTuple):
+    """A number that tunes a controller."""
+
+    default: float
+    unit: str
+    meaning: str
+    slider: float  #: the page's slider goes from 0 to this value
+    between: tuple[float, float] = (0.0, 1e6)  #: what is allowed, ends included
+
+
+class Controller(Protocol):
+    """A speed controller, and the declaration of its gains and terms.
+
+    Parameters of the node `controller`, `--gain`, the page's sliders, the log's columns, the
+    messages in the bag and the plots follow from `gains` and `terms`. Each name in them is an
+    attribute of the controller, too: a gain may be set at any time, a term is that of the latest
+    call. `acc_calculate` keeps its output within `[output_min, output_max]`.
+    """
+
+    gains: Mapping[str, Gain]
+    terms: Mapping[str, str]  #: [m/s²] parts of the output: their meaning by name
+    output_min: float  #: [m/s²]
+    output_max: float  #: [m/s²]
+    saturated: bool  #: whether a limit cut the latest output
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+
+    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float, /) -> float:
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""

@@ -1,0 +1,20 @@
+"""The controllers that a run can be given by name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barc_sim.control.lqr import LQR
+from barc_sim.control.pid import PID
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from barc_sim.control.controller import Controller
+
+#: By the name that `--controller-type` and the parameter `controller_type` take.
+TYPES: Mapping[str, type[Controller]] = {
+    'pid': PID,
+    'lqr': LQR,
+}
+DEFAULT_TYPE = 'pid'
