@@ -10,12 +10,59 @@ from barc_sim.control.controller import Gain
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-#: The run's gains: on the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
+#: The run's gains. On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
 KP, KI, KD = 30.0, 200.0, 0.1
 SPEED_REFERENCE = 8.0
 ACCELERATION_LIMIT = 8.0
-#: [s] What a controller's first call is told as dt, which has no call before it: the lab's step.
+#: [s] dt of a controller's first call, which has no call before it: the lab's step.
 FIRST_DT = 0.02
+
+
+def pid_step(
+    reference: float,
+    measured: float,
+    previous: float,
+    integral: float,
+    dt: float,
+    kp: float,
+    ki: float,
+    kd: float,
+    low: float,
+    high: float,
+) -> tuple[float, float, float, float, bool]:
+    """Return output, P, I, D and whether the output is limited: one sample of the law of `PID`.
+
+    Parameters
+    ----------
+    reference, measured, previous
+        [m/s] wanted, measured and previously measured speed.
+    integral
+        [m/s²] I up to the previous sample.
+    dt
+        [s] since the previous sample; 0 for the first, to which `previous` does not matter.
+    kp, ki, kd, low, high
+        Gains, and limits of the output [m/s²].
+    """
+    error = reference - measured
+    proportional = kp * error
+    if dt > 0.0:
+        increment = ki * error * dt
+        derivative = -kd * (measured - previous) / dt
+    else:
+        increment = derivative = 0.0
+    output = proportional + integral + increment + derivative
+    saturated = False
+    if output > high:
+        output = high
+        saturated = True
+        if increment > 0.0:
+            increment = 0.0
+    elif output < low:
+        output = low
+        saturated = True
+        if increment < 0.0:
+            increment = 0.0
+    return output, proportional, integral + increment, derivative, saturated
 
 
 class PID:
@@ -25,19 +72,25 @@ class PID:
 
         u = kp e + I + D      I = Σ ki e dt      D = -kd Δmeasurement / dt
 
-    and the output is `u` cut to `[output_min, output_max]`.
+    and the output is `u` limited to `[output_min, output_max]`.
 
     - Anti-windup is by conditional integration ("clamping"; Åström and Hägglund, "Advanced PID
-      Control", 3.5): where the output is cut, the integral does not move further into the limit.
+      Control", 3.5): where the output is limited, the integral does not move further into the limit.
     - The derivative is that of the measurement, so that a changed reference does not kick, and the
       first sample, which has no predecessor, has no derivative and adds nothing to the integral.
-    - The integral is kept in units of the output: a changed `ki` counts from then on.
+    - The integral has the unit of the output: a changed `ki` applies from then on.
     - Where `dt` is not positive (two samples of one instant), I stands still and D is zero.
-    - A sample that is not finite leaves no trace: `u` follows it (NaN gives NaN), but I stands
-      still, and the next sample counts as the first.
+    - A sample that is not finite has no effect on later ones: `u` follows it (NaN gives NaN), but
+      I stands still, and the next sample counts as the first.
 
-    The gains and limits may be changed at any time; `proportional`, `integral`, `derivative` and
-    `saturated` tell of the latest call.
+    The arithmetic is `pid_step`. Gains and limits can be changed at any time.
+
+    Attributes
+    ----------
+    proportional, integral, derivative, saturated
+        [m/s²] the terms of the latest call, and whether its output was limited.
+    previous
+        [m/s] the latest measurement; None: the next call is the first.
     """
 
     gains: Mapping[str, Gain] = {
@@ -84,27 +137,29 @@ class PID:
         self.integral = 0.0
         self.derivative = 0.0
         self.saturated = False
-        self._previous: float | None = None
+        self.previous: float | None = None
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
         dt = self.dt if dt is None else dt
-        error = speed_reference - speed_current
-        self.proportional = self.kp * error
-        if self._previous is None or not dt > 0.0:
-            increment = self.derivative = 0.0
-        else:
-            increment = self.ki * error * dt
-            self.derivative = -self.kd * (speed_current - self._previous) / dt
-        self._previous = speed_current if isfinite(error) else None
-
-        wanted = self.proportional + self.integral + increment + self.derivative
-        output = min(max(wanted, self.output_min), self.output_max)
-        self.saturated = wanted < self.output_min or wanted > self.output_max
-        if (wanted - output) * increment <= 0.0:
-            self.integral += increment
+        previous, dt = (self.previous, dt) if self.previous is not None else (0.0, 0.0)
+        output, self.proportional, integral, self.derivative, self.saturated = pid_step(
+            speed_reference,
+            speed_current,
+            previous,
+            self.integral,
+            dt,
+            self.kp,
+            self.ki,
+            self.kd,
+            self.output_min,
+            self.output_max,
+        )
+        if isfinite(output):
+            self.integral = integral
+        self.previous = speed_current if isfinite(speed_reference - speed_current) else None
         return output
 
 

@@ -1,21 +1,25 @@
-"""The kinematic bicycle over hills: `bikeFE`, and records over the same arithmetic.
+"""The kinematic bicycle over hills: `bikeFE`, and the records of its arguments and results.
 
 The equations are those of the ME131 lab "Simulating kinematic models in ROS" (after Kong et al.,
 "Kinematic and dynamic vehicle models for autonomous driving control design", IV 2015, eq. 1),
 integrated with forward Euler. Positions run along the road's surface.
+
+The law of resistance, air drag and rolling friction, is `resistance`; `forces` gives its two parts
+for the log. `next_speed` is one step of the longitudinal motion. `tuning/batch.py` has both once
+more, for arrays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import atan, copysign, cos, sin, tan
+from math import atan, cos, sin, tan
 from typing import NamedTuple
 
 L_F = 1.5
 L_R = 1.5
 GRAVITY = 9.8
 
-#: What is called as `bikeFE` is, and returns x, y, psi and v of the next step.
+#: A function with the arguments and the result of `bikeFE`.
 Model = Callable[..., Sequence[float]]
 
 
@@ -47,7 +51,7 @@ class Input(NamedTuple):
 
 
 class Forces(NamedTuple):
-    """What the road and the air do to the vehicle, positive forwards; their sum is F_ext."""
+    """The external forces on the vehicle, positive forwards; their sum is F_ext."""
 
     friction: float  #: [N]
     drag: float  #: [N]
@@ -55,7 +59,7 @@ class Forces(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The state as `z_vhcl` tells it: velocities in the vehicle's frame."""
+    """The state as `z_vhcl` carries it: velocities in the vehicle's frame."""
 
     x: float  #: [m]
     y: float  #: [m]
@@ -68,6 +72,51 @@ class Motion(NamedTuple):
 def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
     """Return β [rad], the angle from the vehicle's axis to its velocity, for steering `d_f`."""
     return atan(l_r / (l_f + l_r) * tan(d_f))
+
+
+def resistance(v: float, drag: float, friction: float) -> float:
+    """Return how much air drag and rolling friction brake [N] at speed `v` [m/s]."""
+    return drag * v * v + friction
+
+
+def stopped(v: float, after: float, free: float) -> float:
+    """Return the speed after a step in which the speed `v` passes through zero.
+
+    Resistance slows the vehicle to a standstill and never pushes it backwards: the next speed is
+    zero, or `free` where the step without resistance passes through zero, too.
+
+    Parameters
+    ----------
+    v, after
+        [m/s] speed before and after the step, of opposite signs.
+    free
+        [m/s] speed after the step without resistance.
+    """
+    return max(after, min(free, 0.0)) if v > 0.0 else min(after, max(free, 0.0))
+
+
+def next_speed(
+    v: float, a: float, push: float, drag: float, friction: float, mass: float, ts: float
+) -> float:
+    """Return the speed [m/s] one forward-Euler step of `ts` seconds after `v`.
+
+    Parameters
+    ----------
+    v, a
+        [m/s], [m/s²] speed and commanded acceleration.
+    push
+        [N] gravity along the road, positive forwards.
+    drag, friction, mass
+        [N s²/m²], [N], [kg] as in `Vehicle`.
+    """
+    opposing = resistance(v, drag, friction)
+    if v <= 0.0:
+        opposing = -opposing if v < 0.0 else 0.0
+    after = v + ts * (a + (push - opposing) / mass)
+    if after < 0.0 < v or v < 0.0 < after:
+        free = v + ts * (a + push / mass)
+        after = stopped(v, after, free)
+    return after
 
 
 def bikeFE(  # noqa: N802 (the lab's name)
@@ -89,9 +138,7 @@ def bikeFE(  # noqa: N802 (the lab's name)
 ) -> list[float]:
     """Return `[x, y, psi, v]` one forward-Euler step of `ts` seconds later.
 
-    Resistance slows the vehicle to a standstill and never pushes it backwards: in a step that
-    passes through zero speed, the next speed is zero, or what command and gravity alone make of
-    it where they pass through zero, too.
+    The speed follows `next_speed`: resistance never pushes the vehicle backwards.
 
     Parameters
     ----------
@@ -121,20 +168,11 @@ def bikeFE(  # noqa: N802 (the lab's name)
         [m/s²] gravity.
     """
     beta = slip_angle(d_f, l_f, l_r)
-    resistance = a0 * v * v + Ff
-    push = -m * g * sin(theta)
-    f_ext = push - copysign(resistance, v) if v else push
-    v_next = v + ts * (a + f_ext / m)
-    v_unresisted = v + ts * (a + push / m)
-    if v > 0.0:
-        v_next = max(v_next, min(v_unresisted, 0.0))
-    elif v < 0.0:
-        v_next = min(v_next, max(v_unresisted, 0.0))
     return [
         x + ts * v * cos(psi + beta),
         y + ts * v * sin(psi + beta),
         psi + ts * v / l_r * sin(beta),
-        v_next,
+        next_speed(v, a, -m * g * sin(theta), a0, Ff, m, ts),
     ]
 
 
@@ -163,7 +201,7 @@ def step(
 
 
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
-    """Return the velocities in the vehicle's frame while it is steered by `servo` [rad]."""
+    """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
     return Motion(
         x=state.x,
@@ -176,8 +214,11 @@ def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
 
 
 def forces(v: float, theta: float, vehicle: Vehicle) -> Forces:
-    """Return the forces at speed `v` [m/s] on an incline of `theta` [rad]."""
-    direction = copysign(1.0, v) if v else 0.0
+    """Return the forces at speed `v` [m/s] on an incline of `theta` [rad].
+
+    With an array of speeds, friction and drag are arrays.
+    """
+    direction = (v > 0.0) * 1.0 - (v < 0.0)
     return Forces(
         friction=-vehicle.friction * direction,
         drag=-vehicle.air_drag_coeff * v * v * direction,

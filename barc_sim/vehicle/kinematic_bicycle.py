@@ -13,8 +13,10 @@ from barc_sim.vehicle.bike_model import (
     Vehicle,
     bikeFE,
     motion,
+    resistance,
     slip_angle,
     step,
+    stopped,
 )
 from barc_sim.vehicle.integrators import integrator as named
 
@@ -30,12 +32,12 @@ if TYPE_CHECKING:
 def along_the_road(
     v: float, motor: float, theta: float, vehicle: Vehicle, direction: float
 ) -> float:
-    """Return what motor, road and air make of it, dv/dt [m/s²], on an incline of `theta` [rad].
+    """Return dv/dt [m/s²] at speed `v` [m/s] on an incline of `theta` [rad].
 
-    `direction` is the sign of the motion that the resistance opposes; 0: there is none.
+    `direction` is the sign of the motion that the resistance opposes; 0: no resistance.
     """
-    resistance = vehicle.air_drag_coeff * v * v + vehicle.friction
-    return motor - vehicle.gravity * sin(theta) - direction * resistance / vehicle.mass
+    opposing = direction * resistance(v, vehicle.air_drag_coeff, vehicle.friction)
+    return motor - vehicle.gravity * sin(theta) - opposing / vehicle.mass
 
 
 def direction_of(v: float) -> float:
@@ -43,17 +45,12 @@ def direction_of(v: float) -> float:
     return copysign(1.0, v) if v else 0.0
 
 
-def resisted(v: float, v_next: float, unresisted: Callable[[], float]) -> float:
-    """Return the speed after a step from `v`, by `bikeFE`'s rule where it passes through zero.
+def resisted(v: float, after: float, free: Callable[[], float]) -> float:
+    """Return the speed after a step from `v` to `after`, by the rule of `stopped`.
 
-    Resistance does not push the car backwards: `v_next` is what it would make of the speed,
-    `unresisted` returns what the step without it does.
+    `free` makes the step without resistance; it is called only where the speed changes its sign.
     """
-    if v_next < 0.0 < v:
-        return max(v_next, min(unresisted(), 0.0))
-    if v < 0.0 < v_next:
-        return min(v_next, max(unresisted(), 0.0))
-    return v_next
+    return stopped(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
 
 
 class KinematicBicycle:
@@ -65,7 +62,7 @@ class KinematicBicycle:
         Raises
         ------
         UserError
-            where there is none of that name, or it is to integrate what makes its own steps.
+            where there is none of that name, or `model` comes with another than 'euler'.
         """
         self._integrator = named(integrator)
         self._model = model if integrator == 'euler' else None
@@ -88,7 +85,7 @@ class KinematicBicycle:
         return found._replace(v=resisted(state.v, found.v, lambda: after(0.0).v))
 
     def forget(self) -> None:
-        """Begin anew from any state; what the step needs is all in it."""
+        """Do nothing: a step depends on the state alone."""
 
     #: `bike_model.motion`: the velocities follow from state and steering alone.
     motion = staticmethod(motion)
