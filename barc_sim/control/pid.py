@@ -55,13 +55,11 @@ def pid_step(
     if output > high:
         output = high
         saturated = True
-        if increment > 0.0:
-            increment = 0.0
+        increment = min(increment, 0.0)
     elif output < low:
         output = low
         saturated = True
-        if increment < 0.0:
-            increment = 0.0
+        increment = max(increment, 0.0)
     return output, proportional, integral + increment, derivative, saturated
 
 
@@ -75,7 +73,8 @@ class PID:
     and the output is `u` limited to `[output_min, output_max]`.
 
     - Anti-windup is by conditional integration ("clamping"; Åström and Hägglund, "Advanced PID
-      Control", 3.5): where the output is limited, the integral does not move further into the limit.
+      Control", 3.5): where the output is limited, the integral does not move further into
+      the limit.
     - The derivative is that of the measurement, so that a changed reference does not kick, and the
       first sample, which has no predecessor, has no derivative and adds nothing to the integral.
     - The integral has the unit of the output: a changed `ki` applies from then on.

@@ -18,8 +18,8 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from barc_sim.control.driver import DriverInput
     from barc_sim.control.controller import Controller
+    from barc_sim.control.driver import DriverInput
 
 
 def rollout(

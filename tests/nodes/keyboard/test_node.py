@@ -198,7 +198,9 @@ def test_closing_its_terminal_brakes_where_it_runs_alone(
 ) -> None:
     heard: list[DriverInput] = []
     peer = Node('peer', context=ros)
-    peer.create_subscription(Twist, 'cmd_vel', lambda t: heard.append(to_driver_input(t)), names.QOS)
+    peer.create_subscription(
+        Twist, 'cmd_vel', lambda t: heard.append(to_driver_input(t)), names.QOS
+    )
     executor = SingleThreadedExecutor(context=ros)
     executor.add_node(peer)
     user, fd = pty.openpty()
