@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.option_types import number, whole
 from barc_sim.cli.parser import Parser, call
 from barc_sim.cli.signals import StopSignals
-from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
+from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.lab.user_code.loading import FILES
 from barc_sim.nodes.mirrors.options import add_mirror_options
 from barc_sim.nodes.recorder import options as recorder_options
@@ -31,7 +32,6 @@ _EPILOG = (
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
 _MAX_SPEED = 100.0
-_MAX_GAIN = 1e6
 _MAX_DISTANCE = 1e6
 _MAX_FACTOR = 1000.0
 _MAX_SEED = 2**53
@@ -94,10 +94,21 @@ def _add_acc(modes: argparse._SubParsersAction[Parser]) -> None:
         metavar='M/S',
         help=f'speed to hold ({SPEED_REFERENCE:g})',
     )
-    for gain, default in (('kp', KP), ('ki', KI), ('kd', KD)):
+    mode.add_argument(
+        '--controller-type', choices=tuple(TYPES), help=f'what holds the speed ({DEFAULT_TYPE})'
+    )
+    for name, gain in PID.gains.items():
         mode.add_argument(
-            f'--{gain}', type=number(0.0, _MAX_GAIN), metavar='GAIN', help=f'({default:g})'
+            f'--{name}', type=number(*gain.between), metavar='GAIN', help=f'({gain.default:g})'
         )
+    mode.add_argument(
+        '--gain',
+        type=_gain,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'a gain of the controller; may be repeated ({"; ".join(map(_gains_of, TYPES))})',
+    )
     mode.add_argument(
         '--distance',
         type=number(0.0, _MAX_DISTANCE),
@@ -205,6 +216,20 @@ def _add_common(mode: Parser) -> None:
     )
     add_mirror_options(mode)
     recorder_options.add_arguments(mode)
+
+
+def _gain(text: str) -> tuple[str, float]:
+    """Return name and value of a gain."""
+    name, _, value = text.partition('=')
+    if name not in GAINS:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is no gain: expected NAME=VALUE with a name of {", ".join(GAINS)}'
+        )
+    return name, number(*GAINS[name].between)(value)
+
+
+def _gains_of(controller: str) -> str:
+    return f'{controller}: {", ".join(TYPES[controller].gains)}'
 
 
 def _factor(text: str) -> float:

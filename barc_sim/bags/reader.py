@@ -13,8 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.directory import METADATA_NAME
 from barc_sim.bags.records import files, records
-from barc_sim.bags.samples import STATE, TOPICS, Sample, join
+from barc_sim.bags.samples import TOPICS, Sample, join
 from barc_sim.errors import UserError
+from barc_sim.simulation.log import COLUMNS, CONTROLLER_STATE, MESSAGE_TYPES, PID_STATE, STATE
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
@@ -114,7 +115,7 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     if not cars:
         whose = 'of a car' if wanted is None else f'of the car {wanted}'
         raise UserError(
-            f'{str(path)!r} has no states {whose} (topic {STATE} of type {TOPICS[STATE].type}): '
+            f'{str(path)!r} has no states {whose} (topic {STATE} of type {MESSAGE_TYPES[STATE]}): '
             'name the bag of a run'
         )
     if len(cars) > 1:
@@ -147,7 +148,8 @@ class _Decoder:
             elif isinstance(record, Channel):
                 self._add(record)
             elif isinstance(record, Message) and record.channel_id in self._channels:
-                return (*self._channels[record.channel_id], self._sample(record))
+                namespace, _ = self._channels[record.channel_id]
+                return (namespace, *self._sample(record))
         except Exception:  # noqa: BLE001 (damage may raise anything)
             self.meaningless += 1
         return None
@@ -156,17 +158,24 @@ class _Decoder:
         namespace, _, topic = channel.topic.rpartition('/')
         schema = self._schemas.get(channel.schema_id)
         self._channels.pop(channel.id, None)
-        if schema and topic in TOPICS and schema.name == TOPICS[topic].type:
+        if schema and schema.name == MESSAGE_TYPES.get(topic):
             self._types.register(get_types_from_msg(schema.data.decode(), schema.name))
             self._channels[channel.id] = namespace or '/', topic
 
-    def _sample(self, message: Message) -> Sample:
+    def _sample(self, message: Message) -> tuple[str, Sample]:
         _, topic = self._channels[message.channel_id]
-        decoded: Any = self._types.deserialize_cdr(message.data, TOPICS[topic].type)
+        decoded: Any = self._types.deserialize_cdr(message.data, MESSAGE_TYPES[topic])
         stamp = decoded.header.stamp
+        terms: tuple[tuple[str, float], ...] = ()
+        if topic == CONTROLLER_STATE:
+            # As `pid_state`, with terms of its own in place of the PID's.
+            topic = PID_STATE
+            named = zip(decoded.names, decoded.values.tolist(), strict=True)
+            terms = tuple((name, value) for name, value in named if name not in COLUMNS)
         # A bag of an earlier version may lack a field.
         values = tuple(getattr(decoded, field, np.nan) for field in TOPICS[topic].fields)
-        return Sample(stamp.sec * 10**9 + stamp.nanosec, message.publish_time, values)
+        time = stamp.sec * 10**9 + stamp.nanosec
+        return topic, Sample(time, message.publish_time, values, terms)
 
 
 def _samples(path: Path) -> dict[str, dict[str, list[Sample]]]:

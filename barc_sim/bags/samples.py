@@ -8,44 +8,26 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.simulation.log import Log
+from barc_sim.simulation.log import COMMAND, MESSAGE_TYPES, PID_STATE, STATE, Log, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-STATE = 'z_vhcl'
-_COMMAND = 'ecu'
-
 
 class Topic(NamedTuple):
     """A topic that a log is made of."""
 
     type: str
-    fields: dict[str, str]  #: the log's field for each that is taken from the message
-
-
-def _named(*names: str, prefix: str = '') -> dict[str, str]:
-    return {name: prefix + name for name in names}
+    fields: dict[str, str]  #: the log's column for each field that is taken from the message
 
 
 #: By name, without namespace.
 TOPICS = {
-    STATE: Topic('barc_interfaces/msg/ZDynBkMdl', _named('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot')),
-    'ez_vhcl': Topic(
-        'barc_interfaces/msg/EZDynBkMdl',
-        _named('s', 'ey', 'epsi', 'v_x', 'v_y', 'psi_dot', prefix='e_'),
-    ),
-    _COMMAND: Topic('barc_interfaces/msg/ECU', _named('motor', 'servo')),
-    'environment': Topic(
-        'barc_interfaces/msg/Environment',
-        {'theta': 'theta_deg'} | _named('elevation', 'friction', 'drag', 'gravity'),
-    ),
-    'pid_state': Topic(
-        'barc_interfaces/msg/PidState',
-        _named('reference', 'proportional', 'integral', 'derivative', 'saturated'),
-    ),
+    topic: Topic(kind, columns)
+    for topic, kind in MESSAGE_TYPES.items()
+    if (columns := columns_of(topic))
 }
 
 
@@ -55,6 +37,7 @@ class Sample(NamedTuple):
     stamp: int  #: [ns] in its header
     published: int  #: [ns]
     values: tuple[float, ...]  #: in the order of the topic's `fields`
+    terms: tuple[tuple[str, float], ...] = ()  #: those that the message names by itself
 
 
 def join(samples: Mapping[str, Sequence[Sample]]) -> Log:
@@ -66,8 +49,8 @@ def join(samples: Mapping[str, Sequence[Sample]]) -> Log:
     """
     first = {topic: _first(samples.get(topic, ())) for topic in TOPICS}
     states = [state for _, state in sorted(first[STATE].items())]
-    held, missed = _commands(samples.get(_COMMAND, ()), states)
-    first[_COMMAND] |= {k: sample for k, sample in held.items() if k not in first[_COMMAND]}
+    held, missed = _commands(samples.get(COMMAND, ()), states)
+    first[COMMAND] |= {k: sample for k, sample in held.items() if k not in first[COMMAND]}
 
     since_first = np.array([state.stamp - states[0].stamp for state in states])
     columns: dict[str, NDArray[np.float64]] = {'t': since_first / 1e9}
@@ -76,7 +59,15 @@ def join(samples: Mapping[str, Sequence[Sample]]) -> Log:
         rows = [first[topic].get(state.stamp, missing).values for state in states]
         columns |= zip(fields.values(), np.array(rows, dtype=np.float64).T, strict=True)
     saturated = columns.pop('saturated') == 1.0
-    return Log(**columns, saturated=saturated, missed=missed)
+    terms = _terms([first[PID_STATE].get(state.stamp) for state in states])
+    return Log(**columns, saturated=saturated, missed=missed, own_terms=terms)
+
+
+def _terms(samples: Sequence[Sample | None]) -> dict[str, NDArray[np.float64]]:
+    """Return what the samples of each state name by themselves; NaN where one does not."""
+    told = [dict(sample.terms) if sample else {} for sample in samples]
+    names = dict.fromkeys(name for terms in told for name in terms)
+    return {name: np.array([terms.get(name, np.nan) for terms in told]) for name in names}
 
 
 def _first(samples: Iterable[Sample]) -> dict[int, Sample]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import Parser, call
+from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def draw(options: Namespace) -> None:
 
 def settings(info: Mapping[str, str]) -> str:
     """Return in a line what a run's metadata tells of its road and gains."""
-    return ' · '.join(f'{key} {info[key]}' for key in ('road', 'kp', 'ki', 'kd') if key in info)
+    return ' · '.join(f'{key} {info[key]}' for key in ('road', *GAINS) if key in info)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

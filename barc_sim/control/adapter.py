@@ -96,7 +96,7 @@ class Adapter:
         for name in self.terms:
             self.__dict__[name] = self._tell(name)
         self.saturated = output != wanted or self._tell('saturated') == 1.0
-        return output
+        return float(output)
 
     def _values(self) -> dict[str, float]:
         return {name: self.__dict__[name] for name in self.gains}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
 SIZE = (9.6, 7.2)  #: [inch]
+_TERM_COLORS = (BLUE, GREEN, VERMILLION, SKY)
 
 
 @style.context(LOOK)
@@ -71,6 +73,27 @@ def speed_figure(
     speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=3, borderaxespad=0.0)
     figure.align_ylabels()
     figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
+    return figure
+
+
+@style.context(LOOK)
+def terms_figure(log: Log) -> Figure | None:
+    """Draw the controller's terms against the position along the road; None if none is known."""
+    if all(np.isnan(values).all() for values in log.terms.values()):
+        return None
+    figure = Figure(figsize=(9.6, 3.6), layout='constrained')
+    axes = figure.subplots()
+    axes.step(log.distance, log.motor, where='post', color=INK, lw=1.0, ls=DASHES, label='command')
+    for (name, values), color in zip(log.terms.items(), cycle(_TERM_COLORS), strict=False):
+        axes.step(log.distance, values, where='post', color=color, lw=1.4, label=name)
+    # The first moments, at full throttle, would leave nothing to see of the rest.
+    low, high = limits(log.motor, share=0.5, least=1.0)
+    axes.set(xlim=limits(log.distance, share=0.01, least=0.5), ylim=(low, high))
+    axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set_xlabel('Position along the road [m]')
+    axes.set_ylabel('Acceleration [m/s²]')
+    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
     return figure
 
 

@@ -12,17 +12,18 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
-from barc_sim.control.pid import (
-    ACCELERATION_LIMIT,
-    FIRST_DT,
-    KD,
-    KI,
-    KP,
-    SPEED_REFERENCE,
-    speed_controller,
-)
+from barc_sim.control.adapter import as_controller
+from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, SPEED_REFERENCE
+from barc_sim.control.types import DEFAULT_TYPE, TYPES
+from barc_sim.errors import UserError
 from barc_sim.ros import names
-from barc_sim.ros.conversions import NANOSECONDS, to_ecu, to_nanoseconds, to_pid_state
+from barc_sim.ros.conversions import (
+    NANOSECONDS,
+    controller_state_type,
+    to_controller_state,
+    to_ecu,
+    to_nanoseconds,
+)
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
@@ -38,10 +39,10 @@ if TYPE_CHECKING:
 
 _SPEEDS = (-100.0, 100.0)  #: [m/s]
 _FASTEST = 1e6  #: [m/s] A state beyond is none.
+_TYPE = Parameter(
+    'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
+)
 _PARAMETERS = [
-    Parameter('kp', KP, 'proportional gain [1/s]', (0.0, 1e6)),
-    Parameter('ki', KI, 'integral gain [1/s²]', (0.0, 1e6)),
-    Parameter('kd', KD, 'derivative gain [-]', (0.0, 1e6)),
     Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', _SPEEDS),
     Parameter(
         'acceleration_limit',
@@ -67,21 +68,33 @@ class CruiseController(Node):
     def __init__(
         self,
         *,
-        pid: Controller | None = None,
+        controller: Controller | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Declare the parameters and wait for states; `pid` takes the place of barc_sim's own.
+        """Declare the parameters and wait for states.
+
+        `controller` takes the place of the one that the parameter `controller_type` names; anything
+        with the lab's `acc_calculate` will do.
 
         Raises
         ------
         UserError
-            where a parameter is out of range, or `pid` can't be had with them.
+            where a parameter is out of range, or `controller` cannot work with them.
         """
         super().__init__('controller', **options)
-        self._pid: Controller = pid or speed_controller()
-        self._values = declare(self, _PARAMETERS)
+        self._controller = self._new() if controller is None else as_controller(controller)
+        gains = [
+            Parameter(
+                name,
+                float(getattr(self._controller, name)),
+                f'{gain.meaning} [{gain.unit}]',
+                gain.between,
+            )
+            for name, gain in self._controller.gains.items()
+        ]
+        self._values = declare(self, [*gains, *_PARAMETERS])
         self._apply()
-        self._pid.reset()
+        self._controller.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
         self._previous: int | None = None
         self._refusals = RefusedInput(self)
@@ -90,7 +103,9 @@ class CruiseController(Node):
         self._error: EZDynBkMdl | None = None
 
         self._ecu_pub = publisher(self, ECU, names.ECU)
-        self._pid_state_pub = publisher(self, PidState, names.PID_STATE)
+        state_type = controller_state_type(self._controller)
+        topic = names.PID_STATE if state_type is PidState else names.CONTROLLER_STATE
+        self._controller_state_pub = publisher(self, state_type, topic)
         group = QuickCallbackGroup()
         for kind, topic, callback in (
             (EZDynBkMdl, names.STATE_ERROR, self._on_state_error),
@@ -106,6 +121,22 @@ class CruiseController(Node):
             qos=names.QOS_NEWEST,
         )
         self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset, callback_group=group)
+
+    def _new(self) -> Controller:
+        """Return a controller of the type that the parameter names.
+
+        Raises
+        ------
+        UserError
+            where there is no such type.
+        """
+        name = declare(self, [_TYPE])['controller_type']
+        if name not in TYPES:
+            raise UserError(
+                f'parameter controller_type of {self.get_name()} is {name!r}: expected '
+                f'{" or ".join(TYPES)}'
+            )
+        return TYPES[name]()
 
     def _on_speed_reference(self, message: Float64) -> None:
         low, high = _SPEEDS
@@ -133,13 +164,14 @@ class CruiseController(Node):
         self._apply()
 
     def _apply(self) -> None:
-        pid, values = self._pid, self._values
-        pid.kp, pid.ki, pid.kd = values['kp'], values['ki'], values['kd']
-        pid.output_max = values['acceleration_limit']
-        pid.output_min = -pid.output_max
+        controller, values = self._controller, self._values
+        for name in controller.gains:
+            setattr(controller, name, values[name])
+        controller.output_max = values['acceleration_limit']
+        controller.output_min = -controller.output_max
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._pid.reset()
+        self._controller.reset()
         self._previous = self._state = self._error = None
         response.success, response.message = True, 'as at the start'
         self.get_logger().debug('reset')
@@ -174,16 +206,18 @@ class CruiseController(Node):
             dt = (stamp - self._previous) / NANOSECONDS
             if dt < 0.0:
                 back = -dt
-                self._gone_back.warn(lambda: f'time has gone back by {back:g} s: the PID is reset')
-                self._pid.reset()
+                self._gone_back.warn(
+                    lambda: f'time went back by {back:g} s: the controller is reset'
+                )
+                self._controller.reset()
                 dt = FIRST_DT
         self._previous = stamp
 
         reference = self.speed_reference
-        acceleration = self._pid.acc_calculate(reference, speed, dt)
+        acceleration = self._controller.acc_calculate(reference, speed, dt)
         self._ecu_pub.publish(to_ecu(Input(motor=acceleration), state.header))
-        self._pid_state_pub.publish(
-            to_pid_state(self._pid, reference, speed, acceleration, state.header)
+        self._controller_state_pub.publish(
+            to_controller_state(self._controller, reference, speed, acceleration, state.header)
         )
 
 

@@ -6,27 +6,51 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from barc_sim.control.pid import PID
+from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import COLUMNS, TUNABLE
+from barc_sim.page.protocol import COLUMNS, REFERENCE
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from barc_sim.control.controller import Controller, Gain
     from barc_sim.simulation.log import Log
 
 SIMULATOR = ('road', 'l_f', 'l_r')  #: parameters of `vehicle_simulator` that the page shows
 
 
-def facts(mode: str, simulator: Mapping[str, Any], controller: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of the greeting; parameters that are not known yet are left out."""
+def facts(
+    mode: str,
+    simulator: Mapping[str, Any],
+    controller: Mapping[str, Any],
+    kind: type[Controller] = PID,
+) -> dict[str, Any]:
+    """Return the fields of the greeting; parameters that are not known yet are left out.
+
+    `kind` declares the controller's gains, a slider each, and the terms to draw.
+    """
+    sliders = {**kind.gains, 'speed_reference': REFERENCE}
     return {
         'mode': mode,
         'columns': COLUMNS,
         'road': _road(simulator.get('road')),
         'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
-        'tuning': {name: controller[name] for name in TUNABLE if name in controller},
+        'terms': list(kind.terms),
+        'sliders': {
+            name: {'label': _label(name, gain), 'max': gain.slider}
+            for name, gain in sliders.items()
+        },
+        'tuning': {name: controller[name] for name in sliders if name in controller},
     }
+
+
+def _label(name: str, gain: Gain) -> str:
+    """Return a slider's label, as in `Proportional gain, kp [1/s]`."""
+    unit = '' if gain.unit == '-' else f' [{gain.unit}]'
+    symbol = f', {name}' if name in GAINS else ''
+    return f'{gain.meaning.capitalize()}{symbol}{unit}'
 
 
 def road_facts(road: Road) -> dict[str, list[float]]:

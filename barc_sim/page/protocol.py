@@ -9,7 +9,16 @@ from __future__ import annotations
 import json
 from typing import Any, NamedTuple, NoReturn
 
-#: What a row says of a state; the truth where the measurement's error is known.
+from barc_sim.control.controller import Gain
+from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.types import GAINS, TERMS
+from barc_sim.simulation.log import COMMAND, ENVIRONMENT, PID_STATE, columns_of
+
+#: The topics whose columns a row has as they are.
+TOPICS = (ENVIRONMENT, COMMAND, PID_STATE)
+#: The terms of controllers that are no PID.
+OTHER_TERMS = tuple(name for name in TERMS if name not in PID.terms)
+#: A row's values: the true state, where the measurement's error is known, then columns of the log.
 COLUMNS = (
     't',  # [s] since the first state
     'x',  # [m] along the road's surface
@@ -17,17 +26,13 @@ COLUMNS = (
     'psi',  # [rad] heading
     'speed',  # [m/s] along the vehicle
     'measured_speed',  # [m/s]
-    'theta_deg',  # [deg] incline
-    'elevation',  # [m]
-    'motor',  # [m/s²] the command
-    'servo',  # [rad]
-    'reference',  # [m/s]
-    'proportional',  # [m/s²] the controller's three terms
-    'integral',
-    'derivative',
+    *(name for topic in TOPICS for name in columns_of(topic).values()),
+    *OTHER_TERMS,
 )
-#: The controller's parameters that the page may set.
-TUNABLE = ('kp', 'ki', 'kd', 'speed_reference')
+#: The speed to hold, as a slider has it.
+REFERENCE = Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0)
+#: The parameters of any controller that the page may set.
+TUNABLE = (*GAINS, 'speed_reference')
 
 
 class Malformed(ValueError):  # noqa: N818 (it says what the message is)

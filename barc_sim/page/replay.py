@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.page.facts import driven_road, facts, road_facts
 from barc_sim.page.options import open_page
 from barc_sim.page.protocol import say
-from barc_sim.page.rows import rows_of
+from barc_sim.page.rows import columns_in, rows_of
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
@@ -31,7 +31,12 @@ class Replay:
         mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
         self._hello = say(
             'hello',
-            **{**facts(mode, {}, {}), 'road': road and road_facts(road)},
+            **{
+                **facts(mode, {}, {}),
+                'road': road and road_facts(road),
+                'columns': columns_in(log),
+                'terms': list(log.terms),
+            },
             replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
         )
         self._rows = rows_of(log)

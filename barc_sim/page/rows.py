@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.figures.style import as_known
-from barc_sim.page.protocol import COLUMNS
+from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
+from barc_sim.simulation.log import PID_STATE, STATE_ERROR, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -22,11 +23,11 @@ if TYPE_CHECKING:
 
 #: What is taken of each topic that goes with a state, and what holds until it is first heard.
 FIELDS: dict[str, dict[str, float]] = {
-    'ez_vhcl': dict.fromkeys(('s', 'ey', 'epsi', 'v_x'), 0.0),
-    'environment': dict.fromkeys(('theta', 'elevation'), nan),
-    'ecu': dict.fromkeys(('motor', 'servo'), nan),
-    'pid_state': dict.fromkeys(('reference', 'proportional', 'integral', 'derivative'), nan),
+    STATE_ERROR: dict.fromkeys(('s', 'ey', 'epsi', 'v_x'), 0.0),
+    **{topic: dict.fromkeys(columns_of(topic), nan) for topic in TOPICS},
 }
+# What `controller_state` holds beyond the fields of `pid_state`.
+FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
 STATE_FIELDS = ('x', 'y', 'psi', 'v_x')
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that a page is sent when it opens: a minute
@@ -67,7 +68,7 @@ class Rows:
             while waiting and waiting[0][0] <= stamp:
                 self._latest[topic] = waiting.popleft()[1]
         x, y, psi, v_x = values
-        s, ey, epsi, e_v_x = self._latest['ez_vhcl']
+        s, ey, epsi, e_v_x = self._latest[STATE_ERROR]
         heading = psi - epsi
         return _ROW.pack(
             (stamp - self._first) / 1e9,
@@ -76,9 +77,7 @@ class Rows:
             heading,
             v_x - e_v_x,
             v_x,
-            *self._latest['environment'],
-            *self._latest['ecu'],
-            *self._latest['pid_state'],
+            *(value for topic in TOPICS for value in self._latest[topic]),
         )
 
 
@@ -86,13 +85,19 @@ def rows_of(log: Log) -> bytes:
     """Return a whole run's rows."""
     known = as_known(log)
     heading = known.psi - known.e_epsi
-    columns = {
+    columns = known.columns() | {
         't': known.t,
         'x': known.distance,
         'y': known.y - (known.e_s * np.sin(heading) + known.e_ey * np.cos(heading)),
         'psi': heading,
         'speed': known.speed,
         'measured_speed': known.v_x,
-        **{name: getattr(known, name) for name in COLUMNS[6:]},
     }
-    return np.column_stack([columns[name] for name in COLUMNS]).astype('<f8').tobytes()
+    absent = np.full(len(log), nan)
+    rows = [columns.get(name, absent) for name in columns_in(log)]
+    return np.column_stack(rows).astype('<f8').tobytes()
+
+
+def columns_in(log: Log) -> tuple[str, ...]:
+    """Return the names of the values in a row of `rows_of(log)`."""
+    return (*COLUMNS, *(name for name in log.terms if name not in COLUMNS))

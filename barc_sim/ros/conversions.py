@@ -5,12 +5,13 @@ from __future__ import annotations
 from math import atan2
 from typing import TYPE_CHECKING
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
 from barc_sim.control.driver import DriverInput
+from barc_sim.control.pid import PID
 from barc_sim.vehicle.bike_model import Input, State
 
 if TYPE_CHECKING:
@@ -97,18 +98,25 @@ def to_twist(request: DriverInput) -> Twist:
     )
 
 
-def to_pid_state(
-    pid: Controller, reference: float, measurement: float, output: float, header: Header
-) -> PidState:
-    """Return what `pid` computed in its latest call."""
-    return PidState(
-        header=header,
-        reference=reference,
-        measurement=measurement,
-        error=reference - measurement,
-        proportional=pid.proportional,
-        integral=pid.integral,
-        derivative=pid.derivative,
-        output=output,
-        saturated=pid.saturated,
-    )
+def controller_state_type(controller: Controller) -> type[PidState | ControllerState]:
+    """Return the type of the message for what `controller` computes: PIDs have one of their own."""
+    is_pid = controller.terms.keys() == PID.terms.keys()
+    return PidState if is_pid else ControllerState  # type: ignore[no-any-return]
+
+
+def to_controller_state(
+    controller: Controller, reference: float, measurement: float, output: float, header: Header
+) -> PidState | ControllerState:
+    """Return what `controller` computed in its latest call."""
+    terms = {name: getattr(controller, name) for name in controller.terms}
+    fields = {
+        'header': header,
+        'reference': reference,
+        'measurement': measurement,
+        'error': reference - measurement,
+        'output': output,
+        'saturated': controller.saturated,
+    }
+    if controller_state_type(controller) is PidState:
+        return PidState(**fields, **terms)
+    return ControllerState(**fields, names=list(terms), values=list(terms.values()))

@@ -2,11 +2,11 @@
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-ECU = 'ecu'
-STATE = 'z_vhcl'
-STATE_ERROR = 'ez_vhcl'
-ENVIRONMENT = 'environment'
-PID_STATE = 'pid_state'
+from barc_sim.simulation.log import COMMAND as ECU
+from barc_sim.simulation.log import CONTROLLER_STATE, ENVIRONMENT, PID_STATE, STATE, STATE_ERROR
+
+__all__ = ['CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
+
 CMD_VEL = 'cmd_vel'
 SPEED_REFERENCE = 'speed_reference'
 INITIAL_POSE = 'initialpose'

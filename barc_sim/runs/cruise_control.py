@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.control.pid import SPEED_REFERENCE
+from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
@@ -53,8 +54,13 @@ class CruiseControl(Run):
         Raises
         ------
         UserError
-            where a controller is left out that is to be told something.
+            where an option is for a controller that the run does not have.
         """
+        if options.controller_type and self.user_code.controller:
+            raise UserError(
+                f"--controller-type {options.controller_type} names a controller of barc_sim's, "
+                'and --lab or --controller gives another: give one of the two only'
+            )
         if options.no_controller:
             _check_that_none_is_told(options)
         namespaces = [f'car{number + 1}' for number in range(options.cars)]
@@ -100,12 +106,14 @@ class CruiseControl(Run):
             return lambda: speed
         controller: CruiseController = self.add(
             CruiseController(
-                pid=UserController(self.user_code.controller)
+                controller=UserController(self.user_code.controller)
                 if self.user_code.controller
                 else None,
                 namespace=namespace,
                 parameter_overrides=overrides(
-                    speed_reference=options.speed, kp=options.kp, ki=options.ki, kd=options.kd
+                    speed_reference=options.speed,
+                    controller_type=options.controller_type,
+                    **_gains(options),
                 ),
             )
         )
@@ -124,9 +132,33 @@ class CruiseControl(Run):
             print_summaries({car.name: car.summary() for car in self.cars}, self.slipped)
 
 
+def _gains(options: Namespace) -> dict[str, float]:
+    """Return the gains that the command line gives, by name.
+
+    Raises
+    ------
+    UserError
+        where the controller has no such gain.
+    """
+    kind = options.controller_type or DEFAULT_TYPE
+    named = {name: getattr(options, name) for name in PID.gains}
+    gains = {name: value for name, value in named.items() if value is not None}
+    gains |= dict(options.gain)
+    for name, value in gains.items():
+        if name not in TYPES[kind].gains:
+            raise UserError(
+                f'{name} = {value:g}: the controller {kind} has no such gain; expected one of '
+                f'{", ".join(TYPES[kind].gains)}'
+            )
+    return gains
+
+
 def _check_that_none_is_told(options: Namespace) -> None:
-    for name in ('kp', 'ki', 'kd', 'controller'):
-        if (value := getattr(options, name)) is not None:
+    given = {name: getattr(options, name) for name in (*PID.gains, 'controller')}
+    given['controller-type'] = options.controller_type
+    given |= {f'gain {name}': value for name, value in options.gain}
+    for name, value in given.items():
+        if value is not None:
             raise UserError(
                 f'--{name} {value} is for the controller that --no-controller leaves out: give one '
                 'of the two only'

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from barc_sim import __version__
+from barc_sim.control.types import GAINS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +31,7 @@ def describe(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
             {name: {'ros__parameters': parameters} for name, parameters in values},
             sort_keys=False,
         ),
-        **{name: str(own[name]) for name in ('kp', 'ki', 'kd', 'road') if name in own},
+        **{name: str(own[name]) for name in (*GAINS, 'road') if name in own},
     }
 
 

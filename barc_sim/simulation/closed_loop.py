@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from barc_sim.control.adapter import as_controller
 from barc_sim.control.driver import Driver
-from barc_sim.control.pid import FIRST_DT, SPEED_REFERENCE, speed_controller
-from barc_sim.simulation.log import Log
+from barc_sim.control.pid import FIRST_DT, PID, SPEED_REFERENCE, speed_controller
+from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.vehicle.bike_model import Input
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -36,7 +37,8 @@ def rollout(
     last row is the first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
-    pid = pid or speed_controller()
+    pid = speed_controller() if pid is None else as_controller(pid)
+    terms = tuple(pid.terms)
     rows: list[tuple[float, ...]] = []
     dt = FIRST_DT
     period_ns = round(plant.ts * 1e9)
@@ -54,10 +56,8 @@ def rollout(
                 seen.elevation,
                 *seen.forces,
                 speed_reference,
-                pid.proportional,
-                pid.integral,
-                pid.derivative,
                 pid.saturated,
+                *[getattr(pid, name) for name in terms],
             )
         )
         if plant.state.x >= distance:
@@ -65,7 +65,7 @@ def rollout(
         plant.advance(command)
         # As the nodes take it from stamps, which are whole nanoseconds.
         dt = period_ns / 1e9
-    return _log(rows)
+    return _log(rows, terms)
 
 
 def drive(
@@ -107,7 +107,7 @@ def drive(
                 seen.theta_deg,
                 seen.elevation,
                 *seen.forces,
-                *(nan,) * 4,
+                nan,
                 False,
             )
         )
@@ -115,13 +115,13 @@ def drive(
     return _log(rows)
 
 
-def _log(rows: list[tuple[float, ...]]) -> Log:
-    """Return the log of rows in the order of `Log`'s fields, `missed` left out."""
+def _log(rows: list[tuple[float, ...]], terms: tuple[str, ...] = ()) -> Log:
+    """Return the log of rows in the order of `Log`'s columns, `terms` last, `missed` left out."""
     columns = np.array(rows, dtype=np.float64).T.copy()
-    names = [name for name in Log.__dataclass_fields__ if name != 'missed']
-    arrays = dict(zip(names, columns, strict=True))
-    return Log(
-        **{name: array for name, array in arrays.items() if name != 'saturated'},
-        missed=np.zeros(len(rows), dtype=np.bool_),
-        saturated=arrays['saturated'].astype(np.bool_),
-    )
+    fixed = [name for name in COLUMNS if name != 'missed' and name not in PID.terms]
+    arrays = dict(zip((*fixed, *terms), columns, strict=True))
+    saturated = arrays.pop('saturated').astype(np.bool_)
+    own = {name: arrays.pop(name) for name in terms if name not in COLUMNS}
+    unknown = {name: np.full(len(rows), nan) for name in PID.terms if name not in arrays}
+    missed = np.zeros(len(rows), dtype=np.bool_)
+    return Log(**arrays, **unknown, saturated=saturated, missed=missed, own_terms=own)

@@ -1,69 +1,123 @@
-"""What a run produced, as NumPy arrays."""
+"""The one record of a run: its columns with unit, topic and field, and `Log`, which holds them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping  # noqa: TC003 (get_type_hints reads it)
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
+
+from barc_sim.control.pid import PID
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Iterator
 
-    Floats = NDArray[np.float64]
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STATE = 'z_vhcl'
+STATE_ERROR = 'ez_vhcl'
+COMMAND = 'ecu'
+ENVIRONMENT = 'environment'
+PID_STATE = 'pid_state'
+CONTROLLER_STATE = 'controller_state'
+#: The message type of each topic that a log is made of, by the topic's name without namespace.
+MESSAGE_TYPES = {
+    STATE: 'barc_interfaces/msg/ZDynBkMdl',
+    STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',
+    COMMAND: 'barc_interfaces/msg/ECU',
+    ENVIRONMENT: 'barc_interfaces/msg/Environment',
+    PID_STATE: 'barc_interfaces/msg/PidState',
+    # In place of `pid_state` where the controller is no PID; its terms are named in the message.
+    CONTROLLER_STATE: 'barc_interfaces/msg/ControllerState',
+}
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+class Column(NamedTuple):
+    """What one array of a log is."""
+
+    unit: str
+    meaning: str
+    topic: str = ''  #: whose messages hold it; empty where no message does
+    field: str = ''  #: of the message; empty where it is called as the column
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Log:
     """One row per state `k` of a run; every array has shape `(n,)`, SI units, radians.
 
     A quantity that the run did not have (no controller in teleoperation, no command that answered
-    state `k`) is NaN.
+    state `k`) is NaN. The bag reader, the live page and `to_frame` derive from these declarations.
     """
 
-    t: Floats  #: [s] since the first state
-    # As measured (`z_vhcl`): true state plus measurement error.
-    x: Floats  #: [m] along the road's surface
-    y: Floats  #: [m] to the left
-    psi: Floats  #: [rad] heading
-    v_x: Floats  #: [m/s] along the vehicle
-    v_y: Floats  #: [m/s] to the vehicle's left
-    psi_dot: Floats  #: [rad/s] yaw rate
-    # Measured minus true (`ez_vhcl`), in the vehicle's frame.
-    e_s: Floats  #: [m] along
-    e_ey: Floats  #: [m] across
-    e_epsi: Floats  #: [rad]
-    e_v_x: Floats  #: [m/s]
-    e_v_y: Floats  #: [m/s]
-    e_psi_dot: Floats  #: [rad/s]
-    # The command that answers state k (`ecu`), and whether it came too late to be used.
-    motor: Floats  #: [m/s²]
-    servo: Floats  #: [rad]
-    missed: NDArray[np.bool_]  #: state k's command was not there at its deadline
-    # What road and air do (`environment`).
-    theta_deg: Floats  #: [deg] incline
-    elevation: Floats  #: [m]
-    friction: Floats  #: [N]
-    drag: Floats  #: [N]
-    gravity: Floats  #: [N]
-    # The controller (`pid_state`).
-    reference: Floats  #: [m/s]
-    proportional: Floats  #: [m/s²]
-    integral: Floats  #: [m/s²]
-    derivative: Floats  #: [m/s²]
-    saturated: NDArray[np.bool_]
+    t: Annotated[Floats, Column('s', 'time since the first state')]
+    # As measured: true state plus measurement error.
+    x: Annotated[Floats, Column('m', "position along the road's surface", STATE)]
+    y: Annotated[Floats, Column('m', 'position to the left', STATE)]
+    psi: Annotated[Floats, Column('rad', 'heading', STATE)]
+    v_x: Annotated[Floats, Column('m/s', 'speed along the vehicle', STATE)]
+    v_y: Annotated[Floats, Column('m/s', "speed to the vehicle's left", STATE)]
+    psi_dot: Annotated[Floats, Column('rad/s', 'yaw rate', STATE)]
+    # Measured minus true, in the vehicle's frame.
+    e_s: Annotated[Floats, Column('m', 'error of the position along', STATE_ERROR, 's')]
+    e_ey: Annotated[Floats, Column('m', 'error of the position across', STATE_ERROR, 'ey')]
+    e_epsi: Annotated[Floats, Column('rad', 'error of the heading', STATE_ERROR, 'epsi')]
+    e_v_x: Annotated[Floats, Column('m/s', 'error of the speed along', STATE_ERROR, 'v_x')]
+    e_v_y: Annotated[Floats, Column('m/s', 'error of the speed across', STATE_ERROR, 'v_y')]
+    e_psi_dot: Annotated[Floats, Column('rad/s', 'error of the yaw rate', STATE_ERROR, 'psi_dot')]
+    # The command that answers state k.
+    motor: Annotated[Floats, Column('m/s²', 'acceleration command', COMMAND)]
+    servo: Annotated[Floats, Column('rad', 'steering angle command', COMMAND)]
+    missed: Annotated[Flags, Column('', 'whether the command was late at its deadline')]
+    # What road and air do.
+    theta_deg: Annotated[Floats, Column('deg', 'incline of the road', ENVIRONMENT, 'theta')]
+    elevation: Annotated[Floats, Column('m', 'height of the road', ENVIRONMENT)]
+    friction: Annotated[Floats, Column('N', 'friction', ENVIRONMENT)]
+    drag: Annotated[Floats, Column('N', 'air drag', ENVIRONMENT)]
+    gravity: Annotated[Floats, Column('N', 'gravity along the road', ENVIRONMENT)]
+    # The controller.
+    reference: Annotated[Floats, Column('m/s', 'speed to hold', PID_STATE)]
+    proportional: Annotated[Floats, Column('m/s²', PID.terms['proportional'], PID_STATE)]
+    integral: Annotated[Floats, Column('m/s²', PID.terms['integral'], PID_STATE)]
+    derivative: Annotated[Floats, Column('m/s²', PID.terms['derivative'], PID_STATE)]
+    saturated: Annotated[Flags, Column('', 'whether a limit cut the command', PID_STATE)]
+    #: The terms of a controller that is no PID [m/s²], by name, each of shape `(n,)`.
+    own_terms: Mapping[str, Floats] = field(default_factory=lambda: MappingProxyType({}))
+
+    #: Draws a log. Figures lie behind this room, so that `barc_sim` sets it with what it exports.
+    draw: ClassVar[Callable[..., Any] | None] = None
 
     def __post_init__(self) -> None:
         """Raise ValueError unless every array has one dimension and as many elements as `t`."""
         expected = (np.size(self.t),)
-        for field in fields(self):
-            shape = np.shape(getattr(self, field.name))
-            if shape != expected:
-                raise ValueError(f'{field.name} has shape {shape}, expected {expected}')
+        for name, values in self.columns().items():
+            if np.shape(values) != expected:
+                raise ValueError(f'{name} has shape {np.shape(values)}, expected {expected}')
 
     def __len__(self) -> int:
         """Return the number of states."""
         return len(self.t)
+
+    def columns(self) -> dict[str, Floats | Flags]:
+        """Return all arrays by name, those of `own_terms` last."""
+        return {name: getattr(self, name) for name in COLUMNS} | dict(self.own_terms)
+
+    def map(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Log:
+        """Return a log of `function(column)` for each column, such as some of its rows."""
+        own = {name: function(values) for name, values in self.own_terms.items()}
+        return Log(**{name: function(getattr(self, name)) for name in COLUMNS}, own_terms=own)
+
+    @property
+    def terms(self) -> dict[str, Floats]:
+        """What the controller's command was made of [m/s²], by name."""
+        return dict(self.own_terms) or {name: getattr(self, name) for name in PID.terms}
 
     @property
     def speed(self) -> Floats:
@@ -89,3 +143,90 @@ class Log:
     def speed_error(self) -> Floats:
         """Reference minus true speed [m/s], shape `(n,)`."""
         return self.reference - self.speed
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a DataFrame of all columns; `attrs['units']` has their units by name.
+
+        Raises
+        ------
+        UserError
+            where pandas is not installed.
+        """
+        try:
+            import pandas as pd  # noqa: PLC0415 (an extra)
+        except ImportError:
+            raise UserError(
+                "to_frame needs pandas, which is not installed: pip install 'barc_sim[pandas]'"
+            ) from None
+        columns = self.columns()
+        frame = pd.DataFrame(columns)
+        frame.attrs['units'] = {
+            name: COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT for name in columns
+        }
+        return frame
+
+    def plot(self) -> Figure:
+        """Return the figure of speed, grade and command over the position: `barc_sim.plot`.
+
+        Raises
+        ------
+        UserError
+            where nothing was taken from `barc_sim` itself yet.
+        """
+        if Log.draw is None:
+            raise UserError('plot needs the figures, which are not loaded: call barc_sim.plot(log)')
+        return Log.draw(self)  # type: ignore[no-any-return]
+
+    def __repr__(self) -> str:
+        """Return the run in a line."""
+        return f'<Log: {_in_words(self)}>'
+
+    def _repr_html_(self) -> str:
+        """Return the run in a line and its columns in a table, for a notebook."""
+        rows = ''.join(
+            f'<tr><td>{name}</td><td>{unit}</td><td>{low:.4g}</td><td>{high:.4g}</td></tr>'
+            for name, unit, low, high in _ranges(self)
+        )
+        return (
+            f'<p>Log: {_in_words(self)}</p><table><thead><tr><th>column</th><th>unit</th>'
+            f'<th>least</th><th>greatest</th></tr></thead><tbody>{rows}</tbody></table>'
+        )
+
+
+_TERM_UNIT = 'm/s²'
+
+
+def _declared() -> Iterator[tuple[str, Column]]:
+    for name, hint in get_type_hints(Log, include_extras=True).items():
+        for column in getattr(hint, '__metadata__', ()):
+            yield name, column._replace(field=column.field or name) if column.topic else column
+
+
+#: What `Log` declares, by name.
+COLUMNS: Mapping[str, Column] = MappingProxyType(dict(_declared()))
+
+
+def columns_of(topic: str) -> dict[str, str]:
+    """Return the columns that a topic's messages hold: names by field."""
+    return {column.field: name for name, column in COLUMNS.items() if column.topic == topic}
+
+
+def _in_words(log: Log) -> str:
+    if not len(log):
+        return 'no states'
+    words = [f'{len(log)} states', f'{log.t[-1]:.2f} s', f'{log.distance[-1]:.1f} m']
+    known = log.speed_error[np.isfinite(log.speed_error)]
+    if known.size:
+        words.append(f'speed error {np.sqrt(np.mean(known**2)):.3f} m/s RMS')
+    if missed := np.count_nonzero(log.missed):
+        words.append(f'{missed} missed deadlines')
+    return ', '.join(words)
+
+
+def _ranges(log: Log) -> Iterator[tuple[str, str, float, float]]:
+    """Yield name, unit, least and greatest value of each column that has a known value."""
+    for name, values in log.columns().items():
+        known = values[np.isfinite(values)]
+        if known.size:
+            unit = COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT
+            yield name, unit, float(known.min()), float(known.max())

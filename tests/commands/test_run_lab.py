@@ -97,7 +97,7 @@ def test_the_references_own_folder_drives_the_same_run_bit_for_bit(
         code, _, err = finish(start('acc', '-q', *MAX, *options))
         assert (code, err) == (0, '')
     own, expected = (bag.read(bag.newest(tmp_path / name)) for name in ('own', 'bags'))
-    for name in own.__dataclass_fields__:
+    for name in own.columns():
         assert np.array_equal(getattr(own, name), getattr(expected, name), equal_nan=True), name
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
@@ -43,7 +43,7 @@ def backwards(log: Log) -> Log:
 
 
 def first_state(log: Log) -> Log:
-    return replace(log, **{field.name: getattr(log, field.name)[:1] for field in fields(log)})
+    return log.map(lambda column: column[:1])
 
 
 def with_misses(log: Log, *states: int) -> Log:

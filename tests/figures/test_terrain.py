@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from math import cos, radians
 from typing import TYPE_CHECKING
 
@@ -44,13 +44,7 @@ def test_elevation_is_that_of_the_road(log: Log) -> None:
 
 
 def test_driving_back_over_the_same_road_changes_nothing(log: Log) -> None:
-    there_and_back = replace(
-        log,
-        **{
-            field.name: np.concatenate([getattr(log, field.name), getattr(log, field.name)[::-1]])
-            for field in fields(log)
-        },
-    )
+    there_and_back = log.map(lambda column: np.concatenate([column, column[::-1]]))
     once, twice = Terrain(log), Terrain(there_and_back)
     assert np.array_equal(once.distance, twice.distance)
     assert np.array_equal(once.horizontal, twice.horizontal)

@@ -130,12 +130,8 @@ def test_the_grid_tells_where_the_car_is(log: Log) -> None:
 
 
 def test_a_way_is_not_drawn_where_the_car_was_put_back(log: Log) -> None:
-    both = {
-        name: np.concatenate([getattr(log, name), getattr(log, name)])
-        for name in type(log).__dataclass_fields__
-    }
-    both['t'] = np.arange(2 * len(log)) * 0.02
-    view = view_of(replace(log, **both))
+    both = log.map(lambda column: np.tile(column, 2))
+    view = view_of(replace(both, t=np.arange(2 * len(log)) * 0.02))
     view.update(10.0)
     path = np.column_stack(view._scene._path.get_data())  # noqa: SLF001
     steps = np.hypot(*np.diff(path, axis=0).T)

@@ -44,11 +44,13 @@ class Bench:
         self,
         context: Context,
         spin_until: Callable[..., None],
-        pid: Controller | None = None,
+        controller: Controller | None = None,
         **parameters: float | bool,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.controller = CruiseController(pid=pid, context=context, parameter_overrides=overrides)
+        self.controller = CruiseController(
+            controller=controller, context=context, parameter_overrides=overrides
+        )
         self.peer = Node('peer', context=context)
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.controller)
@@ -95,8 +97,8 @@ class Bench:
 def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
     made: list[Bench] = []
 
-    def make(pid: Controller | None = None, **parameters: float | bool) -> Bench:
-        made.append(Bench(ros, spin_until, pid, **parameters))
+    def make(controller: Controller | None = None, **parameters: float | bool) -> Bench:
+        made.append(Bench(ros, spin_until, controller, **parameters))
         return made[-1]
 
     yield make
@@ -281,7 +283,7 @@ def test_another_controller_answers_with_the_nodes_gains_and_limit(
         '        self.integral = dt\n'
         '        return self.kp * (speed_reference - speed_current) + 0.25 * self.calls\n'
     )
-    one = bench(pid=UserController(load_controller(tmp_path / 'controller.py')), kp=2.0)
+    one = bench(controller=UserController(load_controller(tmp_path / 'controller.py')), kp=2.0)
     assert one.answers([(20 * MS, 8.0), (40 * MS, 7.0), (60 * MS, 0.0)]) == [0.25, 2.5, 8.0]
     one.until(lambda: len(one.told) == 3)
     assert [told.integral for told in one.told] == [0.02, 0.02, 0.02]

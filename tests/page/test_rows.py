@@ -45,9 +45,10 @@ def test_a_sample_goes_with_the_state_of_its_stamp_and_holds_until_the_next() ->
 
 def test_a_sample_that_comes_before_its_state_waits_for_it() -> None:
     rows = Rows()
-    rows.add([], {'environment': [(STEP, (10.0, 2.0))]})
+    rows.add([], {'environment': [(STEP, (10.0, 2.0, -1.0, -2.0, -3.0))]})
     found = table(rows.add([(0, (0.0,) * 4), (STEP, (0.0,) * 4)], {}))
     np.testing.assert_array_equal(found['theta_deg'], [np.nan, 10.0])
+    np.testing.assert_array_equal(found['gravity'], [np.nan, -3.0])
 
 
 def test_a_command_without_a_stamp_holds_from_when_it_is_heard() -> None:
@@ -79,5 +80,5 @@ def test_a_whole_run_has_the_same_columns() -> None:
     np.testing.assert_array_equal(found['t'], log.t)
     np.testing.assert_array_equal(found['x'], log.distance)
     np.testing.assert_array_equal(found['speed'], log.speed)
-    for name in COLUMNS[6:]:
+    for name in ('theta_deg', 'gravity', 'motor', 'reference', 'integral', 'saturated'):
         np.testing.assert_array_equal(found[name], getattr(log, name))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
 ROOT = Path(barc_sim.__file__).parents[1]
-COLUMNS = [name for name in barc_sim.simulation.log.Log.__dataclass_fields__ if name != 'missed']
+COLUMNS = [name for name in barc_sim.simulation.log.COLUMNS if name != 'missed']
 TOPICS = ('/z_vhcl', '/ez_vhcl', '/environment', '/ecu', '/pid_state')
 LISTENER = """
 import json, time

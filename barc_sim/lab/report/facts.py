@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from barc_sim.simulation import metrics
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
 
@@ -70,17 +72,13 @@ def read(path: Path, namespace: str | None = None) -> Facts:
 
 def _sensible(log: Log) -> Log:
     """Return the log without numbers that can't be drawn."""
-    columns = {field.name: getattr(log, field.name) for field in fields(log)}
-    floats = {name: column for name, column in columns.items() if column.dtype == np.float64}
-    return as_known(
-        replace(
-            log,
-            **{
-                name: np.where(np.abs(column) < _ABSURD, column, np.nan)
-                for name, column in floats.items()
-            },
-        )
-    )
+
+    def known(column: NDArray[Any]) -> NDArray[Any]:
+        if column.dtype == np.bool_:
+            return column
+        return np.where(np.abs(column) < _ABSURD, column, np.nan)
+
+    return as_known(log.map(known))
 
 
 def _graph(text: str | None) -> NodeGraph | None:

@@ -10,19 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib import rc_context, style
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from barc_sim.figures.graph_figure import GraphDrawing
-from barc_sim.figures.run_figures import speed_figure
-from barc_sim.figures.style import BLUE, DASHES, GREEN, GREY, INK, LOOK, VERMILLION, limits
+from barc_sim.figures.run_figures import speed_figure, terms_figure
+from barc_sim.figures.style import BLUE, INK, LOOK, VERMILLION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from barc_sim.bags.node_graph import NodeGraph
     from barc_sim.simulation.log import Log
-
-_SIZE = (9.6, 3.6)  #: [inch]
 
 
 def speed(log: Log) -> str:
@@ -33,28 +30,9 @@ def speed(log: Log) -> str:
 
 def terms(log: Log) -> str | None:
     """Return the controller's terms over the position; None where they are not known."""
-    names = ('proportional', 'integral', 'derivative')
-    if all(np.isnan(getattr(log, name)).all() for name in names):
-        return None
     with _as_written():
-        figure = Figure(figsize=_SIZE, layout='constrained')
-        axes = figure.subplots()
-        axes.step(
-            log.distance, log.motor, where='post', color=INK, lw=1.0, ls=DASHES, label='command'
-        )
-        for name, color in zip(names, (BLUE, GREEN, VERMILLION), strict=True):
-            axes.step(
-                log.distance, getattr(log, name), where='post', color=color, lw=1.4, label=name
-            )
-        # The first moments, at full throttle, would leave nothing to see of the rest.
-        low, high = limits(log.motor, share=0.5, least=1.0)
-        axes.set(xlim=limits(log.distance, share=0.01, least=0.5), ylim=(low, high))
-        axes.axhline(0.0, color=GREY, lw=0.8)
-        axes.set_xlabel('Position along the road [m]')
-        axes.set_ylabel('Acceleration [m/s²]')
-        axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
-        axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.0)
-        return _svg(figure)
+        figure = terms_figure(log)
+        return None if figure is None else _svg(figure)
 
 
 def path(log: Log) -> str | None:

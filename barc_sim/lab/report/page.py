@@ -74,7 +74,7 @@ def _figures(facts: Facts) -> str:
         )
     ]
     if (terms := figures.terms(log)) is not None:
-        alt = 'The proportional, integral and derivative term over the position along the road.'
+        alt = f'The terms {", ".join(facts.log.terms)} over the position along the road.'
         shown.append(_figure(terms, "The controller's terms", alt))
     if (path := figures.path(log)) is not None:
         shown.append(_figure(path, "The car's way", "The car's way from above, y over x."))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from math import inf, nan
 from typing import TYPE_CHECKING
 
+from barc_sim.control.adapter import Adapter
 from barc_sim.control.driver import Driver
-from barc_sim.control.pid import KD, KI, KP
 from barc_sim.vehicle.bike_model import Input
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from barc_sim.lab.user_code.functions import UserPid
     from barc_sim.lab.user_code.loading import ControllerFactory, RelayFactory, UserCode
 
 #: The entry of a bag's metadata that tells of user code.
@@ -19,54 +21,38 @@ METADATA = 'student_code'
 FOLDER = 'student/'
 
 
-class UserController:
-    """A user's class `PID` as a `Controller`: limited, and made anew where it is reset.
+class UserController(Adapter):
+    """A user's class `PID` as a `Controller`.
 
-    The terms are those of the user's object, NaN where it has no `proportional`, `integral` or
-    `derivative`; `saturated` is true where it says so itself, too. Changed gains are set where it
-    has `kp`, `ki` and `kd`.
+    It gets the gains, and where it takes them the limits, at its construction and after each reset.
+    Gains that change later are set where it has `kp`, `ki` and `kd`.
     """
 
-    def __init__(self, new: ControllerFactory) -> None:
-        """Make a controller with the gains of the run's default."""
-        self._new = new
-        self.kp, self.ki, self.kd = KP, KI, KD
-        self.output_min, self.output_max = -inf, inf
-        self.reset()
+    kp: float
+    ki: float
+    kd: float
+    _controller: UserPid
 
-    def reset(self) -> None:
-        """Begin with a fresh object.
+    def __init__(self, new: ControllerFactory) -> None:
+        """Make a controller with the gains of the run's default.
 
         Raises
         ------
         UserCodeError
             where its constructor fails.
         """
-        self._gains = self.kp, self.ki, self.kd
+        super().__init__(new)
+
+    def _make(self, values: Mapping[str, float]) -> UserPid:
         limits = {'output_min': self.output_min, 'output_max': self.output_max}
-        self._controller = self._new(*self._gains, **limits)
-        self.proportional = self.integral = self.derivative = nan
-        self.saturated = False
+        made: UserPid = self._new(*values.values(), **limits)
+        return made
 
-    def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
-        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call.
+    def _set(self, values: Mapping[str, float]) -> None:
+        self._controller.set_gains(*values.values())
 
-        Raises
-        ------
-        UserCodeError
-            where the user's method fails.
-        """
-        gains = self.kp, self.ki, self.kd
-        if gains != self._gains:
-            self._gains = gains
-            self._controller.set_gains(*gains)
-        wanted = self._controller.acc_calculate(speed_reference, speed_current, dt)
-        output = min(max(wanted, self.output_min), self.output_max)
-        tell = self._controller.tell
-        self.proportional, self.integral = tell('proportional'), tell('integral')
-        self.derivative = tell('derivative')
-        self.saturated = output != wanted or tell('saturated') == 1.0
-        return output
+    def _tell(self, name: str) -> float:
+        return self._controller.tell(name)
 
 
 class UserDriver(Driver):

@@ -6,16 +6,18 @@ import sys
 import time
 from collections import deque
 from functools import partial
-from math import isfinite
+from math import isfinite, nan
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rclpy.node import Node
 
 from barc_sim.cli.parser import call
+from barc_sim.control.pid import PID
+from barc_sim.control.types import TYPES
 from barc_sim.errors import UserError
 from barc_sim.nodes.view.node_clients import Peers
 from barc_sim.page.driver_arbiter import Wheel
@@ -32,9 +34,11 @@ from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameter import Parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
+    from barc_sim.control.controller import Controller
     from barc_sim.page.protocol import Request
+    from barc_sim.page.rows import Sample
     from barc_sim.page.server import Page
 
 
@@ -44,6 +48,7 @@ _TYPES = {
     names.ENVIRONMENT: Environment,
     names.ECU: ECU,
     names.PID_STATE: PidState,
+    names.CONTROLLER_STATE: ControllerState,
 }
 #: Messages of a topic that wait for the next look: a page needs no more than the newest of them.
 _DEPTH = 16
@@ -111,6 +116,7 @@ class ViewNode(Node):
         self._wheel = Wheel()
         self._simulator: dict[str, Any] = {}
         self._controller: dict[str, Any] = {}
+        self._kind: type[Controller] | None = None  # the controller's, once it is known
         self._ask_at: dict[str, float] = {}
         self._paused = False
         self._ended: str | None = None
@@ -142,10 +148,13 @@ class ViewNode(Node):
 
     def greet(self) -> Iterator[str | bytes]:
         """Tell a page that has opened what is known."""
-        yield say('hello', **facts(self._mode, self._simulator, self._controller))
+        yield say('hello', **self._facts())
         yield self._rows.history()
         if self._ended is not None:
             yield say('end', reason=self._ended)
+
+    def _facts(self) -> dict[str, Any]:
+        return facts(self._mode, self._simulator, self._controller, self._kind or PID)
 
     def receive(self, page: Page, request: Request) -> None:
         """Do what a page asks for."""
@@ -181,14 +190,14 @@ class ViewNode(Node):
         return self._until_next() if self._server.pages else _SLOW_PERIOD
 
     def _look(self) -> bytes:
-        others = {
-            topic: [
-                (to_nanoseconds(message.header.stamp), values)
-                for message, _ in take(subscription, _DEPTH)
-                if _usable(values := _VALUES[topic](message))
-            ]
-            for topic, subscription in self._others.items()
-        }
+        others: dict[str, list[Sample]] = {topic: [] for topic in FIELDS}
+        for topic, subscription in self._others.items():
+            of_controller = topic in _OF_CONTROLLER
+            samples = others[names.PID_STATE if of_controller else topic]
+            for message, _ in take(subscription, _DEPTH):
+                values = _controller_values(message) if of_controller else _VALUES[topic](message)
+                if of_controller or _usable(values):
+                    samples.append((to_nanoseconds(message.header.stamp), values))
         states = []
         for message, info in take(self._states, _DEPTH):
             values = _STATE_VALUES(message)
@@ -243,25 +252,36 @@ class ViewNode(Node):
         return simulated / real
 
     def _look_at_parameters(self) -> None:
-        for name, wanted, known in (
-            ('vehicle_simulator', SIMULATOR, self._simulator),
-            ('controller', TUNABLE, self._controller),
-        ):
-            now = time.monotonic()
-            if (
-                not known
-                and now >= self._ask_at.get(name, 0.0)
-                and self._peers.parameters(name, wanted, partial(self._on_parameters, known))
-            ):
-                self._ask_at[name] = now + _PATIENCE
+        if not self._simulator:
+            update = partial(self._on_parameters, self._simulator)
+            self._ask('vehicle_simulator', SIMULATOR, update)
+        if self._kind is None:
+            self._ask('controller', ('controller_type',), self._on_controller_type)
+        elif not self._controller:
+            update = partial(self._on_parameters, self._controller)
+            self._ask('controller', (*self._kind.gains, 'speed_reference'), update)
         controller = f'{self.get_namespace().rstrip("/")}/controller'
         for event, _ in take(self._events, _DEPTH):
             if event.node == controller:
                 self._on_parameters(self._controller, dict(_tuned(event)))
 
+    def _ask(
+        self, node: str, names: Sequence[str], answer: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Ask a node for parameters, unless it was asked a moment ago."""
+        now = time.monotonic()
+        if now >= self._ask_at.get(node, 0.0) and self._peers.parameters(node, names, answer):
+            self._ask_at[node] = now + _PATIENCE
+
+    def _on_controller_type(self, values: dict[str, Any]) -> None:
+        """Take the declaration of the controller's type, or that of the PID if it names none."""
+        self._kind = TYPES.get(values.get('controller_type', ''), PID)
+        self._ask_at.pop('controller', None)
+        self._look_at_parameters()
+
     def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
         known.update(values)
-        self._server.send(say('facts', **facts(self._mode, self._simulator, self._controller)))
+        self._server.send(say('facts', **self._facts()))
 
     def _on_tuned(self, page: Page, request: Tune, done: bool, why: str) -> None:
         if not done:
@@ -289,6 +309,15 @@ def _usable(values: tuple[float, ...]) -> bool:
     return all(abs(value) <= _GREATEST for value in values)  # NaN is not
 
 
+def _controller_values(message: PidState | ControllerState) -> tuple[float, ...]:
+    """Return the values of `FIELDS['pid_state']`, NaN for those that are unknown or absurd."""
+    terms: dict[str, float] = {}
+    if isinstance(message, ControllerState):
+        terms = dict(zip(message.names, message.values, strict=False))
+    values = (terms.get(name, getattr(message, name, nan)) for name in FIELDS[names.PID_STATE])
+    return tuple(value if abs(value) <= _GREATEST else nan for value in values)
+
+
 def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
     """Yield what the page can show of an event; anybody may have sent it."""
     for parameter in event.changed_parameters:
@@ -302,6 +331,7 @@ def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
 
 
 _STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)
+_OF_CONTROLLER = (names.PID_STATE, names.CONTROLLER_STATE)
 _VALUES: dict[str, Callable[[Any], tuple[float, ...]]] = {
     topic: attrgetter(*fields) for topic, fields in FIELDS.items()
 }

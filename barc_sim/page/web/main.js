@@ -34,13 +34,23 @@ const speedChart = new Chart(surface('speed-chart'), [
   { column: 'reference', colour: 'ink', width: 1.5, dash: [6, 4] },
   { column: 'speed', colour: 'blue', width: 2.5 },
 ], 1, [-150, 150]);
-const commandChart = new Chart(surface('command-chart'), [
-  { column: 'derivative', colour: 'purple', width: 1.5 },
-  { column: 'integral', colour: 'sky', width: 1.5 },
-  { column: 'proportional', colour: 'orange', width: 1.5 },
-  { column: 'motor', colour: 'green', width: 2.5 },
-], 4, [-10, 10]);
+const COMMAND = { column: 'motor', colour: 'green', width: 2.5 };
+const TERM_COLOURS = ['orange', 'sky', 'purple', 'ink'];
+const commandChart = new Chart(surface('command-chart'), [COMMAND], 4, [-10, 10]);
 watchColours(stale);
+
+/** Draw the controller's terms below its command, and name them in the legend. */
+function showTerms(terms) {
+  const lines = terms.map((column, i) => (
+    { column, colour: TERM_COLOURS[i % TERM_COLOURS.length], width: 1.5 }
+  ));
+  commandChart.lines = [...[...lines].reverse(), COMMAND];
+  element('terms').replaceChildren(element('terms').firstElementChild, ...lines.map((line) => (
+    Object.assign(document.createElement('li'), {
+      className: `acc line-${line.colour}`, textContent: line.column,
+    })
+  )));
+}
 
 function setState(state, text) {
   element('state').dataset.state = state;
@@ -75,7 +85,8 @@ const connection = new Connection({
     const title = fields.replay?.title ?? TITLES[fields.mode];
     element('title').textContent = title;
     document.title = `${title} – barc_sim`;
-    tuning.show(fields.tuning);
+    tuning.show(fields.sliders, fields.tuning);
+    showTerms(fields.terms);
     stale();
   },
   rows(rows) {

@@ -1,26 +1,21 @@
 // Sliders that set the controller's parameters while it drives.
 
-const PARAMETERS = {
-  kp: { label: 'Proportional, kp', max: 100, step: 0.5 },
-  ki: { label: 'Integral, ki', max: 400, step: 1 },
-  kd: { label: 'Derivative, kd', max: 5, step: 0.05 },
-  speed_reference: { label: 'Speed reference, m/s', max: 20, step: 0.1 },
-};
 const PERIOD = 100; // [ms] between two settings while a slider moves
+const STEPS = 200; // of a slider
 
 export class Tuning {
   /** `set` is given a parameter's name and its value. */
   constructor(set) {
     this.note = document.getElementById('tuning-note');
-    this.values = {};
-    this.inputs = {};
-    const form = document.getElementById('tuning');
-    form.addEventListener('submit', (event) => event.preventDefault());
-    for (const [name, facts] of Object.entries(PARAMETERS)) form.append(this.#row(name, facts, set));
+    this.set = set;
+    this.form = document.getElementById('tuning');
+    this.form.addEventListener('submit', (event) => event.preventDefault());
+    this.#build({});
   }
 
-  /** Show what the controller has. */
-  show(values) {
+  /** Show the controller's sliders, {name: {label, max}}, and the values that it has. */
+  show(sliders, values) {
+    if (JSON.stringify(sliders) !== JSON.stringify(this.sliders)) this.#build(sliders);
     for (const [name, value] of Object.entries(values)) {
       this.values[name] = value;
       const { slider, number } = this.inputs[name];
@@ -35,11 +30,20 @@ export class Tuning {
     if (name in this.values) this.#place(name, this.values[name]);
   }
 
-  #row(name, { label, max, step }, set) {
+  #build(sliders) {
+    this.sliders = sliders;
+    this.values = {};
+    this.inputs = {};
+    this.form.replaceChildren(
+      ...Object.entries(sliders).map(([name, facts]) => this.#row(name, facts)),
+    );
+  }
+
+  #row(name, { label, max }) {
     const row = document.createElement('div');
     row.className = 'tune';
     const slider = Object.assign(document.createElement('input'), {
-      type: 'range', id: `${name}-slider`, min: 0, max, step, disabled: true,
+      type: 'range', id: `${name}-slider`, min: 0, max, step: max / STEPS, disabled: true,
     });
     const number = Object.assign(document.createElement('input'), {
       type: 'number', id: name, step: 'any', disabled: true,
@@ -54,7 +58,7 @@ export class Tuning {
       this.note.textContent = '\u00a0';
       waiting = value;
       if (timer !== null) return;
-      set(name, value);
+      this.set(name, value);
       waiting = null;
       timer = setTimeout(() => {
         timer = null;
@@ -76,7 +80,7 @@ export class Tuning {
 
   #place(name, value) {
     const { slider, number } = this.inputs[name];
-    slider.max = Math.max(PARAMETERS[name].max, value);
+    slider.max = Math.max(this.sliders[name].max, value);
     slider.value = value;
     number.value = Number(value.toPrecision(6));
   }

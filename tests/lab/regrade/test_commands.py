@@ -12,7 +12,6 @@ from barc_sim.control.pid import speed_controller
 from barc_sim.lab.regrade import commands
 from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import rollout
-from barc_sim.simulation.log import Log
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import Deviation
 
@@ -41,7 +40,7 @@ def test_the_measured_speed_is_what_a_controller_is_shown() -> None:
 def test_a_controller_begins_anew_with_the_car() -> None:
     log = rollout(distance=30.0)
     n = len(log)
-    both = Log(**{name: np.tile(getattr(log, name), 2) for name in log.__dataclass_fields__})
+    both = log.map(lambda column: np.tile(column, 2))
     both = replace(both, t=np.arange(2 * n) * 0.02)
     assert judge(both, speed_controller, resets={n}).exact == 2 * n
     assert not judge(both, speed_controller).possible

@@ -13,7 +13,6 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import drive, rollout
-from barc_sim.simulation.log import Log
 from barc_sim.vehicle.bike_model import Input, State, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -21,6 +20,8 @@ from barc_sim.vehicle.sensor import Deviation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from barc_sim.simulation.log import Log
 
 NOISE = Deviation(0.1, 0.1, 0.01, 0.2, 0.1, 0.05)
 
@@ -30,7 +31,7 @@ def judge(log: Log, new: Any = Plant, **options: Any) -> states.Verdict:  # noqa
 
 
 def part(log: Log, rows: Sequence[int]) -> Log:
-    return Log(**{name: getattr(log, name)[rows] for name in log.__dataclass_fields__})
+    return log.map(lambda column: column[list(rows)])
 
 
 def test_a_run_of_the_model_is_its_bit_for_bit() -> None:

@@ -63,7 +63,7 @@ def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: P
     controller.output_min, controller.output_max = -8.0, 8.0
     controller.reset()
     log, expected = rollout(Plant(model=lab.model), controller), rollout()
-    for name in log.__dataclass_fields__:
+    for name in log.columns():
         assert np.array_equal(getattr(log, name), getattr(expected, name), equal_nan=True), name
 
 
