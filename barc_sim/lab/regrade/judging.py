@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.pid import speed_controller
+from barc_sim.control.types import DEFAULT_TYPE, TYPES, new_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
 from barc_sim.lab.grade.process import check
@@ -114,9 +114,10 @@ def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict,
 
 
 def _judge_commands(
-    recorded: Recorded, values: Mapping[str, float], resets: set[int], *, sandbox: bool
+    recorded: Recorded, values: Mapping[str, Any], resets: set[int], *, sandbox: bool
 ) -> list[Verdict]:
-    gains = values['kp'], values['ki'], values['kd']
+    kind = values.get('controller_type', DEFAULT_TYPE)
+    gains = {name: values[name] for name in TYPES[kind].gains}
     limit = values['acceleration_limit']
     show = partial(
         commands.judge,
@@ -125,11 +126,11 @@ def _judge_commands(
         subtract_error=bool(values['subtract_error']),
         resets=resets,
     )
-    verdicts = [show(partial(speed_controller, *gains, limit), _OWN)]
+    verdicts = [show(partial(new_controller, kind, gains, limit), _OWN)]
     if name := recorded.files.get('controller'):
         try:
             with attached(recorded, 'controller', sandbox=sandbox) as code:
-                verdicts.append(show(partial(code.new_pid, *gains), name))
+                verdicts.append(show(partial(code.new_pid, *gains.values()), name))
         except UserError as error:
             verdicts.append(Verdict('controller', name, first=str(error)))
     return verdicts
