@@ -1,3 +1,59 @@
-"""The BARC vehicle simulator for ROS 2: model, controller, recorder, plots and replays."""
+"""The BARC vehicle simulator for ROS 2: model, controller, recorder, plots and replays.
+
+What is exported here is imported when it is first used, so that a command's `--help` stays quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from barc_sim.bags.reader import read as read_bag
+    from barc_sim.control.lqr import LQR
+    from barc_sim.control.pid import PID
+    from barc_sim.figures.run_figures import plot
+    from barc_sim.simulation.log import Log
+    from barc_sim.simulation.metrics import summary
+    from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.road import Road
 
 __version__ = '0.1.0'
+__all__ = ['LQR', 'PID', 'Log', 'Road', 'Vehicle', 'plot', 'read_bag', 'summary']
+
+#: The module of each name, and the name there.
+_EXPORTS = {
+    'LQR': ('control.lqr', 'LQR'),
+    'Log': ('simulation.log', 'Log'),
+    'PID': ('control.pid', 'PID'),
+    'Road': ('vehicle.road', 'Road'),
+    'Vehicle': ('vehicle.bike_model', 'Vehicle'),
+    'plot': ('figures.run_figures', 'plot'),
+    'read_bag': ('bags.reader', 'read'),
+    'summary': ('simulation.metrics', 'summary'),
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import what is exported under `name`."""
+    if name not in _EXPORTS:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    from barc_sim.simulation.log import Log  # noqa: PLC0415 (see above)
+
+    # `Log.plot` draws with figures, which lie behind the room of `Log`: connected here, above both.
+    Log.draw = _draw
+    module, attribute = _EXPORTS[name]
+    value = getattr(import_module(f'{__name__}.{module}'), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Return the names of what is exported."""
+    return [*globals(), *(name for name in __all__ if name not in globals())]
+
+
+def _draw(log: Log) -> object:
+    from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (see above)
+
+    return plot(log)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.metadata import Topic
-from barc_sim.bags.samples import TOPICS
 from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
+from barc_sim.control.pid import PID
+from barc_sim.simulation.log import CONTROLLER_STATE, MESSAGE_TYPES, PID_STATE, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
 
 PERIOD = 20_000_000
 TYPES = get_typestore(Stores.EMPTY)
-for _name in [topic.type for topic in TOPICS.values()]:
+for _name in MESSAGE_TYPES.values():
     TYPES.register(get_types_from_msg(definition(_name), _name))
 GRAPH = json.dumps(
     {
@@ -78,31 +80,43 @@ def parameters(
 
 def encoded(log: Log, k: int, topic: str) -> bytes:
     """Return the message of a topic that belongs to state `k`, in CDR."""
-    name, types = TOPICS[topic].type, TYPES
+    name, types = MESSAGE_TYPES[topic], TYPES
     sec, nanosec = divmod(10**18 + k * PERIOD, 10**9)
     stamp = types.types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
-    values = {
-        field: getattr(log, column)[k].item() for field, column in TOPICS[topic].fields.items()
+    source = PID_STATE if topic == CONTROLLER_STATE else topic
+    values: dict[str, Any] = {
+        field: getattr(log, column)[k].item() for field, column in columns_of(source).items()
     }
-    if topic == 'pid_state':
+    if source == PID_STATE:
         values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
+    if topic == CONTROLLER_STATE:
+        values = {field: value for field, value in values.items() if field not in PID.terms} | {
+            'names': list(log.terms),
+            'values': np.array([term[k] for term in log.terms.values()]),
+        }
     header = types.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
     return bytes(types.serialize_cdr(types.types[name](header=header, **values), name))
 
 
-def fill(writer: BagWriter, log: Log) -> None:
-    """Write the messages of a log, some at a time."""
+def fill(writer: BagWriter, log: Log, namespace: str = '') -> None:
+    """Write the messages of a log as the recorder does, in chunks."""
+    unused = PID_STATE if log.own_terms else CONTROLLER_STATE
+    topics = {
+        name: Topic(
+            name=f'{namespace}/{name}',
+            type=kind,
+            definition=definition(kind),
+            type_hash='',
+            offered_qos=[],
+        )
+        for name, kind in MESSAGE_TYPES.items()
+        if name != unused
+    }
     for k in range(len(log)):
-        for name in TOPICS:
-            topic = Topic(
-                name=f'/{name}',
-                type=TOPICS[name].type,
-                definition=definition(TOPICS[name].type),
-                type_hash='',
-                offered_qos=[],
-            )
-            now = 10**18 + k * PERIOD
-            writer.write(topic, encoded(log, k, name), received=now, published=now, sequence=k)
+        now = 10**18 + k * PERIOD
+        for name, topic in topics.items():
+            data = encoded(log, k, name)
+            writer.write(topic, data, received=now + 5, published=now, sequence=k)
         if k % 8 == 0:
             writer.flush()
 

@@ -29,14 +29,19 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (whatever the 
     UserError
         where it is no object with such a method.
     """
-    whole = all(hasattr(controller, name) for name in _MEMBERS)
-    if whole and _dt_argument(controller.acc_calculate) is not None:
-        return controller  # type: ignore[no-any-return]
     if isinstance(controller, type):
         raise UserError(
             f'controller={controller.__name__} is a class; expected an object, such as '
             f'{controller.__name__}(kp=30.0, ki=200.0, kd=0.1)'
         )
+    if not callable(getattr(controller, 'acc_calculate', None)):
+        raise UserError(
+            f'controller={controller!r} has no method '
+            'acc_calculate(speed_reference, speed_current): expected an object with one'
+        )
+    takes_dt = _dt_argument(controller.acc_calculate) is not None
+    if takes_dt and all(hasattr(controller, name) for name in _MEMBERS):
+        return controller  # type: ignore[no-any-return]
     declared = getattr(controller, 'gains', PID.gains)
     gains = {name: gain for name, gain in declared.items() if hasattr(controller, name)}
 
@@ -123,13 +128,7 @@ def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (whatever the user 
     UserError
         where it takes neither two nor three arguments.
     """
-    try:
-        signature = inspect.signature(method)
-    except (TypeError, ValueError):
-        raise UserError(
-            f'a controller of {method!r} cannot be called: expected an object with a method '
-            'acc_calculate(speed_reference, speed_current)'
-        ) from None
+    signature = inspect.signature(method)
     parameters = signature.parameters
     if 'dt' in parameters and parameters['dt'].kind is not inspect.Parameter.POSITIONAL_ONLY:
         return 'dt'

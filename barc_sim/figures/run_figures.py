@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from io import BytesIO
 from itertools import cycle
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,20 @@ if TYPE_CHECKING:
 
 SIZE = (9.6, 7.2)  #: [inch]
 _TERM_COLORS = (BLUE, GREEN, VERMILLION, SKY)
+
+
+class NotebookFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        data = BytesIO()
+        self.savefig(data, format='png')
+        return data.getvalue()
+
+
+def plot(log: Log) -> Figure:
+    """Return the figure of speed, grade and command over the position; `savefig` saves it."""
+    return speed_figure(log, figure=NotebookFigure(figsize=SIZE))
 
 
 @style.context(LOOK)

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from made_bags import fill
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.samples import TOPICS
-from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
+from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import rollout
 
@@ -22,53 +22,10 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-PERIOD = 20_000_000
-TYPES = get_typestore(Stores.EMPTY)
-for _name in [topic.type for topic in TOPICS.values()]:
-    TYPES.register(get_types_from_msg(definition(_name), _name))
-
-
-def encoded(log: Log, k: int, topic: str) -> bytes:
-    """Return the message of a topic that belongs to state `k`."""
-    types = TYPES.types
-    sec, nanosec = divmod(10**18 + k * PERIOD, 10**9)
-    stamp = types['builtin_interfaces/msg/Time'](sec=sec, nanosec=nanosec)
-    values = {
-        field: getattr(log, column)[k].item() for field, column in TOPICS[topic].fields.items()
-    }
-    if topic == 'pid_state':
-        values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
-    message = types[TOPICS[topic].type](
-        header=types['std_msgs/msg/Header'](stamp=stamp, frame_id=''), **values
-    )
-    return bytes(TYPES.serialize_cdr(message, TOPICS[topic].type))
-
 
 def start(directory: Path) -> BagWriter:
     directory.mkdir(parents=True)
     return BagWriter(directory, metadata={'command': 'acc', 'kp': '30.0'})
-
-
-def drive(writer: BagWriter, log: Log, namespace: str = '') -> None:
-    """Write the messages of a run as the recorder does, in chunks of about a quarter second."""
-    topics = {
-        topic: Topic(
-            name=f'{namespace}/{topic}',
-            type=TOPICS[topic].type,
-            definition=definition(TOPICS[topic].type),
-            type_hash='',
-            offered_qos=[],
-        )
-        for topic in TOPICS
-    }
-    for k in range(len(log)):
-        time = 10**18 + k * PERIOD
-        for topic, described in topics.items():
-            writer.write(
-                described, encoded(log, k, topic), received=time + 5, published=time, sequence=k
-            )
-        if k % 12 == 0:
-            writer.flush()
 
 
 @pytest.fixture(scope='module')
@@ -80,7 +37,7 @@ def log() -> Log:
 def run(tmp_path: Path, log: Log) -> Path:
     """Return a bag of a run."""
     writer = start(tmp_path / 'run')
-    drive(writer, log)
+    fill(writer, log)
     writer.add_metadata({'kp': '31.0', 'missed': '0'})
     writer.close()
     return tmp_path / 'run'
@@ -97,21 +54,30 @@ def test_a_run_is_read_back_bit_for_bit(run: Path, log: Log) -> None:
     assert_same(bag.read(run), log)
 
 
+def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
+    expected = rollout(pid=LQR(output_min=-8.0, output_max=8.0), distance=25.0)
+    writer = start(tmp_path / 'run')
+    fill(writer, expected)
+    writer.close()
+    assert [*expected.own_terms] == [*LQR.terms]
+    assert_same(bag.read(tmp_path / 'run'), expected)
+
+
 def test_the_file_alone_is_enough(run: Path, log: Log) -> None:
     assert_same(bag.read(run / 'run_0.mcap'), log)
 
 
 def test_a_car_in_a_namespace_is_found(tmp_path: Path, log: Log) -> None:
     writer = start(tmp_path / 'run')
-    drive(writer, log, '/fleet/car2')
+    fill(writer, log, '/fleet/car2')
     writer.close()
     assert_same(bag.read(tmp_path / 'run'), log)
 
 
 def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
     writer = start(tmp_path / 'run')
-    drive(writer, log, '/car2')
-    drive(writer, log)
+    fill(writer, log, '/car2')
+    fill(writer, log)
     writer.close()
     with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
         bag.read(tmp_path / 'run')
@@ -129,7 +95,7 @@ def test_an_unfinished_bag_is_read_as_far_as_it_goes(
     tmp_path: Path, log: Log, caplog: pytest.LogCaptureFixture
 ) -> None:
     writer = start(tmp_path / 'run')
-    drive(writer, log)
+    fill(writer, log)
     writer.flush()
     assert bag.info(tmp_path / 'run')['command'] == 'acc'
     assert_same(bag.read(tmp_path / 'run'), log)
@@ -236,6 +202,6 @@ def test_files_of_a_bag_are_found_by_name(tmp_path: Path) -> None:
 def test_messages_are_counted_by_topic(tmp_path: Path) -> None:
     log = rollout(distance=1.0)
     writer = start(tmp_path / 'run')
-    drive(writer, log, '/car1')
+    fill(writer, log, '/car1')
     writer.close()
     assert bag.counts(tmp_path / 'run') == dict.fromkeys(TOPICS, len(log))

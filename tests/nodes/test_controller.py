@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, PidState, ZDynBkMdl
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -19,6 +19,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.control.pid import speed_controller
+from barc_sim.control.types import new_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.loading import load_controller
@@ -45,7 +46,7 @@ class Bench:
         context: Context,
         spin_until: Callable[..., None],
         controller: Controller | None = None,
-        **parameters: float | bool,
+        **parameters: float | str | bool,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.controller = CruiseController(
@@ -97,7 +98,7 @@ class Bench:
 def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
     made: list[Bench] = []
 
-    def make(controller: Controller | None = None, **parameters: float | bool) -> Bench:
+    def make(controller: Controller | None = None, **parameters: float | str | bool) -> Bench:
         made.append(Bench(ros, spin_until, controller, **parameters))
         return made[-1]
 
@@ -270,6 +271,47 @@ def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
 def test_bad_gain_at_the_start_is_refused(bench: Callable[..., Bench], value: object) -> None:
     with pytest.raises(UserError, match='parameter kp of controller must'):
         bench(kp=value)
+
+
+def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(
+    bench: Callable[..., Bench],
+) -> None:
+    one = bench(controller_type='lqr', speed_weight=100.0, acceleration_limit=3.0)
+    told: list[ControllerState] = []
+    one.peer.create_subscription(ControllerState, names.CONTROLLER_STATE, told.append, names.QOS)
+    one.until(lambda: one.controller.count_subscribers(names.CONTROLLER_STATE) == 1)
+    lqr = new_controller('lqr', {'speed_weight': 100.0}, 3.0)
+    samples = [(0, 7.9), (20 * MS, 7.95), (40 * MS, 4.0)]
+    assert one.answers(samples) == [lqr.acc_calculate(8.0, v_x, 0.02) for _, v_x in samples]
+    one.until(lambda: len(told) == 3)
+    assert one.told == []
+    assert told[2].names == ['feedback', 'compensation']
+    assert told[2].values.tolist() == [lqr.feedback, lqr.compensation]
+    assert (told[2].reference, told[2].measurement, told[2].error) == (8.0, 4.0, 4.0)
+    assert [state.saturated for state in told] == [False, False, True]
+    assert [result.successful for result in one.set(observer_gain=1.0)] == [True]
+    assert [result.successful for result in one.set(observer_gain=1.1, kp=1.0)] == [False, False]
+
+
+def test_a_type_that_there_is_not_is_refused(bench: Callable[..., Bench]) -> None:
+    with pytest.raises(UserError, match="controller_type of controller is 'mpc': expected pid or"):
+        bench(controller_type='mpc')
+
+
+def test_the_labs_object_is_enough(bench: Callable[..., Bench]) -> None:
+    class Lab:
+        """The lab's controller: two arguments, a gain, no reset."""
+
+        kp = 2.0
+
+        def acc_calculate(self, speed_reference: float, speed_current: float) -> float:
+            """Return the acceleration [m/s²]."""
+            return self.kp * (speed_reference - speed_current)
+
+    one = bench(Lab())
+    assert one.answers([(0, 7.0), (20 * MS, 0.0)]) == [2.0, 8.0]
+    one.set(kp=3.0)
+    assert one.answers([(40 * MS, 7.0)]) == [3.0]
 
 
 def test_another_controller_answers_with_the_nodes_gains_and_limit(

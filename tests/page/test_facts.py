@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barc_sim.control.lqr import LQR
 from barc_sim.page.facts import driven_road, facts
 from barc_sim.simulation.closed_loop import rollout
 
@@ -16,6 +17,18 @@ def test_a_road_that_the_simulator_names_is_told() -> None:
     assert told['road']['starts'][:3] == [0.0, 20.0, 40.0]
     assert told['axles'] == [-1.75, 1.25]
     assert told['tuning'] == {'kp': 3.0}
+
+
+def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
+    told = facts('acc', {}, {'kp': 30.0, 'observer_gain': 0.5}, LQR)
+    assert told['terms'] == ['feedback', 'compensation']
+    assert [*told['sliders']] == [*LQR.gains, 'speed_reference']
+    assert told['sliders']['observer_gain'] == {
+        'label': 'Gain of the disturbance observer, observer_gain',
+        'max': 1.0,
+    }
+    assert facts('acc', {}, {})['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
+    assert told['tuning'] == {'observer_gain': 0.5}
 
 
 @pytest.mark.parametrize('simulator', [{}, {'road': 'no/such/file.csv'}])

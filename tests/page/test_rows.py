@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from barc_sim.control.lqr import LQR
 from barc_sim.page.protocol import COLUMNS
-from barc_sim.page.rows import Rows, rows_of
+from barc_sim.page.rows import Rows, columns_in, rows_of
 from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 STEP = 20_000_000
 
@@ -72,6 +76,23 @@ def test_a_page_that_opens_late_gets_the_last_minute() -> None:
         rows.add([(k * STEP, (float(k), 0.0, 0.0, 0.0))], {})
     history = table(rows.history())
     np.testing.assert_array_equal(history['x'], np.arange(1000, 4000))
+
+
+def test_a_run_of_another_controller_has_its_terms() -> None:
+    class Own(LQR):
+        """One that no table has."""
+
+        terms: Mapping[str, str] = {'own': 'whatever it is'}
+
+        @property
+        def own(self) -> float:
+            """A part of the output."""
+            return self.feedback
+
+    log = rollout(pid=Own(output_min=-8.0, output_max=8.0), distance=3.0)
+    assert columns_in(log) == (*COLUMNS, 'own')
+    rows = np.frombuffer(rows_of(log), '<f8').reshape(len(log), -1)
+    np.testing.assert_array_equal(rows[:, -1], log.terms['own'])
 
 
 def test_a_whole_run_has_the_same_columns() -> None:

@@ -20,8 +20,8 @@ import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.commands import regrade
 from barc_sim.errors import UserError
-from barc_sim.simulation import log
 from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.log import COLUMNS as ALL_COLUMNS
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import Deviation
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 ROOT = Path(barc_sim.__file__).parents[1]
-COLUMNS = [name for name in log.COLUMNS if name != 'missed']
+COLUMNS = [name for name in ALL_COLUMNS if name != 'missed']
 OWN_TOPICS = {'z_vhcl', 'ez_vhcl', 'environment', 'ecu', 'pid_state'}
 pytestmark = pytest.mark.usefixtures('ros_domain')
 

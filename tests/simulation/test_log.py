@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import barc_sim
+from barc_sim.control.lqr import LQR
+from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import rollout
-from barc_sim.simulation.log import COLUMNS, Log
+from barc_sim.simulation.log import (
+    COLUMNS,
+    COMMAND,
+    ENVIRONMENT,
+    MESSAGE_TYPES,
+    STATE,
+    STATE_ERROR,
+    Log,
+    columns_of,
+)
+from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Input, State
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
+
+MSG = Path(barc_sim.__file__).parents[1] / 'barc_interfaces/msg'
 
 
 @pytest.fixture(scope='module')
@@ -89,3 +107,71 @@ def test_speed_error_is_reference_minus_true_speed(log: Log) -> None:
 
 def test_unknown_reference_makes_the_speed_error_unknown(log: Log) -> None:
     assert np.isnan(replace(log, reference=np.full(51, np.nan)).speed_error).all()
+
+
+# One declaration
+
+
+def messages() -> dict[str, dict[str, str]]:
+    """Return, by topic, the units of the fields as the .msg files have them in their comments."""
+    found = {}
+    for topic, kind in MESSAGE_TYPES.items():
+        text = (MSG / f'{kind.rpartition("/")[2]}.msg').read_text('utf-8')
+        lines = re.findall(r'^(?:float64|bool) +(\w+) +# (?:\[(.*?)\])?', text, re.MULTILINE)
+        found[topic] = {name: unit.replace('^2', '²') for name, unit in lines}
+    return found
+
+
+def test_columns_are_the_messages_fields_in_their_units() -> None:
+    fields = messages()
+    found = {(column.topic, column.field, column.unit) for column in COLUMNS.values()}
+    for topic, field, unit in found:
+        if topic:
+            assert fields[topic][field] == unit, (topic, field)
+    for topic in (STATE, STATE_ERROR, COMMAND, ENVIRONMENT):
+        assert columns_of(topic).keys() == fields[topic].keys()
+
+
+def test_frame_has_every_column_with_its_unit(log: Log) -> None:
+    frame = log.to_frame()
+    assert [*frame] == [*COLUMNS]
+    np.testing.assert_array_equal(frame['motor'], log.motor)
+    assert frame['saturated'].dtype == bool
+    assert frame.attrs['units']['theta_deg'] == 'deg'
+
+
+def test_frame_has_the_terms_of_a_controller_that_is_no_pid() -> None:
+    log = rollout(pid=LQR(output_min=-8.0, output_max=8.0), distance=3.0)
+    frame = log.to_frame()
+    assert [*frame][-2:] == ['feedback', 'compensation']
+    assert frame.attrs['units']['feedback'] == 'm/s²'
+    assert frame['proportional'].isna().all()
+
+
+def test_without_pandas_the_frame_is_refused_in_a_sentence(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'pandas', None)
+    with pytest.raises(UserError, match=r"to_frame needs pandas.*pip install 'barc_sim\[pandas\]'"):
+        log.to_frame()
+
+
+def test_repr_is_a_line_and_html_a_table(log: Log) -> None:
+    error = f'{summary(log).rms_error:.3f}'
+    assert repr(log) == f'<Log: 51 states, 1.00 s, 3.9 m, speed error {error} m/s RMS>'
+    html = log._repr_html_()
+    assert html.count('<tr>') == 1 + len(COLUMNS)
+    assert '<td>v_x</td><td>m/s</td><td>0</td>' in html
+    assert repr(log.map(lambda column: column[:0])) == '<Log: no states>'
+
+
+def test_plot_is_that_of_the_package(log: Log) -> None:
+    assert barc_sim.Log is Log
+    figure = log.plot()
+    assert next(axes.get_ylabel() for axes in figure.axes) == 'Speed [m/s]'
+    assert figure._repr_png_().startswith(b'\x89PNG')
+
+
+def test_terms_of_another_length_are_refused_by_name(log: Log) -> None:
+    with pytest.raises(ValueError, match=r'^feedback has shape \(50,\), expected \(51,\)$'):
+        replace(log, own_terms={'feedback': log.motor[1:]})

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from websockets.sync.client import connect
 
+from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
@@ -304,6 +305,28 @@ def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
     assert facts['axles'] == [-1.25, 1.5]
     assert facts['road']['grades_deg'][:3] == [0.0, 10.0, 0.0]
     assert facts['tuning'] == {'kp': 30.0, 'ki': 200.0, 'kd': 0.1, 'speed_reference': 8.0}
+
+
+def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
+    view = ViewNode(context=ros)
+    simulator = VehicleSimulator(context=ros)
+    overrides = [Parameter('controller_type', value='lqr')]
+    controller = CruiseController(context=ros, parameter_overrides=overrides)
+    with spinning(ros, view, simulator, controller), page(view) as client:
+        facts = client.hear('hello')
+        while not facts['tuning']:
+            facts = client.hear('facts')
+        client.ask('tune', name='observer_gain', value=1.0)
+        until(lambda: controller.get_parameter('observer_gain').value == 1.0)
+        while not np.isfinite(client.column('feedback')).any():
+            client.hear('status')
+    assert facts['terms'] == [*LQR.terms]
+    assert facts['tuning'].keys() == facts['sliders'].keys() == {*LQR.gains, 'speed_reference'}
+    shown = np.isfinite(client.column('feedback'))
+    total = client.column('feedback')[shown] + client.column('compensation')[shown]
+    np.testing.assert_array_equal(np.clip(total, -8.0, 8.0), client.column('motor')[shown])
+    assert client.column('reference')[shown][-1] == 8.0
+    assert np.isnan(client.column('proportional')).all()
 
 
 def test_a_slider_sets_the_controllers_parameter_and_all_pages_see_it(ros: Context) -> None:

@@ -1,0 +1,89 @@
+"""A controller that is no PID, from the command line to the bag."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from command_line import call
+from rosbags.highlevel import AnyReader
+
+from barc_sim.bags import reader
+from barc_sim.control.lqr import LQR
+from barc_sim.simulation.closed_loop import rollout
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+OPTIONS = ('acc', '--quiet', '--realtime-factor', 'max', '--distance', '30')
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the bag of a run with an LQR."""
+    folder = tmp_path_factory.mktemp('run')
+    gain = ('--gain', 'speed_weight=100', '--gain', 'observer_gain=1')
+    done = call('run', *OPTIONS, '--controller-type', 'lqr', *gain, '--bag-dir', str(folder))
+    assert (done.returncode, done.stderr) == (0, '')
+    return reader.newest(folder)
+
+
+def test_the_run_is_that_of_the_closed_loop_with_its_own_terms(bag: Path) -> None:
+    controller = LQR(100.0, observer_gain=1.0, output_min=-8.0, output_max=8.0)
+    expected, log = rollout(pid=controller, distance=30.0), reader.read(bag)
+    assert [*log.terms] == ['feedback', 'compensation']
+    for name, column in expected.columns().items():
+        if name != 'missed':
+            np.testing.assert_array_equal(log.columns()[name], column, name)
+    assert reader.info(bag)['speed_weight'] == '100.0'
+
+
+def test_any_reader_of_bags_finds_the_terms(bag: Path) -> None:
+    with AnyReader([bag]) as found:
+        topics = {connection.topic: connection for connection in found.connections}
+        assert '/pid_state' not in topics
+        messages = [
+            found.deserialize(data, connection.msgtype)
+            for connection, _, data in found.messages([topics['/controller_state']])
+        ]
+    assert messages[5].names == ['feedback', 'compensation']
+    limited = np.clip([message.values.sum() for message in messages], -8.0, 8.0)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(limited, [message.output for message in messages])
+
+
+@pytest.mark.parametrize('command', ['plot', 'report', 'regrade'])
+def test_commands_take_the_bag(bag: Path, command: str) -> None:
+    done = call(command, str(bag))
+    assert (done.returncode, done.stderr) == (0, '')
+    if command == 'report':
+        text = (bag / 'report.html').read_text()
+        assert 'The terms feedback, compensation over the position' in text
+    elif command == 'regrade':
+        assert 'bit for bit' in done.stdout
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        (('--controller-type', 'mpc'), "invalid choice: 'mpc'"),
+        (('--gain', 'kp'), "'' is not a number from 0 to 1e+06"),
+        (('--gain', 'mass=3'), "'mass=3' is no gain: expected NAME=VALUE with a name of kp, ki"),
+        (('--gain', 'observer_gain=2'), "'2' is not a number from 0 to 1"),
+        (('--gain', 'observer_gain=1'), 'the controller pid has no such gain; expected one of kp'),
+        (('--controller-type', 'lqr', '--kp', '3'), 'kp = 3: the controller lqr has no such gain'),
+        (('--no-controller', '--controller-type', 'lqr'), 'that --no-controller leaves out'),
+        (('--ros-args', '-p', 'controller_type:=mpc'), "'mpc': expected pid or lqr"),
+    ],
+)
+def test_what_the_controller_does_not_have_is_refused(
+    tmp_path: Path, options: tuple[str, ...], message: str
+) -> None:
+    done = call('run', 'acc', '-q', '--bag-dir', str(tmp_path / 'bags'), *options)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert not (tmp_path / 'bags').exists()
