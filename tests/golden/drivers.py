@@ -101,7 +101,7 @@ def _executor() -> Iterator[tuple[SingleThreadedExecutor, Node]]:
 
 
 def drive(name: str, process: subprocess.Popen[str]) -> None:
-    """Drive until the run in `process` has ended."""
+    """DriverInput until the run in `process` has ended."""
     with _executor() as (executor, node):
         driver = _DRIVERS[name](node)
         deadline = time.monotonic() + TIMEOUT

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING
 
-from barc_sim.control.driver import Drive, Driver, Limits
+from barc_sim.control.driver import Driver, DriverInput, Limits
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.simulation.closed_loop import drive, rollout
 
@@ -52,7 +51,7 @@ _HANDLING = Handling(yaw_inertia=3200.0, front_stiffness=90e3)
 
 
 def _by_hand(plant: Plant | None = None, limits: Limits | None = None) -> Log:
-    inputs = [(t, Drive(*shares)) for t, *shares in _INPUTS]
+    inputs = [(t, DriverInput(*shares)) for t, *shares in _INPUTS]
     return drive(inputs, 11.0, plant=plant, driver=Driver(limits))
 
 
@@ -108,4 +107,4 @@ LOOPS: dict[str, Callable[[], Log]] = {
 def columns(name: str) -> dict[str, Sequence[float]]:
     """Run the loop called `name`; return what it logged: a value for each state, by quantity."""
     log = LOOPS[name]()
-    return {field.name: getattr(log, field.name).tolist() for field in fields(log)}
+    return {name: column.tolist() for name, column in log.columns().items()}

@@ -115,7 +115,7 @@ def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
 
 def test_the_brake_is_not_up_to_the_relay(tmp_path: Path) -> None:
     driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 4, 0\n'))
-    driver.hear(FULL_BRAKE, 1.0)
+    driver.receive(FULL_BRAKE, 1.0)
     assert driver.command(1.1, 10.0).motor == -8.0
 
 
