@@ -91,7 +91,7 @@ def encoded(log: Log, k: int, topic: str) -> bytes:
         values |= {'measurement': 0.0, 'error': 0.0, 'output': 0.0}
     if topic == CONTROLLER_STATE:
         values = {field: value for field, value in values.items() if field not in PID.terms} | {
-            'names': list(log.terms),
+            'names': [*log.terms],
             'values': np.array([term[k] for term in log.terms.values()]),
         }
     header = types.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')

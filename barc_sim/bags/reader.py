@@ -15,7 +15,7 @@ from barc_sim.bags.directory import METADATA_NAME
 from barc_sim.bags.records import files, records
 from barc_sim.bags.samples import TOPICS, Sample, join
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import COLUMNS, CONTROLLER_STATE, MESSAGE_TYPES, PID_STATE, STATE
+from barc_sim.simulation.log import CONTROLLER_STATE, MESSAGE_TYPES, PID_STATE, STATE, recordable
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
@@ -166,16 +166,19 @@ class _Decoder:
         _, topic = self._channels[message.channel_id]
         decoded: Any = self._types.deserialize_cdr(message.data, MESSAGE_TYPES[topic])
         stamp = decoded.header.stamp
-        terms: tuple[tuple[str, float], ...] = ()
+        named: dict[str, float] = {}
         if topic == CONTROLLER_STATE:
-            # As `pid_state`, with terms of its own in place of the PID's.
+            # As `pid_state`, with terms that the message names in place of a PID's.
             topic = PID_STATE
-            named = zip(decoded.names, decoded.values.tolist(), strict=True)
-            terms = tuple((name, value) for name, value in named if name not in COLUMNS)
+            terms = dict(zip(decoded.names, decoded.values.tolist(), strict=True))
+            named = {name: terms[name] for name in recordable(terms)}
         # A bag of an earlier version may lack a field.
-        values = tuple(getattr(decoded, field, np.nan) for field in TOPICS[topic].fields)
+        values = tuple(
+            named.pop(field) if field in named else getattr(decoded, field, np.nan)
+            for field in TOPICS[topic].fields
+        )
         time = stamp.sec * 10**9 + stamp.nanosec
-        return topic, Sample(time, message.publish_time, values, terms)
+        return topic, Sample(time, message.publish_time, values, tuple(named.items()))
 
 
 def _samples(path: Path) -> dict[str, dict[str, list[Sample]]]:

@@ -100,8 +100,9 @@ def to_twist(request: DriverInput) -> Twist:
 
 def controller_state_type(controller: Controller) -> type[PidState | ControllerState]:
     """Return the type of the message for what `controller` computes: PIDs have one of their own."""
-    is_pid = controller.terms.keys() == PID.terms.keys()
-    return PidState if is_pid else ControllerState  # type: ignore[no-any-return]
+    if controller.terms.keys() == PID.terms.keys():
+        return PidState  # type: ignore[no-any-return]
+    return ControllerState  # type: ignore[no-any-return]
 
 
 def to_controller_state(
@@ -117,6 +118,6 @@ def to_controller_state(
         'output': output,
         'saturated': controller.saturated,
     }
-    if controller_state_type(controller) is PidState:
+    if terms.keys() == PID.terms.keys():
         return PidState(**fields, **terms)
     return ControllerState(**fields, names=list(terms), values=list(terms.values()))

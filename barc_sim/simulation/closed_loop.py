@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.control.adapter import as_controller
 from barc_sim.control.driver import Driver
 from barc_sim.control.pid import FIRST_DT, PID, SPEED_REFERENCE, speed_controller
-from barc_sim.simulation.log import COLUMNS, Log
+from barc_sim.simulation.log import COLUMNS, Log, recordable
 from barc_sim.vehicle.bike_model import Input
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -38,7 +38,7 @@ def rollout(
     """
     plant = plant or Plant()
     pid = speed_controller() if pid is None else as_controller(pid)
-    terms = tuple(pid.terms)
+    terms = recordable(pid.terms)
     rows: list[tuple[float, ...]] = []
     dt = FIRST_DT
     period_ns = round(plant.ts * 1e9)

@@ -14,7 +14,7 @@ from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     import pandas as pd
     from matplotlib.figure import Figure
@@ -116,8 +116,10 @@ class Log:
 
     @property
     def terms(self) -> dict[str, Floats]:
-        """What the controller's command was made of [m/s²], by name."""
-        return dict(self.own_terms) or {name: getattr(self, name) for name in PID.terms}
+        """Terms of the controller [m/s²] by name; a PID's, unknown, where there was none."""
+        pid = {name: getattr(self, name) for name in PID.terms}
+        known = {name: values for name, values in pid.items() if not np.isnan(values).all()}
+        return (known | dict(self.own_terms)) if self.own_terms else pid
 
     @property
     def speed(self) -> Floats:
@@ -209,6 +211,11 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(dict(_declared()))
 def columns_of(topic: str) -> dict[str, str]:
     """Return the columns that a topic's messages hold: names by field."""
     return {column.field: name for name, column in COLUMNS.items() if column.topic == topic}
+
+
+def recordable(terms: Iterable[str]) -> tuple[str, ...]:
+    """Return those of a controller's terms whose name no column but that of a PID's term has."""
+    return tuple(name for name in terms if name in PID.terms or name not in COLUMNS)
 
 
 def _in_words(log: Log) -> str:

@@ -14,10 +14,12 @@ from barc_sim.bags.metadata import Topic
 from barc_sim.bags.samples import TOPICS
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lqr import LQR
+from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import rollout
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from barc_sim.simulation.log import Log
@@ -60,6 +62,27 @@ def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
     fill(writer, expected)
     writer.close()
     assert [*expected.own_terms] == [*LQR.terms]
+    assert_same(bag.read(tmp_path / 'run'), expected)
+
+
+def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path: Path) -> None:
+    class Feedforward(PID):
+        """A PI controller that adds a constant."""
+
+        terms: Mapping[str, str] = {
+            'proportional': 'kp times the error',
+            'feedforward': 'a constant',
+            'motor': 'its name is that of a column',
+        }
+        feedforward = 0.5
+        motor = 7.0
+
+    expected = rollout(pid=Feedforward(output_min=-8.0, output_max=8.0), distance=25.0)
+    assert [*expected.terms] == ['proportional', 'feedforward']
+    assert expected.motor[-1] != 7.0
+    writer = start(tmp_path / 'run')
+    fill(writer, expected)
+    writer.close()
     assert_same(bag.read(tmp_path / 'run'), expected)
 
 
