@@ -38,7 +38,7 @@ def newest(root: Path | str = 'bags') -> Path:
 
 
 def info(path: Path | str) -> dict[str, str]:
-    """Return what the run said of itself: command line, versions, parameters and the like.
+    """Return the metadata of the run: command line, versions, parameters and the like.
 
     Raises
     ------

@@ -64,10 +64,10 @@ def join(samples: Mapping[str, Sequence[Sample]]) -> Log:
 
 
 def _terms(samples: Sequence[Sample | None]) -> dict[str, NDArray[np.float64]]:
-    """Return what the samples of each state name by themselves; NaN where one does not."""
-    told = [dict(sample.terms) if sample else {} for sample in samples]
-    names = dict.fromkeys(name for terms in told for name in terms)
-    return {name: np.array([terms.get(name, np.nan) for terms in told]) for name in names}
+    """Return the terms that the samples of the states name; NaN where one has none."""
+    found = [dict(sample.terms) if sample else {} for sample in samples]
+    names = dict.fromkeys(name for terms in found for name in terms)
+    return {name: np.array([terms.get(name, np.nan) for terms in found]) for name in names}
 
 
 def _first(samples: Iterable[Sample]) -> dict[int, Sample]:

@@ -59,7 +59,7 @@ class Adapter:
     """A `Controller` around an object that need not limit its output, nor know of a reset.
 
     The terms are the object's attributes of these names, NaN where it has no such number;
-    `saturated` is true where the output was cut here, or the object says so.
+    `saturated` is true where the output was cut here, or the object has it true.
     """
 
     def __init__(
@@ -92,15 +92,15 @@ class Adapter:
             self._set(values)
         speeds = speed_reference, speed_current
         if self._dt is None:
-            wanted = self._controller.acc_calculate(*speeds)
+            raw = self._controller.acc_calculate(*speeds)
         elif self._dt:
-            wanted = self._controller.acc_calculate(*speeds, **{self._dt: dt})
+            raw = self._controller.acc_calculate(*speeds, **{self._dt: dt})
         else:
-            wanted = self._controller.acc_calculate(*speeds, dt)
-        output = min(max(wanted, self.output_min), self.output_max)
+            raw = self._controller.acc_calculate(*speeds, dt)
+        output = min(max(raw, self.output_min), self.output_max)
         for name in self.terms:
-            self.__dict__[name] = self._tell(name)
-        self.saturated = output != wanted or self._tell('saturated') == 1.0
+            self.__dict__[name] = self._read(name)
+        self.saturated = output != raw or self._read('saturated') == 1.0
         return float(output)
 
     def _values(self) -> dict[str, float]:
@@ -113,7 +113,7 @@ class Adapter:
         for name, value in values.items():
             setattr(self._controller, name, value)
 
-    def _tell(self, name: str) -> float:
+    def _read(self, name: str) -> float:
         try:
             return float(getattr(self._controller, name, nan))
         except (TypeError, ValueError):

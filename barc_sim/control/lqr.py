@@ -91,7 +91,7 @@ class LQR:
         self._previous = speed_current if isfinite(error) else None
 
         self.feedback = feedback_gain(self.speed_weight, self.effort_weight, self.dt) * error
-        wanted = self.feedback + self.compensation
-        self._output = min(max(wanted, self.output_min), self.output_max)
-        self.saturated = wanted < self.output_min or wanted > self.output_max
+        raw = self.feedback + self.compensation
+        self._output = min(max(raw, self.output_min), self.output_max)
+        self.saturated = raw < self.output_min or raw > self.output_max
         return self._output

@@ -131,7 +131,7 @@ def _caption(log: Log) -> str:
 
 
 def _draw_speed(axes: Axes, log: Log) -> None:
-    """Draw the true speed and, where they say more, its measurement and its reference."""
+    """Draw the true speed and, where they differ, its measurement and its reference."""
     plot = partial(axes.plot, log.distance, marker=_marker(log))
     if np.any(log.e_v_x):
         plot(log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured')

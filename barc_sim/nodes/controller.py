@@ -222,7 +222,7 @@ class CruiseController(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it is told to stop."""
+    """Run the node alone, until a signal stops it."""
     return call('controller', lambda: spin(CruiseController, args))
 
 

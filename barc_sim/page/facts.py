@@ -1,4 +1,4 @@
-"""What the page is told of a run beside its states, out of the nodes' parameters."""
+"""What the page shows of a run beside its states, from the parameters of the nodes."""
 
 from __future__ import annotations
 

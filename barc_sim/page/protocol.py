@@ -1,4 +1,4 @@
-"""What the live page and its server say to each other.
+"""The messages between the live page and its server.
 
 States go to the page in binary messages: rows of little-endian float64, one value per name in
 `COLUMNS`, NaN for what is not known. All else is JSON with a `type`.
@@ -35,7 +35,7 @@ REFERENCE = Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0)
 TUNABLE = (*GAINS, 'speed_reference')
 
 
-class Malformed(ValueError):  # noqa: N818 (it says what the message is)
+class RequestError(ValueError):
     """A message that no page of ours sends."""
 
 
@@ -68,39 +68,39 @@ Request = Drive | Tune | Reset | Pause
 
 
 class Status(NamedTuple):
-    """What the composition knows of a run and no topic tells; None for what it doesn't."""
+    """What is on no topic of a run; None where it is unknown."""
 
     missed: int | None = None  #: commands that were not there when they were due
     slipped: int | None = None  #: periods by which time has fallen behind the wall clock
     paused: bool | None = None
 
 
-def say(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can say)
+def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can hold)
     """Return the message of a type to the page."""
     return json.dumps({'type': kind, **fields}, separators=(',', ':'), allow_nan=False)
 
 
 def parse(message: str | bytes) -> Request:
-    """Return what a page asks for.
+    """Return the request in a message of a page.
 
     Raises
     ------
-    Malformed
+    RequestError
         where it is nothing that a page can ask for.
     """
     if not isinstance(message, str):
-        raise Malformed('a page sends text, not binary data')
+        raise RequestError('a page sends text, not binary data')
     try:
         fields = json.loads(message, parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
-        raise Malformed(f'not JSON: {error}') from None
+        raise RequestError(f'not JSON: {error}') from None
     if not isinstance(fields, dict):
-        raise Malformed('a JSON object is expected')
+        raise RequestError('a JSON object is expected')
     kind = fields.pop('type', None)
     if kind == 'drive' and {'linear', 'angular'} <= set(fields) <= set(Drive._fields):
         drive = Drive(**{name: _number(value, 1.0) for name, value in fields.items()})
         if drive.brake < 0.0:
-            raise Malformed('the brake is from 0 to 1')
+            raise RequestError('the brake is from 0 to 1')
         return drive
     if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in TUNABLE:
         return Tune(fields['name'], _number(fields['value'], 1e9))
@@ -108,7 +108,7 @@ def parse(message: str | bytes) -> Request:
         return Reset()
     if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
         return Pause(fields['on'])
-    raise Malformed('unknown request')
+    raise RequestError('unknown request')
 
 
 def _no_number(name: str) -> NoReturn:
@@ -118,7 +118,7 @@ def _no_number(name: str) -> NoReturn:
 def _number(value: object, limit: float) -> float:
     """Return `value` if it is a number from -limit to limit."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise Malformed('a number is expected')
+        raise RequestError('a number is expected')
     if not abs(value) <= limit:  # NaN isn't, either
-        raise Malformed(f'a number from {-limit:g} to {limit:g} is expected')
+        raise RequestError(f'a number from {-limit:g} to {limit:g} is expected')
     return float(value)

@@ -10,7 +10,7 @@ import numpy as np
 
 from barc_sim.page.facts import driven_road, facts, road_facts
 from barc_sim.page.options import open_page
-from barc_sim.page.protocol import say
+from barc_sim.page.protocol import encode
 from barc_sim.page.rows import columns_in, rows_of
 from barc_sim.page.server import ViewServer
 
@@ -23,13 +23,13 @@ _LONG = 3600.0
 
 
 class Replay:
-    """A run, told to every page that opens; the pages play it by themselves."""
+    """A recorded run, sent whole to every page that opens; the page plays it."""
 
     def __init__(self, log: Log, title: str) -> None:
         """Of a run of at least one state."""
         road = driven_road(log)
         mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
-        self._hello = say(
+        self._hello = encode(
             'hello',
             **{
                 **facts(mode, {}, {}),
@@ -42,7 +42,7 @@ class Replay:
         self._rows = rows_of(log)
 
     def greet(self) -> list[str | bytes]:
-        """Tell the whole run."""
+        """Return the messages with the whole run."""
         return [self._hello, self._rows]
 
     def receive(self, page: Page, request: Request) -> None:

@@ -1,4 +1,4 @@
-"""Samples of a run's topics -> the rows that the page is sent."""
+"""Samples of a run's topics -> the rows that are sent to the page."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     #: [ns] stamp, and values in the order of `FIELDS`.
     Sample = tuple[int, tuple[float, ...]]
 
-#: What is taken of each topic that goes with a state, and what holds until it is first heard.
+#: The fields of each topic that belong to a state, and their values before its first message.
 FIELDS: dict[str, dict[str, float]] = {
     STATE_ERROR: dict.fromkeys(('s', 'ey', 'epsi', 'v_x'), 0.0),
     **{topic: dict.fromkeys(columns_of(topic), nan) for topic in TOPICS},
@@ -30,15 +30,15 @@ FIELDS: dict[str, dict[str, float]] = {
 FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
 STATE_FIELDS = ('x', 'y', 'psi', 'v_x')
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
-_HISTORY = 3000  #: rows that a page is sent when it opens: a minute
+_HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
 _WAITING = 100  #: samples per topic that wait for their state
 
 
 class Rows:
-    """Joins what belongs to each state, and remembers the last minute."""
+    """Joins the samples of each state, and keeps the rows of the last minute."""
 
     def __init__(self) -> None:
-        """Nothing heard yet."""
+        """Start without states."""
         self._first: int | None = None
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
         self._waiting: dict[str, deque[Sample]] = {
@@ -49,7 +49,7 @@ class Rows:
     def add(self, states: Iterable[Sample], others: Mapping[str, Iterable[Sample]]) -> bytes:
         """Return the rows of `states`, each with the latest of the others that is not newer.
 
-        A command without a stamp counts from when it is heard.
+        A command without a stamp holds from its arrival.
         """
         for topic, samples in others.items():
             self._waiting[topic].extend(samples)

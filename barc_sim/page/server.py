@@ -19,7 +19,7 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import Malformed, parse
+from barc_sim.page.protocol import RequestError, parse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -60,7 +60,7 @@ class Host(Protocol):
         """Return the messages for a page that has just opened."""
 
     def receive(self, page: Page, request: Request) -> None:
-        """Do what a page asks for."""
+        """Handle a request of a page."""
 
     def leave(self, page: Page) -> None:
         """Take note that a page has gone."""
@@ -86,14 +86,14 @@ class Page:
 
         Raises
         ------
-        Malformed
+        RequestError
             where there are more than a page of ours would send.
         """
         if int(now) != self._second:
             self._second, self._messages = int(now), 0
         self._messages += 1
         if self._messages > _MOST_PER_SECOND:
-            raise Malformed(f'more than {_MOST_PER_SECOND} messages in a second')
+            raise RequestError(f'more than {_MOST_PER_SECOND} messages in a second')
 
 
 class ViewServer:
@@ -155,7 +155,7 @@ class ViewServer:
             self._loop.call_soon_threadsafe(callback)
 
     def close(self) -> None:
-        """Send what was said, close all pages and the port, and end the thread."""
+        """Send all pending messages, close all pages and the port, and end the thread."""
         self.call(self._closing.set)
         self._thread.join()
 
@@ -219,7 +219,7 @@ class ViewServer:
             async for data in connection:
                 page.count(self._loop.time())
                 self._host.receive(page, parse(data))
-        except Malformed as error:
+        except RequestError as error:
             await connection.close(_POLICY_VIOLATION, f'malformed: {error}'[:100])
         except ConnectionClosed:
             pass

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.page.protocol import Drive, Malformed, Pause, Reset, Tune, parse, say
+from barc_sim.page.protocol import Drive, Pause, RequestError, Reset, Tune, encode, parse
 
 MALFORMED = [
     '',
@@ -68,7 +68,7 @@ def test_requests_are_understood(message: str, request_: object) -> None:
 
 @pytest.mark.parametrize('message', MALFORMED, ids=lambda message: repr(message)[:40])
 def test_what_no_page_sends_is_refused(message: str | bytes) -> None:
-    with pytest.raises(Malformed):
+    with pytest.raises(RequestError):
         parse(message)
 
 
@@ -88,7 +88,7 @@ _JSON = st.recursive(
 def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | bytes) -> None:
     try:
         found = parse(message)
-    except Malformed:
+    except RequestError:
         return
     if isinstance(found, Drive):
         assert all(-1.0 <= share <= 1.0 for share in found)
@@ -100,10 +100,10 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
 
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 def test_every_drive_within_limits_is_understood(linear: float, angular: float) -> None:
-    assert parse(say('drive', linear=linear, angular=angular)) == Drive(linear, angular)
+    assert parse(encode('drive', linear=linear, angular=angular)) == Drive(linear, angular)
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf])
 def test_what_json_cannot_say_is_not_said(value: Any) -> None:  # noqa: ANN401 (several)
     with pytest.raises(ValueError, match='JSON'):
-        say('status', factor=value)
+        encode('status', factor=value)

@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import Drive, Reset, say
+from barc_sim.page.protocol import Drive, Reset, encode
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
@@ -37,12 +37,12 @@ class Host:
 
     def greet(self) -> list[str | bytes]:
         """Say hello."""
-        return [say('hello'), b'history']
+        return [encode('hello'), b'history']
 
     def receive(self, page: Page, request: Request) -> None:
         """Note it, and answer."""
         self.received.append(request)
-        page.send(say('refused', what='drive', why='test'))
+        page.send(encode('refused', what='drive', why='test'))
 
     def leave(self, page: Page) -> None:  # noqa: ARG002 (the server's)
         """Count it."""
@@ -184,12 +184,12 @@ def test_a_tunnel_with_another_port_is_no_other_origin(server: ViewServer) -> No
     with socket.create_connection(('127.0.0.1', urlsplit(server.url).port)) as tunnel:
         tunnel.settimeout(DEADLINE)
         with connect(address, sock=tunnel, origin='http://localhost:9999') as client:
-            assert client.recv(DEADLINE) == say('hello')
+            assert client.recv(DEADLINE) == encode('hello')
 
 
 def test_a_page_is_greeted_before_all_else(server: ViewServer) -> None:
     with page(server) as client:
-        assert client.recv(DEADLINE) == say('hello')
+        assert client.recv(DEADLINE) == encode('hello')
         assert client.recv(DEADLINE) == b'history'
 
 
@@ -203,10 +203,10 @@ def test_all_pages_hear_what_is_sent(server: ViewServer) -> None:
 
 def test_a_page_asks_and_is_answered(server: ViewServer, host: Host) -> None:
     with page(server) as client:
-        client.send(say('drive', linear=0.5, angular=-1))
+        client.send(encode('drive', linear=0.5, angular=-1))
         answers = [client.recv(DEADLINE) for _ in range(3)]
     assert host.received == [Drive(0.5, -1.0)]
-    assert answers[-1] == say('refused', what='drive', why='test')
+    assert answers[-1] == encode('refused', what='drive', why='test')
 
 
 def test_a_page_that_goes_is_missed_however_it_goes(server: ViewServer, host: Host) -> None:
@@ -240,14 +240,14 @@ def test_ten_thousand_malformed_messages_leave_it_running(server: ViewServer, ho
                     client.send(data if noise.random() < 0.5 else data.decode('latin-1'))
                 sent += 1
     with page(server) as client:
-        client.send(say('reset'))
+        client.send(encode('reset'))
         until(lambda: host.received == [Reset()])
 
 
 def test_a_page_that_floods_it_is_shut_out(server: ViewServer, host: Host) -> None:
     with page(server, compression=None) as client:
         for _ in range(500):
-            client.send(say('reset'))
+            client.send(encode('reset'))
         closed = end_of(client)
     assert closed.code == 1008
     assert 'messages in a second' in closed.reason
@@ -269,11 +269,11 @@ def test_a_page_that_does_not_keep_up_misses_states_but_not_words(server: ViewSe
         for _ in range(200):
             server.call(lambda: server.send(bytes(100_000)))
         done = Event()
-        server.call(lambda: server.pages[0].send(say('end', reason='test')))
+        server.call(lambda: server.pages[0].send(encode('end', reason='test')))
         server.call(done.set)
         assert done.wait(DEADLINE)
         states = 0
-        while (message := client.recv(DEADLINE)) != say('end', reason='test'):
+        while (message := client.recv(DEADLINE)) != encode('end', reason='test'):
             states += isinstance(message, bytes)
     assert states < 200
 
@@ -291,9 +291,9 @@ def test_closing_tells_the_pages_and_frees_the_port(server: ViewServer) -> None:
 def test_what_is_said_last_still_arrives(server: ViewServer) -> None:
     with page(server) as client:
         until(lambda: server.pages)
-        server.call(lambda: server.send(say('end', reason='done')))
+        server.call(lambda: server.send(encode('end', reason='done')))
         server.close()
-        assert [client.recv(DEADLINE) for _ in range(3)][-1] == say('end', reason='done')
+        assert [client.recv(DEADLINE) for _ in range(3)][-1] == encode('end', reason='done')
 
 
 def test_a_closed_server_may_be_called_and_closed_again(server: ViewServer) -> None:

@@ -1,4 +1,4 @@
-"""What a report tells of a run: bag -> Facts."""
+"""The facts of a run for its report: bag -> Facts."""
 
 from __future__ import annotations
 

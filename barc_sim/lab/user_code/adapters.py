@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.functions import UserPid
     from barc_sim.lab.user_code.loading import ControllerFactory, RelayFactory, UserCode
 
-#: The entry of a bag's metadata that tells of user code.
+#: The entry of a bag's metadata that names the user code.
 METADATA = 'student_code'
 #: What the names of its files are preceded by, as attachments.
 FOLDER = 'student/'
@@ -51,7 +51,7 @@ class UserController(Adapter):
     def _set(self, values: Mapping[str, float]) -> None:
         self._controller.set_gains(*values.values())
 
-    def _tell(self, name: str) -> float:
+    def _read(self, name: str) -> float:
         return self._controller.tell(name)
 
 
@@ -96,7 +96,7 @@ class UserDriver(Driver):
 
 
 def describe(user_code: UserCode) -> dict[str, str]:
-    """Return what a bag's metadata says of user code: files by part, and hashes."""
+    """Return the metadata of user code in a bag: files by part, and hashes."""
     hashes = {source.name: source.sha256 for source in user_code.sources}
     return {METADATA: json.dumps({'files': user_code.files, 'sha256': hashes})} if hashes else {}
 

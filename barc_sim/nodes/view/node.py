@@ -22,7 +22,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.view.node_clients import Peers
 from barc_sim.page.driver_arbiter import Wheel
 from barc_sim.page.facts import SIMULATOR, facts
-from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, say
+from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, encode
 from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
 from barc_sim.page.server import ViewServer
 from barc_sim.ros import names
@@ -148,10 +148,10 @@ class ViewNode(Node):
 
     def greet(self) -> Iterator[str | bytes]:
         """Tell a page that has opened what is known."""
-        yield say('hello', **self._facts())
+        yield encode('hello', **self._facts())
         yield self._rows.history()
         if self._ended is not None:
-            yield say('end', reason=self._ended)
+            yield encode('end', reason=self._ended)
 
     def _facts(self) -> dict[str, Any]:
         return facts(self._mode, self._simulator, self._controller, self._kind or PID)
@@ -163,7 +163,7 @@ class ViewNode(Node):
             if self._wheel.turn(page, request, now):
                 self._publish(now)
             else:
-                page.send(say('refused', what='drive', why='another page is driving'))
+                page.send(encode('refused', what='drive', why='another page is driving'))
         elif isinstance(request, Tune):
             self._peers.tune(*request, answer=partial(self._on_tuned, page, request))
         elif isinstance(request, Pause):
@@ -228,7 +228,7 @@ class ViewNode(Node):
         for page in self._server.pages:
             driver = self._wheel.driver
             page.send(
-                say(
+                encode(
                     'status',
                     factor=self._realtime_factor(),
                     missed=missed,
@@ -281,28 +281,28 @@ class ViewNode(Node):
 
     def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
         known.update(values)
-        self._server.send(say('facts', **self._facts()))
+        self._server.send(encode('facts', **self._facts()))
 
     def _on_tuned(self, page: Page, request: Tune, done: bool, why: str) -> None:
         if not done:
-            page.send(say('refused', what=request.name, why=why))
+            page.send(encode('refused', what=request.name, why=why))
 
     def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
         if done:
             self._paused = request.on
             self._send_status()
         else:
-            page.send(say('refused', what='pause', why=why))
+            page.send(encode('refused', what='pause', why=why))
 
     def _on_reset(self, page: Page, done: bool, why: str) -> None:
         if not done:
-            page.send(say('refused', what='reset', why=why))
+            page.send(encode('refused', what='reset', why=why))
 
     def _end(self, reason: str) -> None:
         self._ended = reason
         if rows := self._look():
             self._server.send(rows)
-        self._server.send(say('end', reason=reason))
+        self._server.send(encode('end', reason=reason))
 
 
 def _usable(values: tuple[float, ...]) -> bool:

@@ -25,7 +25,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.nodes.view.node import ViewNode
-from barc_sim.page.protocol import COLUMNS, Status, say
+from barc_sim.page.protocol import COLUMNS, Status, encode
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor.executor import QuickExecutor
@@ -91,7 +91,7 @@ class Client:
 
     def ask(self, kind: str, **fields: object) -> None:
         """Send a request."""
-        self._socket.send(say(kind, **fields))
+        self._socket.send(encode(kind, **fields))
 
     def hear(self, kind: str) -> dict[str, Any]:
         """Return the next message of a type; keep the states that come before it."""
