@@ -47,7 +47,7 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
 
 
 def check(options: Namespace) -> int:
-    """Judge, tell and draw; return the exit code: 1 where anything is not met in full.
+    """Judge, print and draw; return the exit code: 1 if a criterion is not met in full.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check(options: Namespace) -> int:
         where there is nothing to check, or the figure can't be saved as asked.
     """
     from barc_sim.lab.check import GAINS  # noqa: PLC0415 (--help need not wait for NumPy)
-    from barc_sim.lab.check.report import tell  # noqa: PLC0415
+    from barc_sim.lab.check.report import print_report  # noqa: PLC0415
     from barc_sim.lab.check.worker import judge_folder  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
@@ -69,7 +69,7 @@ def check(options: Namespace) -> int:
         raise UserError(f'the gains kp, ki, kd are {gains}: expected finite numbers')
     path = None if options.no_plot else _path(options)
     report = judge_folder(options.folder, options.seed, gains)
-    tell(report)
+    print_report(report)
     if path:
         settings = f'kp {kp:g} · ki {ki:g} · kd {kd:g} · seed {options.seed}'
         _draw(report, path, f'{options.folder.resolve().name}, beside the reference', settings)
@@ -87,7 +87,7 @@ def _draw(report: Report, path: Path, title: str, settings: str) -> None:
     """Save the figure, where there is anything to draw."""
     from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.check import figure as check_figure  # noqa: PLC0415
-    from barc_sim.lab.check.evidence import Comparison, Trajectory  # noqa: PLC0415
+    from barc_sim.lab.check.findings import Comparison, Trajectory  # noqa: PLC0415
 
     evidence = [finding.evidence for finding in report.findings]
     comparison = next((item for item in evidence if isinstance(item, Comparison)), None)

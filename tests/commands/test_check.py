@@ -1,4 +1,4 @@
-"""The check command: what it tells, its figure, and its exit code."""
+"""The check command: what it prints, its figure, and its exit code."""
 
 from __future__ import annotations
 
@@ -75,28 +75,28 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(
     assert check.main([str(wrong), '--no-plot', '--kp', '2']) == 1
     out = capsys.readouterr().out
     assert 'pid.integral          0 %  there is no I: with ki alone the output is always 0' in out
-    assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 alone' in out
+    assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 gives' in out
     assert 'your code printed:\n  [red]called\n' in out
-    assert 'lines more' in out
+    assert 'more lines' in out
     assert '6 of 12 criteria are met in full' in out
     assert not (wrong / 'check.png').exists()
 
 
-def test_a_cause_is_told_once(wrong: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cause_is_named_once(wrong: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = MODEL.replace('0.5 * tan', '-0.5 * tan')
     (wrong / 'bike_model.py').write_text(text, encoding='utf-8')
     assert check.main([str(wrong), '--no-plot']) == 1
     out = capsys.readouterr().out
     assert out.count('is the sign of beta right?') == 1
-    assert 'model.y            14.2 %  as model.x\n' in out
+    assert 'model.y            14.2 %  see model.x\n' in out
 
 
 def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=100)
-    report.tell(judge_folder(wrong, 0, GAINS), console)
+    report.print_report(judge_folder(wrong, 0, GAINS), console)
     text = out.getvalue()
-    assert text.splitlines()[0].split() == ['criterion', 'score', 'what', 'was', 'found']
+    assert text.splitlines()[0].split() == ['criterion', 'score', 'finding']
     assert "the lab's road, stretch by stretch" in text
     assert '[red]called' in text
     assert max(map(len, text.splitlines())) <= 100

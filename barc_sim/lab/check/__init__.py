@@ -1,19 +1,19 @@
-"""Judges a user's `bikeFE` and `PID` against the reference: what `check` and `grade` share.
+"""Judges a user's `bikeFE` and `PID` against the reference, for `check` and `grade`.
 
-No ROS, no clock, no randomness but the seed's: a score is the same on every machine. Tolerances
-are far above what mathematical libraries differ by, and far below any mistake.
+It uses no ROS, no clock and only seeded random numbers: a score is the same on every machine.
+Tolerances are far above the differences between maths libraries, and far below any mistake.
 """
 
-from barc_sim.lab.check.code import Code, Controller, LocalCode, Row
-from barc_sim.lab.check.finding import CRITERIA, Finding
+from barc_sim.lab.check.code import JudgedCode, JudgedController, LocalCode, Row
+from barc_sim.lab.check.findings import CRITERIA, Finding
 from barc_sim.lab.check.judging import GAINS, findings, judge
 
 __all__ = [
     'CRITERIA',
     'GAINS',
-    'Code',
-    'Controller',
     'Finding',
+    'JudgedCode',
+    'JudgedController',
     'LocalCode',
     'Row',
     'findings',

@@ -1,4 +1,4 @@
-"""The code that is judged: `Code`, and the simplest that is one, in this process."""
+"""Interfaces of the user code that is judged, and `LocalCode`, which runs it in this process."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
-class Controller(Protocol):
-    """One instance of the user's `PID`; whatever it does wrong is a UserError."""
+class JudgedController(Protocol):
+    """One instance of the user's `PID`; each of its errors is a UserError."""
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
-        """Return the acceleration [m/s²] that it asks for."""
+        """Return the commanded acceleration [m/s²]."""
 
     def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
-        """Return what `acc_calculate` does of one sample after the other."""
+        """Return the results of `acc_calculate` for one sample after the other."""
 
     def reset(self) -> bool:
-        """Call the user's `reset()`; False where the class has none."""
+        """Call the user's `reset()`; return False if the class has none."""
 
 
-class Code(Protocol):
-    """What a user wrote; whatever it does wrong is a UserError."""
+class JudgedCode(Protocol):
+    """A user's model and controller; each of their errors is a UserError."""
 
     @property
     def has_model(self) -> bool:
@@ -57,14 +57,14 @@ class Code(Protocol):
         """Whether there is a `PID`."""
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
-        """Return what `bikeFE` makes of each row; the lengths [m] reach it where it takes them."""
+        """Return the result of `bikeFE` for each row; lengths [m] are passed if it takes them."""
 
-    def new_pid(self, kp: float, ki: float, kd: float) -> Controller:
-        """Return a fresh `PID` with these gains."""
+    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
+        """Return a new `PID` with these gains."""
 
 
 class Parts(Protocol):
-    """What `LocalCode` needs of a `barc_sim.lab.user_code.loading.UserCode`."""
+    """The parts of `barc_sim.lab.user_code.loading.UserCode` that `LocalCode` uses."""
 
     @property
     def model(self) -> Callable[..., Any] | None:
@@ -72,29 +72,29 @@ class Parts(Protocol):
 
     @property
     def controller(self) -> Callable[..., Any] | None:
-        """Gains, and limits by name which reach it where it takes them -> a fresh `PID`."""
+        """A factory: gains, and limits by name, -> a new `PID`."""
 
 
 class LocalCode:
-    """A user's folder, called in this process: nothing stops an endless loop."""
+    """User code called in this process: nothing stops an endless loop."""
 
-    def __init__(self, lab: Parts) -> None:
-        """Judge the parts that `lab` has."""
-        self._lab = lab
+    def __init__(self, user_code: Parts) -> None:
+        """Judge the parts of `user_code`."""
+        self._user_code = user_code
 
     @property
     def has_model(self) -> bool:
         """Whether there is a `bikeFE`."""
-        return self._lab.model is not None
+        return self._user_code.model is not None
 
     @property
     def has_controller(self) -> bool:
         """Whether there is a `PID`."""
-        return self._lab.controller is not None
+        return self._user_code.controller is not None
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
-        """Return what `bikeFE` makes of each row."""
-        model = self._lab.model
+        """Return the result of `bikeFE` for each row."""
+        model = self._user_code.model
         if model is None:
             raise LookupError('there is no bikeFE')
         results = []
@@ -103,9 +103,9 @@ class LocalCode:
             results.append((x, y, psi, v))
         return results
 
-    def new_pid(self, kp: float, ki: float, kd: float) -> Controller:
-        """Return a fresh `PID` with these gains."""
-        controller = self._lab.controller
+    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
+        """Return a new `PID` with these gains."""
+        controller = self._user_code.controller
         if controller is None:
             raise LookupError('there is no PID')
         limits = {'output_min': -ACCELERATION_LIMIT, 'output_max': ACCELERATION_LIMIT}
@@ -115,7 +115,7 @@ class LocalCode:
 class _LocalController:
     def __init__(self, pid: Any) -> None:  # noqa: ANN401 (a user's class)
         self._pid = pid
-        # `barc_sim.lab.user_code` wraps the user's object, and keeps it as `instance`.
+        # `barc_sim.lab.user_code` wraps the user's object as `instance`.
         self._reset = getattr(getattr(pid, 'instance', pid), 'reset', None)
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
@@ -131,6 +131,6 @@ class _LocalController:
             self._reset()
         except (Exception, SystemExit) as error:
             raise UserError(
-                f'reset() raised {type(error).__name__}: {error}; expected PID to forget its past'
+                f'reset() raised {type(error).__name__}: {error}; expected it to clear the PID'
             ) from error
         return True

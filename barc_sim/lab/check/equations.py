@@ -1,12 +1,12 @@
-"""The model's equations in pieces, over many states at once, each exchangeable for a wrong one.
+"""The model's equations in parts, for many states at once; each part can be replaced by a mistake.
 
-The scores come from `bike_model.bikeFE`; this is for naming causes. A test holds both together.
+The scores come from `bike_model.bikeFE`. These parts only find causes; a test compares both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,7 @@ EQUATIONS: Changes = {
     'friction': lambda q: -q.Ff * np.sign(q.v),
     'force': lambda q: q.gravity + q.drag + q.friction,
     'v_rate': lambda q: q.a + q.force / q.m,
-    # Each equation has a ts and an old value of its own to get wrong.
+    # Each equation has its own ts and old value, so that a mistake can change one of them.
     **{f'{name}_ts': lambda q: q.ts for name in NAMES},
     **{f'{name}_old': _old(name) for name in NAMES},
     **{f'{name}_next': _next(name) for name in NAMES},
@@ -54,12 +54,12 @@ EQUATIONS: Changes = {
 
 
 class Quantities:
-    """Resolves quantities by name: arrays of shape `(n,)`, each computed once."""
+    """Computes quantities by name: arrays of shape `(n,)`, each computed once."""
 
     def __init__(self, given: Mapping[str, Floats], changes: Changes | None = None) -> None:
         """Compute from the arguments `given`, with some formulas changed.
 
-        A change may have the name of an argument: `given[name]` is then what was passed in.
+        A change can replace an argument; `given[name]` is still the value that was passed.
         """
         self.given = given
         self._formulas = {**EQUATIONS, **(changes or {})}
@@ -82,3 +82,34 @@ def arguments(rows: Sequence[Row], l_f: Sequence[float], l_r: Sequence[float]) -
     given = dict(zip(Row._fields, np.array(rows, dtype=np.float64).T, strict=True))
     lengths = {'l_f': np.array(l_f), 'l_r': np.array(l_r)}
     return {**given, **lengths, 'g': np.full(len(rows), GRAVITY)}
+
+
+class Mistake(NamedTuple):
+    """A common mistake in an equation."""
+
+    hint: str  #: what to check, as the user reads it
+    changes: Changes
+
+
+def without(name: str) -> Changes:
+    """Return the change that sets a quantity to zero."""
+    return {name: lambda q: np.zeros_like(q.v)}
+
+
+def fixed(name: str, value: float) -> Changes:
+    """Return the change that fixes a quantity to `value`."""
+    return {name: lambda q: np.full_like(q.v, value)}
+
+
+def wrong_unit(name: str) -> list[Mistake]:
+    """Return the mistakes with the unit of an angle."""
+    return [
+        Mistake(
+            f'{name} arrives in radians: is it converted from degrees once more?',
+            {name: lambda q: np.radians(q.given[name])},
+        ),
+        Mistake(
+            f'{name} is converted to degrees: it arrives in radians, which sin, cos and tan take',
+            {name: lambda q: np.degrees(q.given[name])},
+        ),
+    ]

@@ -1,4 +1,4 @@
-"""A user's run beside the reference's, and how far the user's model is off."""
+"""The figure of `check`: a user's run beside the reference, and the error of the user's model."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
-    from barc_sim.lab.check.evidence import Comparison, Trajectory
+    from barc_sim.lab.check.findings import Comparison, Trajectory
 
 WIDTH = 9.6  #: [inch]
 _RUN, _MODEL = 5.2, 2.6  #: [inch] heights of the two parts
 _THRESHOLD = 1e-4  #: Below, the errors' axis is linear.
-_MOST_SPEED = 40.0  #: [m/s] either way: what is beyond says no more
+_MAX_SPEED = 40.0  #: [m/s] The speed axis ends there.
 
 
 @style.context(LOOK)
@@ -33,19 +33,19 @@ def check_figure(
     title: str = '',
     settings: str = '',
 ) -> Figure:
-    """Draw what there is: the closed loop over the road, and the model's error over time.
+    """Draw the closed loop over the road, and the model's error over time.
 
     Parameters
     ----------
     comparison, trajectory
-        What there is of them.
+        Either can be None.
     title, settings
         The heading's two lines.
 
     Raises
     ------
     ValueError
-        where there is nothing to draw.
+        if both are None.
     """
     heights = [4.0, 1.2, 2.0] if comparison else []
     heights += [2.2] if trajectory else []
@@ -71,7 +71,7 @@ def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -
     own, reference = comparison.own, comparison.reference
     speed.plot(reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, zorder=3)
     speed.plot(own.distance, own.speed, color=BLUE, lw=2.0)
-    low, high = limits(np.clip(own.speed, -_MOST_SPEED, _MOST_SPEED), share=0.06, least=0.5)
+    low, high = limits(np.clip(own.speed, -_MAX_SPEED, _MAX_SPEED), share=0.06, least=0.5)
     speed.set_ylim(low, max(high, 1.06 * float(reference.speed.max())))
     speed.set_ylabel('Speed [m/s]')
     grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
@@ -86,7 +86,7 @@ def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -
         color=INK,
         lw=1.2,
         ls=DASHES,
-        label="the reference's",
+        label='the reference',
     )
     command.set_ylim(*limits(np.append(own.motor, reference.motor), share=0.12, least=1.0))
     command.set_ylabel('Command [m/s²]')
@@ -112,7 +112,7 @@ def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
     top = float(np.nanmax(np.abs(error), initial=1e-2))
     axes.set_ylim(-_THRESHOLD / 5.0, max(2.0 * top, 0.1))
     axes.set_xlim(0.0, float(trajectory.t[-1]))
-    axes.set_ylabel('Your model off by')
+    axes.set_ylabel('Error of your model')
     axes.set_xlabel('Time [s], under the same commands')
     _legend(axes, *axes.get_legend_handles_labels())
 

@@ -3,46 +3,66 @@
 from __future__ import annotations
 
 from math import nan
+from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.check.evidence import Comparison
-from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
-from barc_sim.lab.check.roads import random_road
-from barc_sim.lab.check.stretches import Gains, why, worst
+from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
+from barc_sim.lab.check.stretches import Gains, describe_worst, explain
 from barc_sim.simulation.closed_loop import rollout
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import Code, Controller
+    from barc_sim.lab.check.code import JudgedCode, JudgedController
     from barc_sim.simulation.log import Log
+
+
+STEEPEST_DEG = 25.0
+_STRETCHES = 5
+_LEAST, _MOST = 15.0, 30.0  #: [m] of a stretch
+
+
+def random_road(seed: int, number: int) -> tuple[Road, float]:
+    """Return random road `number` and its length [m]: 20 m on the flat, then five grades.
+
+    The car's motor can climb each of them.
+    """
+    random = Random(f'{seed} road {number}')  # noqa: S311 (a simulation, not a secret)
+    starts, grades = [0.0], [0.0]
+    end = 20.0
+    for _ in range(_STRETCHES):
+        starts.append(end)
+        grades.append(round(random.uniform(-STEEPEST_DEG, STEEPEST_DEG), 1))
+        end = round(end + random.uniform(_LEAST, _MOST), 1)
+    return Road(tuple(starts), tuple(grades), name=f'random {number + 1}'), end
+
 
 RANDOM_ROADS = 4
 LAB_DISTANCE = 180.0  #: [m]
-#: [m/s] RMS of the speed's error after the run-up: up to `GOOD` is full marks, from `BAD` on none,
-#: in between in proportion. The lab's published example has 0.10, the reference 0.02.
+#: [m/s] RMS speed error after the run-up: full marks up to `GOOD`, none from `BAD` on, linear in
+#: between. The lab's published example has 0.10, the reference 0.02.
 GOOD, BAD = 0.15, 1.5
-#: [s] of simulated time: thrice what the reference takes for the lab's road.
+#: [s] of simulated time: three times as long as the reference needs for the lab's road.
 _LONGEST = 70.0
 
 
 class Drive(NamedTuple):
-    """One road driven."""
+    """A drive over one road."""
 
     road: Road
     log: Log
     arrived: bool
 
 
-class _Cut(PID):
-    """A user's controller whose output the motor cuts at its limits."""
+class _Limited(PID):
+    """A user's controller, its output limited to what the motor can do."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: JudgedController) -> None:
         super().__init__(
             nan, nan, nan, output_min=-ACCELERATION_LIMIT, output_max=ACCELERATION_LIMIT
         )
@@ -54,24 +74,24 @@ class _Cut(PID):
     ) -> float:
         """Return the acceleration [m/s²]."""
         dt = self.dt if dt is None else dt
-        wanted = self._controller.acc_calculate(speed_reference, speed_current, dt)
-        output = min(max(wanted, self.output_min), self.output_max)
-        self.saturated = abs(wanted) >= self.output_max
+        requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
+        output = min(max(requested, self.output_min), self.output_max)
+        self.saturated = abs(requested) >= self.output_max
         return output
 
 
-@WHATEVER_COMES
-def judge_lab_road(code: Code, gains: Gains) -> Finding:
-    """Return what is found of a run over the lab's road; tells why of each stretch of it."""
+@IGNORE_FLOAT_ERRORS
+def judge_lab_road(code: JudgedCode, gains: Gains) -> Finding:
+    """Return the finding for the lab's road, with an explanation for each stretch of it."""
     try:
         drive = _drive(code, gains, Road.lab(), LAB_DISTANCE)
     except UserError as error:
         return Finding('loop.lab_road', 0.0, str(error))
-    stretches = why(drive.log, gains)
+    stretches = explain(drive.log, gains)
     score = _score(drive)
-    message = _said(drive)
+    message = _describe(drive)
     if score < 1.0:
-        message += f'. {worst(stretches)}'
+        message += f'. {describe_worst(stretches)}'
     reference = rollout(Plant(road=drive.road), speed_controller(*gains), distance=LAB_DISTANCE)
     return Finding(
         'loop.lab_road',
@@ -82,18 +102,18 @@ def judge_lab_road(code: Code, gains: Gains) -> Finding:
     )
 
 
-@WHATEVER_COMES
-def judge_random_roads(code: Code, gains: Gains, seed: int) -> Finding:
-    """Return what is found of runs over random roads: the mean of their scores."""
+@IGNORE_FLOAT_ERRORS
+def judge_random_roads(code: JudgedCode, gains: Gains, seed: int) -> Finding:
+    """Return the finding for random roads: the mean of their scores."""
     try:
         drives = [_drive(code, gains, *random_road(seed, number)) for number in range(RANDOM_ROADS)]
     except UserError as error:
         return Finding('loop.random_roads', 0.0, str(error))
     scores = [_score(drive) for drive in drives]
-    poorest = drives[int(np.argmin(scores))]
-    message = f'the poorest of {len(drives)} roads: {_said(poorest)}'
+    worst_drive = drives[int(np.argmin(scores))]
+    message = f'the worst of {len(drives)} roads: {_describe(worst_drive)}'
     if min(scores) < 1.0:
-        message += f'. {worst(why(poorest.log, gains))}'
+        message += f'. {describe_worst(explain(worst_drive.log, gains))}'
     roads = [
         {
             'starts': list(drive.road.starts),
@@ -106,9 +126,9 @@ def judge_random_roads(code: Code, gains: Gains, seed: int) -> Finding:
     return Finding('loop.random_roads', float(np.mean(scores)), message, {'roads': roads})
 
 
-def _drive(code: Code, gains: Gains, road: Road, distance: float) -> Drive:
+def _drive(code: JudgedCode, gains: Gains, road: Road, distance: float) -> Drive:
     plant = Plant(road=road)
-    pid = _Cut(code.new_pid(*gains))
+    pid = _Limited(code.new_pid(*gains))
     log = rollout(plant, pid, distance=distance, max_duration=_LONGEST)
     return Drive(road, log, bool(plant.state.x >= distance))
 
@@ -124,12 +144,12 @@ def _score(drive: Drive) -> float:
     return min(1.0, (BAD - rms) / (BAD - GOOD))
 
 
-def _said(drive: Drive) -> str:
+def _describe(drive: Drive) -> str:
     log = drive.log
     if not drive.arrived:
         return (
             f'the car is at {log.distance[-1]:.1f} m after {log.t[-1]:.0f} s, at '
-            f'{log.speed[-1]:.2f} m/s: it does not get to the end of the road'
+            f'{log.speed[-1]:.2f} m/s: it does not reach the end of the road'
         )
     result = summary(log)
     return (

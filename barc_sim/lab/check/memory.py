@@ -1,4 +1,4 @@
-"""Judges what a PID remembers: its past within a run, and nothing of another run."""
+"""Judges the memory of a PID: it keeps values within a run, and none between runs."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
-from barc_sim.lab.check.sequences import Sequence, constant, wandering
-from barc_sim.lab.check.situations import TS
+from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.situations import TS, Sequence, constant, wandering
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import Code
+    from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.stretches import Gains
 
 _GAINS = (1.0, 2.0, 0.01)
@@ -21,11 +20,11 @@ _AMPLITUDE = 0.3  #: [m/s]
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
-@WHATEVER_COMES
-def judge_reset(code: Code, seed: int) -> Finding:
-    """Return whether each `PID` starts anew: a second one, one beside it, and one that is reset.
+@IGNORE_FLOAT_ERRORS
+def judge_reset(code: JudgedCode, seed: int) -> Finding:
+    """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
 
-    The score is the share of these that hold, without the last where there is no `reset()`.
+    The score is the share of these checks that pass; without a `reset()` the last one is left out.
     """
     try:
         return _Memory(code, seed).judge()
@@ -34,7 +33,7 @@ def judge_reset(code: Code, seed: int) -> Finding:
 
 
 class _Memory:
-    def __init__(self, code: Code, seed: int) -> None:
+    def __init__(self, code: JudgedCode, seed: int) -> None:
         self._code = code
         self._sequence = wandering(seed, 'pid.reset', _AMPLITUDE)
         self._other = wandering(seed, 'pid.reset, before', _AMPLITUDE)
@@ -42,43 +41,41 @@ class _Memory:
     def judge(self) -> Finding:
         proportional = (1.0, 0.0, 0.0)
         if _differ(self._run(proportional), self._run(proportional)):
-            return self._unsteady(', with kp alone')
+            return self._random(', with kp alone')
         self._run(_GAINS, self._other)
         first = self._run(_GAINS)
         if not _differ(first, self._second_half()):
-            return Finding(
-                'pid.reset', 0.0, 'PID remembers nothing: I and D are made of the errors before'
-            )
-        says, checks = [], 2
+            return Finding('pid.reset', 0.0, 'PID keeps no errors between calls: I and D need them')
+        faults, checks = [], 2
         leaks = _differ(first, self._run(_GAINS))
         if leaks and not (kept := self._kept()):
-            return self._unsteady('')
+            return self._random('')
         if leaks:
-            says.append(
-                f'what one run leaves behind reaches into the next ({kept}): is it kept in a '
-                'global or class variable? Set it to 0 in __init__, as self.…'
+            faults.append(
+                f'one run changes the next ({kept}): is it in a global or class variable? '
+                'Set it to 0 in __init__, as self.…'
             )
         if _differ(first, self._beside_another()):
-            says.append('two PIDs at the same time share what they remember: keep it in self')
+            faults.append('two PIDs at the same time share their values: store them in self')
         if (again := self._reset_run(_GAINS)) is not None:
             checks += 1
             if not leaks and _differ(first, again):
-                says.append(f'reset() does not forget {self._not_reset()}')
-        score = 1.0 - len(says) / checks
-        message = '; '.join(says) or 'each run starts anew'
+                faults.append(f'reset() does not clear {self._not_reset()}')
+        score = 1.0 - len(faults) / checks
+        message = '; '.join(faults) or 'each run starts fresh'
         return Finding('pid.reset', score, message, {'leaks': leaks})
 
     def _run(self, gains: Gains, sequence: Sequence | None = None) -> list[float]:
         return self._code.new_pid(*gains).acc_sequence((sequence or self._sequence).rows)
 
     def _second_half(self) -> list[float]:
-        """Return the outputs of a PID that goes on from another sequence."""
+        """Return the outputs of a PID that continues after another sequence."""
         pid = self._code.new_pid(*_GAINS)
         pid.acc_sequence(self._other.rows)
         return pid.acc_sequence(self._sequence.rows)
 
     def _reset_run(self, gains: Gains) -> list[float] | None:
-        """Return the outputs of a PID that has been reset; None where it can't be."""
+        """Return the outputs of a PID after its reset; None if it has none."""
         pid = self._code.new_pid(*gains)
         pid.acc_sequence(self._other.rows)
         return pid.acc_sequence(self._sequence.rows) if pid.reset() else None
@@ -91,17 +88,17 @@ class _Memory:
             other.acc_calculate(*its)
         return outputs
 
-    def _unsteady(self, when: str) -> Finding:
+    def _random(self, when: str) -> Finding:
         return Finding(
             'pid.reset',
             0.0,
-            f'the same speeds give different outputs{when}: is there anything random in PID, or a '
-            f"clock? A call comes every {TS:g} s of the car's time",
+            f'the same speeds give different outputs{when}: does PID use random numbers, or the '
+            f"computer's clock? It is called every {TS:g} s of simulated time",
             {'leaks': True},
         )
 
     def _kept(self) -> str:
-        """Return what of a run a fresh PID still has; nothing where its outputs differ without."""
+        """Return what a new PID keeps of the run before; empty if its outputs are random."""
         still = constant(0.0, 3)
         kept = []
         self._run(_ALONE['the integral'], self._other)
@@ -114,7 +111,7 @@ class _Memory:
         return ' and '.join(kept)
 
     def _not_reset(self) -> str:
-        """Return what of a run a PID still has when it has been reset."""
+        """Return what a PID keeps after its reset."""
         kept = [
             name
             for name, gains in _ALONE.items()

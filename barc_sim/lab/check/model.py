@@ -1,4 +1,4 @@
-"""Judges the model's equations, each in seeded states."""
+"""Judges each of the model's equations in seeded states."""
 
 from __future__ import annotations
 
@@ -6,90 +6,90 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.lab.check.answers import Answered, ask, changing, shown
-from barc_sim.lab.check.diagnosis import causes
+from barc_sim.lab.check.diagnose_model import causes
 from barc_sim.lab.check.equations import NAMES, arguments
-from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
+from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.results import Results, call_text, find_randomness, run_situations
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from barc_sim.lab.check.code import Code
+    from barc_sim.lab.check.code import JudgedCode
 
 
-@WHATEVER_COMES
-def judge_equations(code: Code, seed: int) -> list[Finding]:
+@IGNORE_FLOAT_ERRORS
+def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     """Return a finding for each of the four equations.
 
-    An equation's score is the mean, over the situations that concern it, of the share of states in
-    which it is right, times that share over the other situations, where it has nothing to do but
-    to stay out of the way. Lengths that the function takes, and uses, are varied; those that it
-    does not take are the lab's, in whatever way they are written.
+    An equation's score is a product. The first factor is the share of states in which it is right,
+    as a mean over the situations that test it. The second is the same share over all other
+    situations. Axle distances are varied if the function takes and uses them; otherwise they are
+    the lab's.
     """
-    answered = ask(code, seed)
-    unsteady = changing(code, answered)
-    scores = {name: _score(answered, name) for name in NAMES}
+    results = run_situations(code, seed)
+    random = find_randomness(code, results)
+    scores = {name: _score(results, name) for name in NAMES}
     wrong = [name for name in NAMES if scores[name] < 1.0]
-    finite = [part for part in answered if not part.failure]
-    found = {} if unsteady or not finite else _causes(finite, wrong)
+    finite = [part for part in results if not part.failure]
+    found = {} if random or not finite else _causes(finite, wrong)
     findings = []
     for name in NAMES:
-        states = sum(len(part.rows) for part in answered)
-        if name not in wrong and not unsteady:
+        states = sum(len(part.rows) for part in results)
+        if name not in wrong and not random:
             message = f'right in all {states:,} states'
         else:
-            message = unsteady or _message(answered, name, found.get(name))
-        score = 0.0 if unsteady else scores[name]
+            message = random or _message(results, name, found.get(name))
+        score = 0.0 if random else scores[name]
         findings.append(
-            Finding(f'model.{name}', score, message, {'shares': _shares(answered, name)})
+            Finding(f'model.{name}', score, message, {'shares': _shares(results, name)})
         )
     return findings
 
 
-def _score(answered: Sequence[Answered], name: str) -> float:
+def _score(results: Sequence[Results], name: str) -> float:
     column = NAMES.index(name)
-    concerned: list[float] = []
+    tested: list[float] = []
     other: list[float] = []
-    for part in answered:
+    for part in results:
         share = float(np.mean(part.right(column)))
-        (concerned if name in part.situation.concerns.split() else other).append(share)
-    return float(np.mean(concerned) * np.mean(other))
+        (tested if name in part.situation.concerns.split() else other).append(share)
+    return float(np.mean(tested) * np.mean(other))
 
 
-def _shares(answered: Sequence[Answered], name: str) -> dict[str, float]:
+def _shares(results: Sequence[Results], name: str) -> dict[str, float]:
     column = NAMES.index(name)
-    return {part.situation.name: float(np.mean(part.right(column))) for part in answered}
+    return {part.situation.name: float(np.mean(part.right(column))) for part in results}
 
 
-def _causes(answered: Sequence[Answered], wrong: Sequence[str]) -> dict[str, str]:
+def _causes(results: Sequence[Results], wrong: Sequence[str]) -> dict[str, str]:
     given = arguments(
-        [row for part in answered for row in part.rows],
-        [part.l_f for part in answered for _ in part.rows],
-        [part.l_r for part in answered for _ in part.rows],
+        [row for part in results for row in part.rows],
+        [part.l_f for part in results for _ in part.rows],
+        [part.l_r for part in results for _ in part.rows],
     )
-    got = np.concatenate([part.got for part in answered])
+    got = np.concatenate([part.got for part in results])
     return causes(given, dict(zip(NAMES, got.T, strict=True)), wrong)
 
 
-def _message(answered: Sequence[Answered], name: str, cause: str | None) -> str:
-    failed = [part for part in answered if part.failure]
+def _message(results: Sequence[Results], name: str, cause: str | None) -> str:
+    failed = [part for part in results if part.failure]
     if failed:
-        where = '' if len(failed) == len(answered) else f' ({failed[0].situation.name})'
+        where = '' if len(failed) == len(results) else f' ({failed[0].situation.name})'
         return f'{failed[0].failure}{where}'
     if cause:
         return cause
     column = NAMES.index(name)
-    bad = [part.situation.name for part in answered if not part.right(column).all()]
-    within = 'everywhere' if len(bad) == len(answered) else f'in: {", ".join(bad)}'
-    return f'{name}_next is wrong {within}. {_largest(answered, column)}'
+    bad = [part.situation.name for part in results if not part.right(column).all()]
+    where = 'everywhere' if len(bad) == len(results) else f'in: {", ".join(bad)}'
+    return f'{name}_next is wrong {where}. {_largest(results, column)}'
 
 
-def _largest(answered: Sequence[Answered], column: int) -> str:
-    """Return the state with the largest error in words."""
-    errors = [np.abs(part.got[:, column] - part.expected[:, column]) for part in answered]
-    part, error = max(zip(answered, errors, strict=True), key=lambda item: float(item[1].max()))
+def _largest(results: Sequence[Results], column: int) -> str:
+    """Return a sentence on the state with the largest error."""
+    errors = [np.abs(part.got[:, column] - part.expected[:, column]) for part in results]
+    part, error = max(zip(results, errors, strict=True), key=lambda item: float(item[1].max()))
     row = int(error.argmax())
     return (
-        f'The largest error: {shown(part.rows[row])} gave {part.got[row, column]:.9g}, expected '
-        f'{part.expected[row, column]:.9g}'
+        f'The largest error: {call_text(part.rows[row])} gave {part.got[row, column]:.9g}, '
+        f'expected {part.expected[row, column]:.9g}'
     )

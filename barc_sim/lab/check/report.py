@@ -1,4 +1,4 @@
-"""Tells a user in the terminal what was found."""
+"""Prints the findings in a terminal."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from rich.text import Text
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from barc_sim.lab.check.finding import Finding
-    from barc_sim.lab.check.worker import Prints, Report
+    from barc_sim.lab.check.findings import Finding
+    from barc_sim.lab.check.worker import Printed, Report
 
 
-_LINES = 5  #: of what the code printed
+_LINES = 5  #: of the text that user code printed
 
 
-def tell(report: Report, console: Console | None = None) -> None:
-    """Print a report: tables in a terminal, a line for each finding into a pipe."""
+def print_report(report: Report, console: Console | None = None) -> None:
+    """Print a report: tables in a terminal, one line for each finding in a pipe."""
     console = console or Console(highlight=False)
-    findings = _once(report.findings)
+    findings = _without_repeats(report.findings)
     stretches = _stretches(report.findings)
     if console.is_terminal:
         console.print(_table(findings))
@@ -33,24 +33,24 @@ def tell(report: Report, console: Console | None = None) -> None:
             _plain(console, f'{finding.criterion:18} {_score(finding):>6}  {finding.message}')
         for stretch in stretches:
             _plain(console, '  '.join(_cells(stretch)))
-    _tell_prints(report.prints, console)
+    _print_output(report.printed, console)
     judged = [finding for finding in report.findings if not finding.skipped]
     passed = sum(finding.passed for finding in judged)
     _plain(console, f'{passed} of {len(judged)} criteria are met in full')
 
 
-def _once(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings with a cause named where it is found first."""
+def _without_repeats(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings; a repeated message becomes a reference to its first criterion."""
     first: dict[str, str] = {}
-    told = []
+    shown = []
     for finding in findings:
         if finding.passed:
-            told.append(finding)
+            shown.append(finding)
             continue
         where = first.setdefault(finding.message, finding.criterion)
         same = where != finding.criterion
-        told.append(replace(finding, message=f'as {where}') if same else finding)
-    return told
+        shown.append(replace(finding, message=f'see {where}') if same else finding)
+    return shown
 
 
 def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
@@ -61,7 +61,7 @@ def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
 
 
 def _score(finding: Finding) -> str:
-    # Rounded down: what is not met in full does not look as if it were.
+    # Rounded down: only full marks are shown as 100 %.
     return '-' if finding.skipped else f'{int(finding.score * 1000) / 10:g} %'
 
 
@@ -69,7 +69,7 @@ def _table(findings: Sequence[Finding]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column('criterion', no_wrap=True)
     table.add_column('score', justify='right', no_wrap=True)
-    table.add_column('what was found')
+    table.add_column('finding')
     for finding in findings:
         colour = 'dim' if finding.skipped else 'green' if finding.passed else 'red'
         table.add_row(finding.criterion, Text(_score(finding), style=colour), Text(finding.message))
@@ -81,7 +81,7 @@ def _stretch_table(stretches: Sequence[Mapping[str, Any]]) -> Table:
     table.title_justify = 'left'
     for name in ('from', 'grade', 'RMS', 'at most'):
         table.add_column(name, justify='right', no_wrap=True)
-    table.add_column('why')
+    table.add_column('cause')
     for stretch in stretches:
         table.add_row(*(Text(cell) for cell in _cells(stretch)))
     return table
@@ -93,21 +93,21 @@ def _cells(stretch: Mapping[str, Any]) -> tuple[str, ...]:
         f'{stretch["theta_deg"]:g}°',
         f'{stretch["rms_error"]:.3f} m/s',
         f'{stretch["max_error"]:.3f} m/s',
-        stretch['why'],
+        stretch['cause'],
     )
 
 
-def _tell_prints(prints: Prints, console: Console) -> None:
-    if not prints.text:
+def _print_output(printed: Printed, console: Console) -> None:
+    if not printed.text:
         return
     _plain(console, 'your code printed:')
-    lines = prints.text.splitlines()
+    lines = printed.text.splitlines()
     for line in lines[:_LINES]:
         _plain(console, f'  {line}')
-    if more := prints.dropped + len(lines[_LINES:]):
-        _plain(console, f'  … and {more:,} lines more')
+    if more := printed.dropped + len(lines[_LINES:]):
+        _plain(console, f'  … and {more:,} more lines')
 
 
 def _plain(console: Console, text: str) -> None:
-    """Print `text` as it is: what a user prints is no markup."""
+    """Print `text` without markup."""
     console.print(Text(text), soft_wrap=True)

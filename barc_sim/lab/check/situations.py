@@ -1,7 +1,8 @@
-"""Seeded states in which the model's equations are judged, sorted by what happens in them.
+"""Seeded inputs on which user code is judged: states for the model, speeds for the controller.
 
-Each situation is there for the equations that it `concerns`. None passes through zero speed within
-a step, where sensible models differ: the reference holds the car, the lab's equation does not.
+Each situation tests the equations that it `concerns`. No state passes through zero speed within a
+step: sensible models differ there. The reference holds the car at a standstill; the lab's equation
+does not.
 """
 
 from __future__ import annotations
@@ -9,9 +10,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from math import pi, radians
 from random import Random
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from barc_sim.lab.check.code import Row
 from barc_sim.vehicle.bike_model import Vehicle
+
+if TYPE_CHECKING:
+    from barc_sim.lab.check.code import Sample
+    from barc_sim.lab.check.equations import Floats
+
 
 #: [s]
 TS = 0.02
@@ -22,10 +31,10 @@ Range = tuple[float, float]  #: uniform between the two
 
 @dataclass(frozen=True)
 class Situation:
-    """Ranges for the arguments of `bikeFE`; where not given, those of a coasting car."""
+    """Ranges for the arguments of `bikeFE`; by default those of a coasting car."""
 
     name: str
-    concerns: str  #: the equations, as in `'x y v'`
+    concerns: str  #: the equations it tests, as in `'x y v'`
     psi: Range = (-pi, pi)  #: [rad]
     v: Range = (3.0, 20.0)  #: [m/s]
     a: Range = (0.0, 0.0)  #: [m/s²]
@@ -35,11 +44,11 @@ class Situation:
     Ff: Range = (0.0, 0.0)  #: [N]
     theta_deg: Range = (0.0, 0.0)
     ts: Range = (TS, TS)  #: [s]
-    lengths: tuple[float, float] | None = field(default=None)  #: [m] l_f, l_r if not the lab's
+    lengths: tuple[float, float] | None = field(default=None)  #: [m] l_f, l_r; None: the lab's
 
     def rows(self, seed: int, count: int = COUNT) -> list[Row]:
         """Return `count` states, the same for the same seed."""
-        # A string seeds by its hash's bits, the same in every version of Python.
+        # A string seeds the generator alike in every version of Python.
         uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
         return [
             Row(
@@ -66,7 +75,7 @@ SITUATIONS = (
     Situation('coasting along the x axis', 'x', psi=(0.0, 0.0)),
     Situation('accelerating on the flat', 'x y v', a=_COMMAND),
     Situation('braking on the flat', 'v', a=(-8.0, -1.0)),
-    # Drag and friction have no direction yet: with none of them all agree what sign(0) is.
+    # Without drag and friction, because models differ in sign(0).
     Situation('setting off', 'v', v=(0.0, 0.0), a=_COMMAND),
     Situation('a left turn', 'x y psi', d_f=_LEFT),
     Situation('a right turn', 'x y psi', d_f=_RIGHT),
@@ -102,7 +111,45 @@ SITUATIONS = (
 
 
 def with_lengths(l_f: float, l_r: float) -> Situation:
-    """Return the situation for a function that takes the lengths [m] to its axles."""
+    """Return the situation for a function that takes the axle distances [m]."""
     return Situation(
         'axles at other distances', 'x y psi', d_f=(-0.5, 0.5), v=(3.0, 20.0), lengths=(l_f, l_r)
     )
+
+
+LENGTH = 120
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """The speeds that a controller gets, one sample every `TS`; arrays of shape `(n,)`."""
+
+    reference: Floats  #: [m/s]
+    measured: Floats  #: [m/s]
+
+    @property
+    def error(self) -> Floats:
+        """Reference minus measured [m/s]."""
+        return self.reference - self.measured
+
+    @property
+    def rows(self) -> list[Sample]:
+        """The arguments of each call."""
+        pairs = zip(self.reference.tolist(), self.measured.tolist(), strict=True)
+        return [(reference, measured, TS) for reference, measured in pairs]
+
+
+def wandering(seed: int, name: str, amplitude: float) -> Sequence:
+    """Return random errors up to ±`amplitude` [m/s], around a reference that changes."""
+    uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
+    error = np.array([uniform(-1.0, 1.0) for _ in range(LENGTH)])
+    error[40:60] = uniform(0.5, 1.0)  # a constant error for a while
+    steps = [uniform(-0.5, 0.5) for _ in range(4)]
+    reference = 8.0 + amplitude * np.repeat(steps, LENGTH // 4)
+    return Sequence(reference, reference - amplitude * error)
+
+
+def constant(error: float, count: int) -> Sequence:
+    """Return a constant `error` [m/s], `count` times."""
+    reference = np.full(count, 8.0)
+    return Sequence(reference, reference - error)

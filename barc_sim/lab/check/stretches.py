@@ -1,4 +1,4 @@
-"""Why the speed was off, stretch by stretch of the road, in the words of the lab."""
+"""Explains the speed error on each stretch of a road, in the terms of the lab."""
 
 from __future__ import annotations
 
@@ -19,98 +19,100 @@ if TYPE_CHECKING:
 
 Gains = tuple[float, float, float]  #: kp, ki, kd
 
-_HELD = 0.05  #: [m/s] An error that is no more is none to speak of.
-_LONG_CUT = 0.1  #: [s] An output that is cut for no longer does no harm.
+_HELD = 0.05  #: [m/s] An error up to this is negligible.
+_LONG_LIMIT = 0.1  #: [s] An output at its limit for a shorter time has no effect.
 _NEAR = 0.02  #: share of the reference within which it counts as reached
-_CARRIED = 0.6  #: share of the greatest error that is there from the beginning
+_CARRIED = 0.6  #: share of the greatest error that the stretch starts with
 _SWINGS = 4
 _SWING = 0.3  #: share of the greatest error that a swing reaches
-_ASTRAY = 0.2  #: share of the cut outputs that push the wrong way
-_STEADY = 0.5  #: share of the greatest error that is still there at the end: it does not go away
+_AGAINST = 0.2  #: share of the limited outputs that act against the error
+_STEADY = 0.5  #: share of the greatest error that is left at the end
 
 
-class Explained(NamedTuple):
-    """A stretch of road and what happened on it."""
+class Stretch(NamedTuple):
+    """A stretch of road, with the speed error on it and its cause."""
 
     start: float  #: [m]
     end: float  #: [m]
     theta_deg: float
     rms_error: float  #: [m/s]
     max_error: float  #: [m/s] greatest absolute error
-    why: str
+    cause: str
 
 
-def why(log: Log, gains: Gains) -> list[Explained]:
-    """Return for each stretch of one grade why the speed's error on it was what it was."""
+def explain(log: Log, gains: Gains) -> list[Stretch]:
+    """Return each stretch of one grade, with the cause of its speed error."""
     changes = np.flatnonzero(np.diff(log.theta_deg)) + 1
     edges = [0, *changes.tolist(), len(log)]
-    explained = []
+    explanations = []
     before = 0.0
     for first, last in pairwise(edges):
         part = slice(first, last)
         theta = float(log.theta_deg[first])
         error = log.speed_error[part]
-        explained.append(
-            Explained(
+        explanations.append(
+            Stretch(
                 start=float(log.distance[first]),
                 end=float(log.distance[last - 1]),
                 theta_deg=theta,
                 rms_error=float(np.sqrt(np.mean(error**2))),
                 max_error=float(np.max(np.abs(error))),
-                why=_Part(log, part, before, gains).why() if first else _set_off(log, part),
+                cause=_Part(log, part, before, gains).explain()
+                if first
+                else _explain_start(log, part),
             )
         )
         before = theta
-    return explained
+    return explanations
 
 
-def worst(stretches: Sequence[Explained]) -> str:
-    """Return what to say of the stretch with the greatest RMS, the first left out if possible."""
+def describe_worst(stretches: Sequence[Stretch]) -> str:
+    """Return a sentence on the stretch with the greatest RMS error, the first one left out."""
     stretch = max(stretches[1:] or stretches, key=lambda stretch: stretch.rms_error)
-    return f'From {stretch.start:.0f} m on, at {stretch.theta_deg:g}°: {stretch.why}'
+    return f'From {stretch.start:.0f} m on, at {stretch.theta_deg:g}°: {stretch.cause}'
 
 
-def _set_off(log: Log, part: slice) -> str:
+def _explain_start(log: Log, part: slice) -> str:
     speed, reference = log.speed[part], float(log.reference[part.start])
     error = log.speed_error[part]
     near = np.flatnonzero(np.abs(error) <= _NEAR * abs(reference))
     if not near.size:
         if speed.min() < -_HELD:
             return 'the car drives backwards: is the error speed_reference - speed_current?'
-        return f'{reference:g} m/s is not reached: the speed gets to {speed.max():.2f} m/s'
-    said = (
+        return f'{reference:g} m/s is not reached: the greatest speed is {speed.max():.2f} m/s'
+    text = (
         f'{near[0] * TS:.2f} s to {reference:g} m/s, where {ACCELERATION_LIMIT:g} m/s² allow '
         f'{reference / ACCELERATION_LIMIT:.2f} s'
     )
     over = -float(error.min())
     if over > _NEAR * reference:
-        said += (
-            f'; then {over:.2f} m/s too fast: the integral grew while the output was cut, or ki is '
-            'large for this kp'
+        text += (
+            f'; then {over:.2f} m/s too fast: the integral grew while the output was at its '
+            'limit, or ki is large for this kp'
         )
-    return said
+    return text
 
 
 class _Part:
-    """A stretch of a run, with what its grade asks of the motor."""
+    """A stretch of a run, with the acceleration that its grade needs."""
 
     def __init__(self, log: Log, part: slice, theta_before: float, gains: Gains) -> None:
         self.error = log.speed_error[part]
         self.peak = float(np.max(np.abs(self.error)))
-        cut = log.saturated[part]
-        self.cut = log.motor[part][cut]  # [m/s²] the outputs that were cut
-        self.astray = int(np.count_nonzero(self.cut * self.error[cut] < 0.0))
+        limited = log.saturated[part]
+        self.limited = log.motor[part][limited]  # [m/s²] the outputs at the limit
+        self.against = int(np.count_nonzero(self.limited * self.error[limited] < 0.0))
         needed = GRAVITY * sin(radians(float(log.theta_deg[part.start])))
         self.change = needed - GRAVITY * sin(radians(theta_before))
         self.kp, self.ki, self.kd = gains
 
-    def why(self) -> str:
+    def explain(self) -> str:
         needs = (
             f'needs {abs(self.change):.1f} m/s² {"more" if self.change > 0.0 else "less"} at once'
         )
         if self.peak <= _HELD:
             return f'{needs}: held within {_HELD:g} m/s'
-        if np.count_nonzero(np.diff(np.sign(self.cut))) >= _SWINGS:
+        if np.count_nonzero(np.diff(np.sign(self.limited))) >= _SWINGS:
             return (
                 f'the output jumps between its limits of {ACCELERATION_LIMIT:g} m/s²: ki or kd is '
                 'large for this kp'
@@ -118,39 +120,38 @@ class _Part:
         carried = abs(float(self.error[0]))
         if carried >= _CARRIED * self.peak:
             time, end = self._settled(), len(self.error) * TS
-            gone = f'gone after {time:.1f} s' if time < end else 'not gone by the end of this one'
-            return f'begins {carried:.2f} m/s off, from the stretch before: {gone}'
+            gone = f'gone after {time:.1f} s' if time < end else 'not gone at the end of this one'
+            return f'starts {carried:.2f} m/s off, from the stretch before: {gone}'
         return f'{needs}: {self._cause()}'
 
     def _cause(self) -> str:
-        if (cut := len(self.cut) * TS) > _LONG_CUT:
+        if (time := len(self.limited) * TS) > _LONG_LIMIT:
             return (
-                f'the output was cut at {ACCELERATION_LIMIT:g} m/s² for {cut:.1f} s, {self._cut()}'
+                f'the output was at its limit of {ACCELERATION_LIMIT:g} m/s² for {time:.1f} s, '
+                f'{self._limit_cause()}'
             )
         if (swings := self._swings()) >= _SWINGS:
             return f'the speed swings {swings} times: ki or kd is large for this kp'
         if self.kp <= 0.0:
             return 'with kp = 0 the integral alone is slow, and swings: use kp'
-        alone = (
-            f'kp = {self.kp:g} alone gives that at an error of {abs(self.change) / self.kp:.2f} m/s'
-        )
+        alone = f'kp = {self.kp:g} gives that at an error of {abs(self.change) / self.kp:.2f} m/s'
         rest = float(np.mean(self.error[-max(len(self.error) // 5, 1) :]))
         if abs(rest) > _STEADY * self.peak:
             return f'{alone}, {self._left(rest)}'
         over = float(np.max(-self.error if self.change > 0.0 else self.error))
         if over >= _STEADY * self.peak and over > _HELD:
-            return f'taken up, then {over:.2f} m/s beyond: less ki, or more kp'
+            return f'overshoots by {over:.2f} m/s: use less ki, or more kp'
         return (
-            f'{alone}, the integral takes up the rest in {self._settled():.1f} s: more kp makes '
-            'the error smaller, more ki shorter'
+            f'{alone}, the integral removes the error in {self._settled():.1f} s: more kp makes '
+            'the error smaller, more ki makes it shorter'
         )
 
-    def _cut(self) -> str:
-        if self.astray > _ASTRAY * len(self.cut):
-            return f'{self.astray * TS:.1f} s of it against the error: the integral has wound up'
+    def _limit_cause(self) -> str:
+        if self.against > _AGAINST * len(self.limited):
+            return f'{self.against * TS:.1f} s of it against the error: the integral has wound up'
         if self.kp <= 0.0:
             return 'with kp = 0 the integral alone swings: use kp'
-        return 'more than that the motor can not do'
+        return 'the motor cannot give more'
 
     def _left(self, rest: float) -> str:
         if self.ki <= 0.0:
@@ -158,15 +159,15 @@ class _Part:
         gathered = self.ki * float(np.sum(self.error)) * TS
         return (
             f'the integral could add {gathered:+.1f} m/s² in these {len(self.error) * TS:.1f} s, '
-            f'and {rest:+.2f} m/s are left: more ki'
+            f'and {rest:+.2f} m/s are left: use more ki'
         )
 
     def _swings(self) -> int:
-        """Return how often the error changes its sign between good parts of its peak."""
+        """Return how often the error swings from one side to the other."""
         large = self.error[np.abs(self.error) > _SWING * self.peak]
         return int(np.count_nonzero(np.diff(np.sign(large))))
 
     def _settled(self) -> float:
-        """Return after which time [s] the error is small."""
+        """Return the time [s] after which the error stays small."""
         beyond = np.flatnonzero(np.abs(self.error) > max(0.1 * self.peak, 0.01))
         return float(beyond[-1] + 1) * TS

@@ -1,8 +1,8 @@
-"""Judges the PID's terms, each on its own: the other two gains are zero.
+"""Judges each term of the PID on its own: the other two gains are zero.
 
-Whatever is sensible is right. The integral may count an error before or after it answers, or the
-mean of two, and may or may not count the first; the derivative may be that of the error or of the
-measurement, through a low-pass of first order or not, and its first answer may be anything.
+Every common form is right. The integral can add an error before or after it is used, or the mean
+of two errors, with or without the first. The derivative can use the error or the measurement, with
+or without a low-pass filter of first order; its first output is not judged.
 """
 
 from __future__ import annotations
@@ -13,38 +13,42 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
-from barc_sim.lab.check.ratios import Trial, derivative_says, integral_says, proportional_says
-from barc_sim.lab.check.sequences import Sequence, wandering
-from barc_sim.lab.check.situations import TS
+from barc_sim.lab.check.diagnose_terms import (
+    Trial,
+    diagnose_derivative,
+    diagnose_integral,
+    diagnose_proportional,
+)
+from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.situations import TS, Sequence, wandering
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check.code import Code
+    from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.equations import Floats
 
     Gains = tuple[float, float, float]
 
-#: [m/s²] What is asked of a term: fifty times as much, where dt is missing, is still below 8.
+#: [m/s²] Size of a term's output: 50 times as much, with a missing dt, is still below 8.
 _OUTPUT = 0.1
 TOLERANCE = 1e-9  #: [m/s²]
 
 
 @dataclass(frozen=True)
 class Term:
-    """How a term is judged."""
+    """A term of the PID, and how it is judged."""
 
     criterion: str
     position: int  #: of its gain in kp, ki, kd
     gains: tuple[float, ...]
-    reach: float  #: the amplitude of its output for an error of amplitude 1 and a gain of 1
-    variants: Callable[[Sequence], list[Floats]]  #: what is right, for a gain of 1
-    says: Callable[[list[Trial]], str]  #: what is wrong
-    first: int = 0  #: the first answer that counts
+    reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
+    variants: Callable[[Sequence], list[Floats]]  #: the right outputs, for a gain of 1
+    diagnose: Callable[[list[Trial]], str]  #: returns what is wrong
+    first: int = 0  #: the first output that is judged
 
     def only(self, gain: float) -> Gains:
-        """Return gains of which this term's alone is not zero."""
+        """Return gains that are zero except for this term's."""
         kp, ki, kd = (gain if i == self.position else 0.0 for i in range(3))
         return kp, ki, kd
 
@@ -76,15 +80,15 @@ def _derivative(sequence: Sequence) -> list[Floats]:
 
 
 TERMS = (
-    Term('pid.proportional', 0, (0.5, 30.0), 1.0, _proportional, proportional_says),
-    Term('pid.integral', 1, (0.5, 200.0), 0.6, _integral, integral_says),
-    Term('pid.derivative', 2, (0.1, 3.0), 2.0 / TS, _derivative, derivative_says, first=1),
+    Term('pid.proportional', 0, (0.5, 30.0), 1.0, _proportional, diagnose_proportional),
+    Term('pid.integral', 1, (0.5, 200.0), 0.6, _integral, diagnose_integral),
+    Term('pid.derivative', 2, (0.1, 3.0), 2.0 / TS, _derivative, diagnose_derivative, first=1),
 )
 
 
-@WHATEVER_COMES
-def judge_term(code: Code, term: Term, seed: int) -> Finding:
-    """Return what is found of a term: its score is the share of right answers."""
+@IGNORE_FLOAT_ERRORS
+def judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
+    """Return the finding for a term; its score is the share of right outputs."""
     trials = []
     for gain in term.gains:
         sequence = wandering(seed, f'{term.criterion} {gain}', _OUTPUT / gain / term.reach)
@@ -97,19 +101,19 @@ def judge_term(code: Code, term: Term, seed: int) -> Finding:
     shares = [_share(trial) for trial in trials]
     if min(shares) == 1.0:
         return Finding(term.criterion, 1.0, _right(term, trials))
-    message = _multiplied(code, term, seed) or term.says(trials)
+    message = _multiplied(code, term, seed) or term.diagnose(trials)
     return Finding(term.criterion, float(np.mean(shares)), message)
 
 
 def _right(term: Term, trials: list[Trial]) -> str:
     count = sum(trial.outputs.size for trial in trials)
     return (
-        f'right in all {count} answers, for gains of {" and ".join(f"{g:g}" for g in term.gains)}'
+        f'right in all {count} outputs, for gains of {" and ".join(f"{g:g}" for g in term.gains)}'
     )
 
 
 def _share(trial: Trial) -> float:
-    """Return the share of right answers, by the variant that fits best."""
+    """Return the share of right outputs, for the variant that fits best."""
     outputs = trial.outputs[trial.first :]
     wanted = [trial.gain * variant[trial.first :] for variant in trial.variants]
     wanted += (
@@ -121,13 +125,13 @@ def _share(trial: Trial) -> float:
 
 
 def _agreement(outputs: Floats, wanted: Floats) -> float:
-    """Return the share of right answers where there is one to give, times that of right zeros."""
-    right, asked = np.abs(outputs - wanted) <= TOLERANCE, np.abs(wanted) > TOLERANCE
-    return float(np.mean(right[asked]) * (np.mean(right[~asked]) if not asked.all() else 1.0))
+    """Return the share of right outputs among non-zero ones, times that among zeros."""
+    right, nonzero = np.abs(outputs - wanted) <= TOLERANCE, np.abs(wanted) > TOLERANCE
+    return float(np.mean(right[nonzero]) * (np.mean(right[~nonzero]) if not nonzero.all() else 1.0))
 
 
 def _low_passed(outputs: Floats, raw: Floats) -> Floats | None:
-    """Return `raw` through the low-pass that the first two answers tell of, if there is one."""
+    """Return `raw` after the low-pass filter that the first two outputs show, if there is one."""
     if outputs[0] == raw[1]:
         return None
     pole = (outputs[1] - raw[1]) / (outputs[0] - raw[1])
@@ -139,8 +143,8 @@ def _low_passed(outputs: Floats, raw: Floats) -> Floats | None:
     return np.array(values)
 
 
-def _multiplied(code: Code, term: Term, seed: int) -> str:
-    """Return what to say where kp multiplies the other terms, too; or nothing."""
+def _multiplied(code: JudgedCode, term: Term, seed: int) -> str:
+    """Return a message if kp multiplies the other terms, too, else an empty string."""
     if not term.position:
         return ''
     kp, gain = 2.0, term.gains[0]

@@ -1,4 +1,4 @@
-"""Judges the model as a whole: along the lab's road, beside the reference, by the same commands."""
+"""Judges the whole model: a drive over the lab's road with the commands of the reference."""
 
 from __future__ import annotations
 
@@ -10,30 +10,29 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
-from barc_sim.lab.check.evidence import Trajectory
-from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
+from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding, Trajectory
 from barc_sim.simulation.closed_loop import rollout
 from barc_sim.vehicle.bike_model import L_F, L_R, Input, State
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import Code
+    from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.equations import Floats
 
-#: [m, m, rad, m/s] more than the sign of friction at standstill makes, less than any mistake does
+#: [m, m, rad, m/s] Above the effect of friction's sign at a standstill, below that of any mistake.
 TOLERANCE = 1e-4
 _FAR = 1e9
 _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 
-@WHATEVER_COMES
-def judge_trajectory(code: Code) -> Finding:
-    """Return how far the model follows the reference's: the share of steps in which it does."""
+@IGNORE_FLOAT_ERRORS
+def judge_trajectory(code: JudgedCode) -> Finding:
+    """Return the finding on the trajectory; its score is the share of steps near the reference."""
     commands = _commands()
     failure = ''
 
     def model(*args: float, l_f: float = L_F, l_r: float = L_R, g: float = 0.0) -> list[float]:
-        del l_f, l_r, g  # the lab's: what the function has without being told
+        del l_f, l_r, g  # the lab's, which are the function's own
         return list(code.bike_fe([Row(*args)])[0])
 
     reference = _states(Plant(), commands)
@@ -71,7 +70,7 @@ def _states(plant: Plant, commands: tuple[Input, ...]) -> Floats:
 
 
 def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:
-    """Write the state that each command answers, up to where one is out of this world."""
+    """Write the state before each command, up to the first one beyond all limits."""
     for k, command in enumerate(commands):
         states[k] = plant.state
         if not np.all(np.abs(states[k]) < _FAR):
@@ -82,7 +81,7 @@ def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:
 def _away(t: Floats, off: Floats, first: int) -> str:
     x, y, psi, v = np.nan_to_num(off[-1], nan=np.inf)
     if not isfinite(x):
-        return f'leaves the reference after {t[first]:.2f} s, and then this world'
+        return f'leaves the reference after {t[first]:.2f} s, and then grows without limit'
     return (
         f'leaves the reference after {t[first]:.2f} s; at the end of the road it is '
         f'{hypot(x, y):.3g} m, {degrees(psi):.3g}° and {v:.3g} m/s away'

@@ -1,4 +1,4 @@
-"""Judges whether the integral grows while the output is cut."""
+"""Judges whether the integral grows while the output is at its limit (windup)."""
 
 from __future__ import annotations
 
@@ -8,27 +8,26 @@ import numpy as np
 
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
-from barc_sim.lab.check.finding import WHATEVER_COMES, Finding
-from barc_sim.lab.check.sequences import constant
-from barc_sim.lab.check.situations import TS
+from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.situations import TS, constant
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import Code
+    from barc_sim.lab.check.code import JudgedCode
 
 _GAINS = (1.0, 2.0, 0.0)
-_PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors, into the limit and out of it
+_PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
 _PUSHES, _PULLS = 300, 600  #: calls
-_GROWN = 0.5  #: [m/s²] What the integral has to add for there to be one.
+_GROWN = 0.5  #: [m/s²] The least growth that shows an integral.
 _ALLOWED = 25  #: calls until the output leaves the limit
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
-@WHATEVER_COMES
-def judge_windup(code: Code) -> Finding:
-    """Return whether the output comes back from its limit as soon as the error changes its sign.
+@IGNORE_FLOAT_ERRORS
+def judge_windup(code: JudgedCode) -> Finding:
+    """Return whether the output leaves its limit when the error changes its sign.
 
-    The car's motor makes ±8 m/s² at most, whether the class knows it or not. Leaving the limit
-    within half a second is full marks; from there the score falls with the time it takes.
+    The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
+    less is full marks; beyond that the score falls with the time.
     """
     try:
         calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
@@ -39,12 +38,14 @@ def judge_windup(code: Code) -> Finding:
         return Finding(
             'pid.windup',
             0.0,
-            'the output does not grow under a lasting error: is there an integral to wind up?',
+            'the output does not grow while the error stays the same: is there an integral?',
         )
     scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in known]
     score = float(np.mean(scores))
     if min(scores) == 1.0:
-        return Finding('pid.windup', 1.0, 'the output leaves its limit when the error turns')
+        return Finding(
+            'pid.windup', 1.0, 'the output leaves its limit when the error changes its sign'
+        )
     longest = max(known)
     time = f'{longest * TS:.1f} s' if longest < _PULLS else f'more than {_PULLS * TS:g} s'
     return Finding(
@@ -52,12 +53,12 @@ def judge_windup(code: Code) -> Finding:
         score,
         f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
         f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
-        f'{time}. Do not add to the integral while the output is cut',
+        f'{time}. Do not add to the integral while the output is at its limit',
     )
 
 
-def _recovery(code: Code, sign: float) -> int | None:
-    """Return how many calls it takes to leave the limit; None where the integral does nothing."""
+def _recovery(code: JudgedCode, sign: float) -> int | None:
+    """Return the number of calls until the output leaves its limit; None without an integral."""
     pid = code.new_pid(*_GAINS)
     pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
     if not pushed.max() > _GAINS[0] * _PUSHED + _GROWN:

@@ -1,4 +1,4 @@
-"""Judges a folder in a process of its own, so that nothing in it can hang or end the command."""
+"""Judges a folder in a separate process, so that user code cannot hang or end the command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import LocalCode
-from barc_sim.lab.check.finding import CRITERIA, Finding
+from barc_sim.lab.check.findings import CRITERIA, Finding
 from barc_sim.lab.check.judging import findings
 
 if TYPE_CHECKING:
@@ -22,45 +22,45 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.stretches import Gains
 
-#: [s] A call of user code may take so long; it is ended, and told of, where it is Python.
+#: [s] Limit for one call of user code; a call in Python is ended then, with a message.
 CALL_BUDGET = 0.5
-#: [s] Where that does not end it (a sleep, a loop in C), the process is.
+#: [s] Limit for the process, which ends a sleep or a loop in C.
 DEADLINE = 45.0
-_CHARACTERS = 400  #: of what is printed, kept
+_CHARACTERS = 400  #: kept of the printed text
 
 
 @dataclass(frozen=True)
-class Prints:
-    """The beginning of what user code prints."""
+class Printed:
+    """The first characters that user code prints."""
 
     text: str = ''
-    dropped: int = 0  #: lines beyond that
+    dropped: int = 0  #: further lines
 
 
 class _Printer(io.TextIOBase):
-    """Takes what is printed, however much it is."""
+    """Receives the printed text; keeps only its beginning."""
 
     def __init__(self) -> None:
         self._text = ''
         self._dropped = 0
 
     def write(self, text: str, /) -> int:
-        """Keep what there is room for, and count the lines that are not."""
+        """Keep the text that fits, and count further lines."""
         room = max(_CHARACTERS - len(self._text), 0)
         self._text += text[:room]
         self._dropped += text[room:].count('\n')
         return len(text)
 
-    def prints(self) -> Prints:
-        return Prints(self._text, self._dropped)
+    def printed(self) -> Printed:
+        return Printed(self._text, self._dropped)
 
 
 @dataclass(frozen=True)
 class Report:
-    """All that there is to tell of a folder."""
+    """The findings on a folder, and the text that its code printed."""
 
     findings: list[Finding]  #: of every criterion
-    prints: Prints
+    printed: Printed
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,15 @@ class _Parts:
 
 
 def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEADLINE) -> Report:
-    """Return what is found of a user's `folder`, at the latest after `deadline` [s].
+    """Return the findings on a user's `folder`, after `deadline` [s] at the latest.
 
     Raises
     ------
     UserError
-        where the folder, or anything to judge in it, is not there.
+        if the folder is missing, or has no file to judge.
     """
     _check_there(folder)
-    # A fresh interpreter: what this process has imported or patched is not the user's.
+    # A new interpreter, without the imports and patches of this process.
     context = multiprocessing.get_context('spawn')
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(theirs, folder, seed, gains), daemon=True)
@@ -86,11 +86,11 @@ def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEA
     theirs.close()
     end = time.monotonic() + deadline
     found: list[Finding] = []
-    prints = Prints()
-    lost = f'no answer within {deadline:g} s: is there a loop that does not end, or a sleep?'
+    printed = Printed()
+    lost = f'no result within {deadline:g} s: is there an endless loop, or a sleep?'
     try:
         while len(found) < len(CRITERIA) and ours.poll(max(end - time.monotonic(), 0.0)):
-            finding, prints = ours.recv()
+            finding, printed = ours.recv()
             found.append(finding)
     except EOFError:
         process.join()
@@ -100,11 +100,11 @@ def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEA
         process.join()
         ours.close()
     found += [Finding(name, 0.0, lost) for name in CRITERIA[len(found) :]]
-    return Report(found, prints)
+    return Report(found, printed)
 
 
 def _check_there(folder: Path) -> None:
-    from barc_sim.lab.user_code.loading import FILES  # noqa: PLC0415 (needed by who loads, not by grade)
+    from barc_sim.lab.user_code.loading import FILES  # noqa: PLC0415 (grade does without)
 
     if not folder.is_dir():
         raise UserError(
@@ -123,11 +123,11 @@ def _work(connection: Connection, folder: Path, seed: int, gains: Gains) -> None
             _Parts(model=_load(folder, 'model'), controller=_load(folder, 'controller'))
         )
         for finding in findings(code, seed, gains):
-            connection.send((finding, printer.prints()))
+            connection.send((finding, printer.printed()))
 
 
 def _load(folder: Path, part: str) -> Callable[..., Any] | None:
-    """Return a part of the folder; one that can't be loaded says so at each call."""
+    """Return a part of the folder; if it cannot be loaded, each call raises that error."""
     from barc_sim.lab.user_code.loading import FILES, load_folder  # noqa: PLC0415 (as above)
 
     if not (folder / FILES[part]).exists():

@@ -14,7 +14,7 @@ from barc_sim.lab.grade.submissions import GRADED
 from barc_sim.lab.grade.text import printable
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.evidence import Comparison, Trajectory
+    from barc_sim.lab.check.findings import Comparison, Trajectory
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.start import Limits
     from barc_sim.lab.grade.submissions import Submission

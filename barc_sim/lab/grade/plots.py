@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.figures.style import BLUE, DASHES, EARTH, INK, VERMILLION
-from barc_sim.lab.check.evidence import Comparison, Trajectory
+from barc_sim.lab.check.findings import Comparison, Trajectory
 from barc_sim.lab.grade.labels import label
 
 if TYPE_CHECKING:

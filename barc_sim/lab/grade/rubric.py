@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import yaml
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.finding import CRITERIA
+from barc_sim.lab.check.findings import CRITERIA
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
-from barc_sim.lab.check.evidence import Comparison
-from barc_sim.lab.check.loop import judge_lab_road, judge_random_roads
-from barc_sim.lab.check.roads import STEEPEST_DEG, random_road
+from barc_sim.lab.check.findings import Comparison
+from barc_sim.lab.check.loop import STEEPEST_DEG, judge_lab_road, judge_random_roads, random_road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.lab.check import LocalCode
-    from barc_sim.lab.check.finding import Finding
+    from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]
     Gains = tuple[float, float, float]
@@ -25,7 +24,7 @@ STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
 
 def whys(finding: Finding) -> list[str]:
     stretches = cast('list[dict[str, Any]]', finding.details['stretches'])
-    return [stretch['why'] for stretch in stretches]
+    return [stretch['cause'] for stretch in stretches]
 
 
 @pytest.mark.parametrize(
@@ -33,14 +32,14 @@ def whys(finding: Finding) -> list[str]:
     [
         (RUN, 1, 'needs 1.7 m/s² more at once: held within 0.05 m/s'),
         (RUN, 0, '1.00 s to 8 m/s, where 8 m/s² allow 1.00 s'),
-        ((10.0, 20.0, 0.0), STEEP, 'the integral takes up the rest in 1.2 s'),
+        ((10.0, 20.0, 0.0), STEEP, 'the integral removes the error in 1.2 s'),
         ((2.0, 0.0, 0.0), STEEP, 'with ki = 0 it stays at +2.4'),
-        ((2.0, 0.0, 0.0), STEEP, 'kp = 2 alone gives that at an error of 2.45 m/s'),
+        ((2.0, 0.0, 0.0), STEEP, 'kp = 2 gives that at an error of 2.45 m/s'),
         ((2.0, 0.0, 0.0), 2, 'from the stretch before: gone after 1.1 s'),
-        ((2.0, 0.5, 0.0), STEEP, 'm/s are left: more ki'),
+        ((2.0, 0.5, 0.0), STEEP, 'm/s are left: use more ki'),
         ((2.0, 2.0, 0.0), 0, 'ki is large for this kp'),
         ((0.0, 5.0, 0.0), 1, 's, with kp = 0 the integral alone swings'),
-        ((5.0, 400.0, 0.0), STEEP, 'less ki, or more kp'),
+        ((5.0, 400.0, 0.0), STEEP, 'use less ki, or more kp'),
         ((0.0, 5.0, 0.0), 2, 'with kp = 0 the integral alone is slow'),
         ((1.0, 100.0, 0.0), STEEP, 'the speed swings 4 times'),
         ((30.0, 200.0, 5.0), STEEP, 'the output jumps between its limits'),
@@ -74,7 +73,7 @@ def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: 
     code, gains = lab(controller=controller), (0.0, 0.0, 0.0)
     finding = judge_lab_road(code, gains) if judge == 'lab' else judge_random_roads(code, gains, 0)
     assert finding.score == 0.0
-    assert 'it does not get to the end of the road' in finding.message
+    assert 'it does not reach the end of the road' in finding.message
 
 
 @pytest.mark.parametrize('judge', ['lab', 'random'])

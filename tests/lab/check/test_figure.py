@@ -7,8 +7,8 @@ import pytest
 from matplotlib.text import Text
 
 from barc_sim.control.pid import speed_controller
-from barc_sim.lab.check.evidence import Comparison, Trajectory
 from barc_sim.lab.check.figure import check_figure
+from barc_sim.lab.check.findings import Comparison, Trajectory
 from barc_sim.simulation.closed_loop import rollout
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from barc_sim.lab.check.diagnosis import close
+from barc_sim.lab.check.diagnose_model import close
 from barc_sim.lab.check.equations import EQUATIONS, NAMES, Quantities, arguments
 from barc_sim.lab.check.mistakes import MISTAKES
 from barc_sim.lab.check.situations import SITUATIONS, with_lengths
@@ -27,7 +27,7 @@ def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
     assert close(Quantities(GIVEN)[f'{name}_next'], EXPECTED[NAMES.index(name)]).all()
 
 
-@pytest.mark.parametrize('mistake', MISTAKES, ids=lambda mistake: mistake.says[:40])
+@pytest.mark.parametrize('mistake', MISTAKES, ids=lambda mistake: mistake.hint[:40])
 def test_every_mistake_changes_an_equation(mistake: object) -> None:
     says, changes = mistake  # type: ignore[misc]
     assert set(changes) <= {*EQUATIONS, *GIVEN}

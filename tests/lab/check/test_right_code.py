@@ -15,7 +15,7 @@ from barc_sim.lab.user_code.loading import load_folder
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check.finding import Finding
+    from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]
 

@@ -27,7 +27,7 @@ def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controll
     report = judge_folder(write(tmp_path, model, controller), 0, GAINS)
     assert tuple(finding.criterion for finding in report.findings) == CRITERIA
     assert all(finding.passed for finding in report.findings)
-    assert report.prints.text == ''
+    assert report.printed.text == ''
     assert [finding.evidence is not None for finding in report.findings].count(True) == 2
 
 
@@ -36,7 +36,7 @@ def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: st
     report = judge_folder(folder, 0, GAINS, deadline=1.0)
     assert len(report.findings) == len(CRITERIA)
     assert all(finding.score == 0.0 for finding in report.findings)
-    assert report.findings[0].message.startswith('no answer within 1 s: ')
+    assert report.findings[0].message.startswith('no result within 1 s: ')
 
 
 def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller: str) -> None:
@@ -71,10 +71,10 @@ def test_what_is_not_there_is_skipped(tmp_path: Path, model: str) -> None:
 
 def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, model: str) -> None:
     text = model.replace('    beta =', '    print("v is", v)\n    beta =')
-    prints = judge_folder(write(tmp_path, text), 0, GAINS).prints
-    assert prints.text.startswith('v is ')
-    assert len(prints.text) < 1000
-    assert prints.dropped > 4000
+    printed = judge_folder(write(tmp_path, text), 0, GAINS).printed
+    assert printed.text.startswith('v is ')
+    assert len(printed.text) < 1000
+    assert printed.dropped > 4000
 
 
 @pytest.mark.parametrize(

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.check.controller import judge_controller
+from barc_sim.lab.check.judging import judge_controller
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.lab.check import LocalCode
-    from barc_sim.lab.check.finding import Finding
+    from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]
 
@@ -32,16 +32,16 @@ WRONG = {
         'kp has no effect',
     ),
     'kp squared': ('self.kp * e', 'self.kp**2 * e', 'proportional', 'kp is in P twice'),
-    'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'must not go through abs'),
+    'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'do not use abs'),
     'integrator without dt': (
         'e * dt',
         'e',
         'integral',
-        'integrator without dt',
+        'I has no dt',
     ),
-    'another dt': ('e * dt', 'e * 0.05', 'integral', 'I takes dt as 0.05 s'),
+    'another dt': ('e * dt', 'e * 0.05', 'integral', 'I uses dt = 0.05 s'),
     'integral backwards': ('+ self.ki', '- self.ki', 'integral windup', 'I has the wrong sign'),
-    'no sum': ('self.area + e', 'e', 'integral windup', 'I forgets'),
+    'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
     'no integral': ('self.ki * area', '0.0', 'integral windup', 'there is no I'),
     'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
     'no limits at all': (
@@ -56,13 +56,13 @@ WRONG = {
         'derivative',
         'D has the wrong sign',
     ),
-    'derivative without dt': ('change / dt', 'change', 'derivative', 'a derivative without dt'),
+    'derivative without dt': ('change / dt', 'change', 'derivative', 'D has no dt'),
     'derivative times dt': ('change / dt', 'change * dt', 'derivative', 'D is multiplied by dt'),
     'last error not kept': (
         'self.before = e',
         'self.before = self.before or 0.0',
         'derivative',
-        'D does not keep the error',
+        'D does not store the error',
     ),
     'no derivative': ('self.kd * change', '0.0', 'derivative', 'there is no D'),
     'kp in all': (
@@ -132,7 +132,7 @@ def test_state_kept_across_runs_is_named(lab: Lab, controller: str, kept: str) -
     findings = judge(lab(controller=f'{kept}\n\n{text}'))
     assert findings['pid.reset'].score == 0.0
     message = findings['pid.reset'].message
-    assert 'reaches into the next (the integral and the last error)' in message
+    assert 'one run changes the next (the integral and the last error)' in message
     assert 'global or class variable' in message
     assert findings['pid.integral'].message.startswith(message)
 
@@ -142,15 +142,15 @@ def test_a_clock_is_told_from_state_kept_across_runs(lab: Lab, controller: str) 
     text = f'from itertools import count\n\nclock = (1e-5 * k for k in count(1))\n\n\n{text}'
     findings = judge(lab(controller=text))
     assert findings['pid.reset'].score == 0.0
-    assert 'or a clock? A call comes every 0.02 s' in findings['pid.reset'].message
+    assert 'It is called every 0.02 s' in findings['pid.reset'].message
 
 
 @pytest.mark.parametrize(
     ('lines', 'words'),
     [
-        (['area'], 'reset() does not forget the integral'),
-        (['before'], 'reset() does not forget the last error'),
-        (['area', 'before'], 'reset() does not forget the integral and the last error'),
+        (['area'], 'reset() does not clear the integral'),
+        (['before'], 'reset() does not clear the last error'),
+        (['area', 'before'], 'reset() does not clear the integral and the last error'),
     ],
 )
 def test_a_reset_that_forgets_too_little_is_named(

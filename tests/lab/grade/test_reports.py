@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from barc_sim.lab.check.evidence import Comparison, Trajectory
+from barc_sim.lab.check.findings import Comparison, Trajectory
 from barc_sim.lab.grade import gradescope, html, page, summary
 from barc_sim.lab.grade.batch import Failure
 from barc_sim.lab.grade.grade import Grade, Item

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.finding import CRITERIA
+from barc_sim.lab.check.findings import CRITERIA
 from barc_sim.lab.grade.labels import label
 from barc_sim.lab.grade.rubric import load
 

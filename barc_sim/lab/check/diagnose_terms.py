@@ -1,4 +1,4 @@
-"""Why a term of the PID is wrong: by what constant its answers differ from the right ones."""
+"""Finds why a term of the PID is wrong, from the factor between its outputs and the right ones."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from barc_sim.lab.check.equations import Floats
-    from barc_sim.lab.check.sequences import Sequence
+    from barc_sim.lab.check.situations import Sequence
 
 _RELATIVE = 1e-7
 
 
 class Trial(NamedTuple):
-    """What a term answered with one gain."""
+    """The outputs of a term with one gain."""
 
     gain: float
     sequence: Sequence
     outputs: Floats
-    variants: list[Floats]  #: what is right, for a gain of 1
-    first: int  #: the first answer that counts
+    variants: list[Floats]  #: the right outputs, for a gain of 1
+    first: int  #: the first output that is judged
 
     def ratio(self, shapes: Iterable[Floats]) -> float | None:
-        """Return the constant by which the answers differ from one of `shapes`; None if by none."""
+        """Return the constant factor between the outputs and one of `shapes`; None if none fits."""
         outputs = self.outputs[self.first :]
         for shape in (values[self.first :] for values in shapes):
             ratio = float(outputs @ shape / (shape @ shape))
@@ -37,41 +37,41 @@ class Trial(NamedTuple):
         return None
 
 
-def proportional_says(trials: list[Trial]) -> str:
-    """Return what to look at in the proportional term."""
+def diagnose_proportional(trials: list[Trial]) -> str:
+    """Return the cause of a wrong proportional term."""
     ratios = [trial.ratio(trial.variants) for trial in trials]
     if all(_is(ratio, -trial.gain) for ratio, trial in zip(ratios, trials, strict=True)):
         return 'P has the wrong sign: the error is speed_reference - speed_current'
-    if said := _of_gain('kp', 'P', ratios, trials):
-        return said
+    if hint := _diagnose_gain('kp', 'P', ratios, trials):
+        return hint
     if all(_is(r, t.gain * TS) for r, t in zip(ratios, trials, strict=True)):
         return 'P is multiplied by dt: it is kp * e'
     others: dict[str, Callable[[Trial], Floats]] = {
-        'the outputs are added up from call to call: the output is P + I + D of this call alone': (
+        'the outputs of all calls are added up: the output is P + I + D of this call alone': (
             lambda t: np.cumsum(t.sequence.error)
         ),
-        'P is made from the last error, not from this one': (
+        'P uses the last error, not this one': (
             lambda t: np.concatenate([[0.0], t.sequence.error[:-1]])
         ),
-        'P has no sign: the error must not go through abs': lambda t: np.abs(t.sequence.error),
-        'P is made from the speed alone: the error is speed_reference - speed_current': (
+        'P has no sign: do not use abs on the error': lambda t: np.abs(t.sequence.error),
+        'P uses the speed alone: the error is speed_reference - speed_current': (
             lambda t: t.sequence.measured
         ),
-        'P is made from the reference alone: the error is speed_reference - speed_current': (
+        'P uses the reference alone: the error is speed_reference - speed_current': (
             lambda t: t.sequence.reference
         ),
     }
-    for says, shape in others.items():
+    for hint, shape in others.items():
         if all(trial.ratio([shape(trial)]) for trial in trials):
-            return says
+            return hint
     return _example('P', 'kp * e', trials[0])
 
 
-def integral_says(trials: list[Trial]) -> str:
-    """Return what to look at in the integral term."""
+def diagnose_integral(trials: list[Trial]) -> str:
+    """Return the cause of a wrong integral term."""
     ratios = [trial.ratio(trial.variants) for trial in trials]
-    if said := _of_gain('ki', 'I', ratios, trials):
-        return said
+    if hint := _diagnose_gain('ki', 'I', ratios, trials):
+        return hint
     factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
     factor = _common(factors)
     if factor:
@@ -81,31 +81,31 @@ def integral_says(trials: list[Trial]) -> str:
             else ''
         )
         if _is(abs(factor), 1.0 / TS):
-            step = 'I is an integrator without dt: each error counts for dt = 0.02 s, ki * e * dt'
+            step = 'I has no dt: add up ki * e * dt, with dt = 0.02 s'
         elif _is(abs(factor), 1.0):
             step = ''
         else:
             step = (
-                f'I takes dt as {abs(factor) * TS:g} s: a call comes every {TS:g} s, '
+                f'I uses dt = {abs(factor) * TS:g} s: PID is called every {TS:g} s, '
                 'ki * (sum of e * dt)'
             )
         return '; and '.join(filter(None, [sign, step]))
     if all(t.ratio([t.sequence.error]) for t in trials):
-        return 'I forgets: the errors are not added up, or the sum is lost from call to call'
+        return 'I has no memory: the errors are not added up, or the sum is lost between calls'
     if all(t.ratio([np.abs(shape) for shape in t.variants]) for t in trials):
-        return 'I has no sign: the error must not go through abs'
+        return 'I has no sign: do not use abs on the error'
     if all(
         np.abs(t.outputs[60:] / (t.outputs[60] or 1.0) - 1.0).max() <= _RELATIVE for t in trials
     ):
-        return 'I stands still after a while: is the sum limited more tightly than the output?'
+        return 'I stops growing after a while: is the limit of the sum too small?'
     return _example('I', 'ki * (sum of e * dt)', trials[0])
 
 
-def derivative_says(trials: list[Trial]) -> str:
-    """Return what to look at in the derivative term."""
+def diagnose_derivative(trials: list[Trial]) -> str:
+    """Return the cause of a wrong derivative term."""
     ratios = [trial.ratio(trial.variants) for trial in trials]
-    if said := _of_gain('kd', 'D', ratios, trials):
-        return said
+    if hint := _diagnose_gain('kd', 'D', ratios, trials):
+        return hint
     factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
     factor = _common(factors)
     if factor:
@@ -116,14 +116,14 @@ def derivative_says(trials: list[Trial]) -> str:
             else ''
         )
         if _is(abs(factor), TS):
-            step = f'D is a derivative without dt: the change of e is divided by dt = {TS:g} s'
+            step = f'D has no dt: divide the change of e by dt = {TS:g} s'
         elif _is(abs(factor), TS * TS):
-            step = f'D is multiplied by dt: the change of e is divided by dt = {TS:g} s'
+            step = f'D is multiplied by dt: divide the change of e by dt = {TS:g} s'
         elif _is(abs(factor), 1.0):
             step = ''
         else:
             step = (
-                f'D takes dt as {TS / abs(factor):g} s: a call comes every {TS:g} s, '
+                f'D uses dt = {TS / abs(factor):g} s: PID is called every {TS:g} s, '
                 'kd * (e - e_before) / dt'
             )
         return '; and '.join(filter(None, [sign, step]))
@@ -132,12 +132,12 @@ def derivative_says(trials: list[Trial]) -> str:
         for t in trials
     )
     if forgets:
-        return 'D does not keep the error of the last call: e_before is set at the end of each call'
+        return 'D does not store the error of the last call: set e_before at the end of each call'
     return _example('D', 'kd * (e - e_before) / dt', trials[0])
 
 
-def _of_gain(name: str, term: str, ratios: list[float | None], trials: list[Trial]) -> str:
-    """Return what to say of a gain that is not used as it should be, or nothing."""
+def _diagnose_gain(name: str, term: str, ratios: list[float | None], trials: list[Trial]) -> str:
+    """Return the cause if a gain is used wrongly, else an empty string."""
     if not any(np.any(trial.outputs[trial.first :]) for trial in trials):
         return f'there is no {term}: with {name} alone the output is always 0'
     gains = [trial.gain for trial in trials]
@@ -145,7 +145,7 @@ def _of_gain(name: str, term: str, ratios: list[float | None], trials: list[Tria
     if first and all(_is(ratio, first) for ratio in ratios):
         return (
             f'{name} has no effect, {term} is the same for {name} = {gains[0]:g} and '
-            f'{gains[1]:g}: use the gain that PID is made with'
+            f'{gains[1]:g}: use the gain that PID gets'
         )
     if all(_is(ratio, gain * gain) for ratio, gain in zip(ratios, gains, strict=True)):
         return f'{name} is in {term} twice'
@@ -153,7 +153,7 @@ def _of_gain(name: str, term: str, ratios: list[float | None], trials: list[Tria
 
 
 def _common(factors: list[float | None]) -> float | None:
-    """Return the factor that all gains share, None where there is none."""
+    """Return the factor that is the same for all gains; None if there is none."""
     first = factors[0]
     return first if all(_is(factor, first) for factor in factors) else None
 

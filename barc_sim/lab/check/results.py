@@ -1,4 +1,4 @@
-"""What a user's `bikeFE` answers in the situations in which it is judged."""
+"""The results of a user's `bikeFE` in each situation, beside the expected ones."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.diagnosis import close
+from barc_sim.lab.check.diagnose_model import close
 from barc_sim.lab.check.equations import NAMES
 from barc_sim.lab.check.situations import SITUATIONS, Situation, with_lengths
 from barc_sim.vehicle.bike_model import L_F, L_R, bikeFE
@@ -16,48 +16,48 @@ from barc_sim.vehicle.bike_model import L_F, L_R, bikeFE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from barc_sim.lab.check.code import Code, Next, Row
+    from barc_sim.lab.check.code import JudgedCode, Next, Row
     from barc_sim.lab.check.equations import Floats
 
-#: Where the code fails so often, it is asked no more: each time may take its whole time budget.
-_ENOUGH = 4
+#: After so many failures the code is not called again: each call can use its whole time budget.
+_MAX_FAILURES = 4
 _OTHER_L_F, _OTHER_L_R = 1.2, 1.9  #: [m]
 
 
 @dataclass(eq=False)
-class Answered:
-    """A situation's states, what was expected of them and what came."""
+class Results:
+    """The states of one situation, with the expected and the actual results."""
 
     situation: Situation
     rows: list[Row]
     l_f: float
     l_r: float
     expected: Floats  #: shape `(n, 4)`
-    got: Floats  #: shape `(n, 4)`, NaN where the code failed
+    got: Floats  #: shape `(n, 4)`, NaN if the code failed
     failure: str = ''
 
     def right(self, column: int) -> Floats:
-        """Return in which states the equation of that column is right, shape `(n,)`."""
+        """Return the states in which the equation of `column` is right, shape `(n,)`."""
         return close(self.got[:, column], self.expected[:, column])
 
 
-def ask(code: Code, seed: int) -> list[Answered]:
-    """Return what the code makes of all situations; of lengths to the axles only if it uses any."""
-    answered: list[Answered] = []
+def run_situations(code: JudgedCode, seed: int) -> list[Results]:
+    """Call `bikeFE` in all situations; other axle distances are tried only if it uses them."""
+    results: list[Results] = []
     for situation in SITUATIONS:
-        answered.append(_answer(code, situation, situation.rows(seed), answered))
-    answered += _at_other_lengths(code, seed, answered)
-    return answered
+        results.append(_run(code, situation, situation.rows(seed), results))
+    results += _at_other_lengths(code, seed, results)
+    return results
 
 
-def _answer(
-    code: Code, situation: Situation, rows: list[Row], before: Sequence[Answered]
-) -> Answered:
+def _run(
+    code: JudgedCode, situation: Situation, rows: list[Row], before: Sequence[Results]
+) -> Results:
     l_f, l_r = situation.lengths or (L_F, L_R)
     expected = np.array([bikeFE(*row, l_f=l_f, l_r=l_r) for row in rows])
-    part = Answered(situation, rows, l_f, l_r, expected, np.full_like(expected, np.nan))
+    part = Results(situation, rows, l_f, l_r, expected, np.full_like(expected, np.nan))
     failures = [other.failure for other in before if other.failure]
-    if len(failures) >= _ENOUGH:
+    if len(failures) >= _MAX_FAILURES:
         part.failure = failures[-1]
         return part
     try:
@@ -67,13 +67,13 @@ def _answer(
     return part
 
 
-def _array(answers: Sequence[Next]) -> Floats:
-    return np.array(answers, dtype=np.float64).reshape(-1, len(NAMES))
+def _array(rows: Sequence[Next]) -> Floats:
+    return np.array(rows, dtype=np.float64).reshape(-1, len(NAMES))
 
 
-def _at_other_lengths(code: Code, seed: int, answered: Sequence[Answered]) -> list[Answered]:
-    """Return the answers at other lengths to the axles, if the function takes any."""
-    turn = next(part for part in answered if part.situation.name == 'a left turn')
+def _at_other_lengths(code: JudgedCode, seed: int, results: Sequence[Results]) -> list[Results]:
+    """Return the results at other axle distances, if the function takes any."""
+    turn = next(part for part in results if part.situation.name == 'a left turn')
     if turn.failure:
         return []
     try:
@@ -87,35 +87,35 @@ def _at_other_lengths(code: Code, seed: int, answered: Sequence[Answered]) -> li
     if lengths == (L_F, L_R):
         return []
     situation = with_lengths(*lengths)
-    return [_answer(code, situation, situation.rows(seed), answered)]
+    return [_run(code, situation, situation.rows(seed), results)]
 
 
-def _differs(answers: Sequence[Next], others: Floats) -> bool:
-    return not np.array_equal(_array(answers), others)
+def _differs(rows: Sequence[Next], others: Floats) -> bool:
+    return not np.array_equal(_array(rows), others)
 
 
-def changing(code: Code, answered: Sequence[Answered]) -> str:
-    """Return what to say of a function whose answers to the same arguments differ; or nothing."""
-    part = next((part for part in answered if not part.failure), None)
+def find_randomness(code: JudgedCode, results: Sequence[Results]) -> str:
+    """Return a message if the same arguments give different results, else an empty string."""
+    part = next((part for part in results if not part.failure), None)
     if part is None:
         return ''
     try:
         again = _array(code.bike_fe(part.rows, l_f=part.l_f, l_r=part.l_r))
     except UserError as error:
-        return f'asked the same once more, it fails: {error}'
+        return f'a second call with the same arguments fails: {error}'
     differing = np.flatnonzero(~np.all(part.got == again, axis=1))
     if not differing.size:
         return ''
     first = int(differing[0])
     return (
-        'the same arguments give different answers: is there anything random in bikeFE, or does it '
-        f'keep something in a global variable? {shown(part.rows[first])} gave first '
+        'the same arguments give different results: does bikeFE use random numbers or change a '
+        f'global variable? {call_text(part.rows[first])} first gave '
         f'{_listed(part.got[first])}, then {_listed(again[first])}'
     )
 
 
-def shown(row: Row) -> str:
-    """Return the call with these arguments."""
+def call_text(row: Row) -> str:
+    """Return the call with these arguments, as text."""
     values = zip(row._fields, row, strict=True)
     return f'bikeFE({", ".join(f"{name}={value:.6g}" for name, value in values)})'
 
