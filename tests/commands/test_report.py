@@ -118,8 +118,8 @@ def test_a_run_that_its_code_ended_says_so(tmp_path: Path) -> None:
 
 def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
     page = page_of(make(tmp_path / 'bag', drive([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0)))
-    assert "The car's way" in page.text
-    assert 'Nobody gave a speed to hold' in page.text
+    assert "The car's path" in page.text
+    assert 'No controller had a speed to hold' in page.text
     assert "The controller's terms" not in page.text
 
 

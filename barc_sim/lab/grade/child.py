@@ -1,7 +1,8 @@
-"""The process a submission runs in: it knows no score and no rubric, and answers calls.
+"""The process that runs a submission: it receives calls and returns results.
 
-A script, started by `process.py` without site-packages and with an empty environment. Whatever the
-submission changes in here, all it can bring about are answers, which are judged elsewhere.
+A script, started by `start.py` without site-packages and with an empty environment. It has no
+score and no rubric: whatever a submission changes here can only change results, which another
+process judges.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from importlib.util import spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-# Python puts a script's folder here.
+# The script's own folder, which Python puts first.
 sys.path.pop(0)
 
 if TYPE_CHECKING:
@@ -25,25 +26,27 @@ if TYPE_CHECKING:
 
 
 class _Start(NamedTuple):
-    """The command line: descriptors, the parent's process id, where to import from, limits."""
+    """The command line, in the order of its fields."""
 
     requests: int
     replies: int
-    ruleset: int  #: of Landlock; -1: not confined
-    parent: int
-    packages: Path  #: holds barc_sim
-    numpy: Path  #: its package
-    memory: int
-    cpu: int
+    ruleset: int  #: descriptor of Landlock's; -1: not confined
+    program: bytes  #: of seccomp
+    parent: int  #: process id
+    packages: Path  #: the folder that contains barc_sim
+    numpy: Path  #: NumPy's package
+    memory: int  #: [bytes]
+    cpu: int  #: [s]
 
     @classmethod
     def parse(cls, arguments: Sequence[str]) -> _Start:
-        """Return what `process.py` has put on the command line."""
-        requests, replies, ruleset, parent, packages, numpy, memory, cpu = arguments
+        """Return the command line that `start.py` has written."""
+        requests, replies, ruleset, program, parent, packages, numpy, memory, cpu = arguments
         return cls(
             requests=int(requests),
             replies=int(replies),
             ruleset=int(ruleset),
+            program=bytes.fromhex(program),
             parent=int(parent),
             packages=Path(packages),
             numpy=Path(numpy),
@@ -53,7 +56,7 @@ class _Start(NamedTuple):
 
 
 class _NumPy(MetaPathFinder):
-    """Finds NumPy, and nothing else of the packages installed beside it."""
+    """Finds NumPy, and no other package installed beside it."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -61,7 +64,7 @@ class _NumPy(MetaPathFinder):
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Find the package; its path then leads to its parts."""
+        """Find the package; its own path then leads to its modules."""
         del path, target
         if name != 'numpy':
             return None
@@ -73,15 +76,15 @@ class _NumPy(MetaPathFinder):
 
 
 class _Code:
-    """The submission's functions, each file loaded when it is first asked for."""
+    """The submission's functions; each file is loaded at its first call."""
 
     def __init__(self) -> None:
         self._model: UserModel | None = None
         self._new: ControllerFactory | None = None
         self._controllers: list[UserPid] = []
 
-    def answer(self, operation: int, values: tuple[float, ...]) -> list[float]:
-        """Do what a request asks for."""
+    def call(self, operation: int, values: tuple[float, ...]) -> list[float]:
+        """Return the result of a request."""
         if operation == Operation.MODEL:
             return self._states(*values)
         if operation == Operation.NEW_PID:
@@ -94,7 +97,7 @@ class _Code:
         return [controller.acc_calculate(*row) for row in rows]
 
     def _states(self, l_f: float, l_r: float, *values: float) -> list[float]:
-        model = self._model = self._model or code.load_model(Path('bike_model.py'), budget=None)
+        model = self._model = self._model or loading.load_model(Path('bike_model.py'), budget=None)
         rows = zip(*[iter(values)] * MODEL_COLUMNS, strict=True)
         return [value for row in rows for value in model(*row, l_f=l_f, l_r=l_r)]
 
@@ -102,7 +105,7 @@ class _Code:
         self, kp: float, ki: float, kd: float, output_min: float, output_max: float
     ) -> UserPid:
         if self._new is None:
-            self._new = code.load_controller(Path('controller.py'), budget=None)
+            self._new = loading.load_controller(Path('controller.py'), budget=None)
         return self._new(kp, ki, kd, output_min=output_min, output_max=output_max)
 
 
@@ -115,18 +118,18 @@ def _reset(instance: Any) -> bool:  # noqa: ANN401 (a submission's object)
 
 
 def _serve(requests: int, replies: int) -> None:
-    """Answer until the requests end."""
-    answer = _Code().answer
+    """Answer requests until they end."""
+    code = _Code()
     while header := _read(requests, REQUEST.size):
         serial, operation, count = REQUEST.unpack(header)
         layout = doubles(count)
         values = layout.unpack(_read(requests, layout.size))
         try:
-            result = answer(operation, values)
+            result = code.call(operation, values)
             frame = REPLY.pack(serial, Status.DONE, len(result)) + doubles(len(result)).pack(
                 *result
             )
-        except BaseException as error:  # noqa: BLE001 (also SystemExit: it is the submission's)
+        except BaseException as error:  # noqa: BLE001 (SystemExit, too: it is the submission's)
             frame = _failure(serial, error)
         _write(replies, frame)
 
@@ -135,13 +138,13 @@ def _failure(serial: int, error: BaseException) -> bytes:
     try:
         text = str(error) if isinstance(error, UserError) else f'{type(error).__name__}: {error}'
         data = text.encode(errors='replace')[:MAX_TEXT]
-    except BaseException:  # noqa: BLE001 (its text is the submission's code, too)
+    except BaseException:  # noqa: BLE001 (its text is the submission's, too)
         data = b'an exception that cannot be printed'
     return REPLY.pack(serial, Status.FAILED, len(data)) + data
 
 
 def _read(descriptor: int, size: int) -> bytes:
-    """Read exactly `size` bytes; fewer where the requests have ended."""
+    """Read exactly `size` bytes; none if the requests have ended."""
     data = os.read(descriptor, size)
     while 0 < len(data) < size:
         more = os.read(descriptor, size - len(data))
@@ -157,7 +160,7 @@ def _write(descriptor: int, data: bytes) -> None:
 
 
 def _forget_packages() -> None:
-    """Leave no way to import more of barc_sim."""
+    """Make it impossible to import more of barc_sim."""
     for name, module in sys.modules.items():
         if name.partition('.')[0] == 'barc_sim' and hasattr(module, '__path__'):
             module.__path__ = []
@@ -181,7 +184,7 @@ if __name__ == '__main__':
         Status,
         doubles,
     )
-    from barc_sim.lab.user_code import loading as code
+    from barc_sim.lab.user_code import loading
 
     sys.path.remove(str(start.packages))
     sys.meta_path.insert(0, _NumPy(start.numpy))
@@ -189,7 +192,7 @@ if __name__ == '__main__':
     try:
         confinement.limit_resources(start.memory, start.cpu, start.parent)
         if start.ruleset >= 0:
-            confinement.close_in(start.ruleset)
+            confinement.confine(start.ruleset, start.program)
     except OSError as error:
         _write(start.replies, _failure(0, error))
         sys.exit(1)
@@ -197,5 +200,5 @@ if __name__ == '__main__':
         _write(start.replies, REPLY.pack(0, Status.DONE, 0))
         _serve(start.requests, start.replies)
     except OSError:
-        # Closed by the submission, or by a grader that is gone.
+        # The submission has closed the pipes, or the grader has ended.
         os._exit(NO_PIPES)

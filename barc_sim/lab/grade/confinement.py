@@ -1,4 +1,4 @@
-"""What a process does to itself before it runs a submission's code; there is no way back."""
+"""Confines this process, for ever, before it runs a submission's code."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import resource
 import signal
 
-from barc_sim.lab.grade import landlock, seccomp
+from barc_sim.lab.grade import landlock
 
 _SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
 _MODE_FILTER = 2
@@ -15,10 +15,10 @@ _INSTRUCTION = 8  # bytes
 
 
 def limit_resources(memory: int, cpu: int, parent: int) -> None:
-    """Bound memory [bytes], processor time [s] and files; die with the process id `parent`."""
+    """Limit memory [bytes], processor time [s] and files; end with the process `parent`."""
     _prctl(_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
-        # It has died before that was said.
+        # It has already ended.
         os._exit(1)
     _prctl(_SET_DUMPABLE, 0)
     for kind, amount in (
@@ -29,26 +29,25 @@ def limit_resources(memory: int, cpu: int, parent: int) -> None:
         (resource.RLIMIT_NOFILE, 64),
         (resource.RLIMIT_NPROC, 0),
     ):
-        # A hard limit that is lower already stays.
+        # A lower hard limit stays.
         hard = resource.getrlimit(kind)[1]
         amount = amount if hard == resource.RLIM_INFINITY else min(amount, hard)  # noqa: PLW2901
         resource.setrlimit(kind, (amount, amount))
 
 
-def close_in(ruleset: int) -> None:
-    """Allow only the files of the Landlock `ruleset` and harmless system calls from now on.
+def confine(ruleset: int, program: bytes) -> None:
+    """Allow only the files of a Landlock `ruleset`, and the system calls of a seccomp `program`.
 
     Raises
     ------
     OSError
-        where the kernel does not do that.
+        if the kernel cannot do that.
     """
     _prctl(_SET_NO_NEW_PRIVS, 1)
     landlock.restrict_self(ruleset)
     os.close(ruleset)
-    code = seccomp.program()
-    buffer = ctypes.create_string_buffer(code, len(code))
-    filter_program = _FilterProgram(len(code) // _INSTRUCTION, ctypes.addressof(buffer))
+    buffer = ctypes.create_string_buffer(program, len(program))
+    filter_program = _FilterProgram(len(program) // _INSTRUCTION, ctypes.addressof(buffer))
     _prctl(_SET_SECCOMP, _MODE_FILTER, ctypes.addressof(filter_program))
 
 

@@ -1,33 +1,37 @@
-"""From a submission to the files that tell its grade: what one worker does."""
+"""The files of one graded submission: the HTML report, the sheet to print, Gradescope's results."""
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.grade import gradescope, html, page
+from barc_sim.lab.grade import sheet
 from barc_sim.lab.grade.grade import grade
+from barc_sim.lab.grade.text import label
+from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
+    from barc_sim.lab.grade.grade import Grade
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.start import Limits
     from barc_sim.lab.grade.submissions import Submission
 
 
 class Report(NamedTuple):
-    """A grade in numbers, and its files' contents by their names."""
+    """The numbers of a grade, and the contents of its files by name."""
 
     name: str
     score: float
     max_score: float
     points: dict[str, float]  #: by criterion
-    remark: str  #: what stands in the way of full marks the most; empty with those
+    remark: str  #: notes, and the message of the criterion that lost most points
     files: dict[str, bytes]
 
 
 def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
-    """Judge a submission and write its files, in memory."""
+    """Judge a submission and return its files, in memory."""
     result = grade(submission, rubric, limits, sandbox=sandbox)
-    sheet, figures = page.draw(result)
+    drawn, figures = sheet.draw(result)
     worst = max(result.items, key=lambda item: item.max_points - item.points)
     lost = worst.max_points - worst.points
     return Report(
@@ -37,8 +41,49 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         points={item.criterion: item.points for item in result.items},
         remark='; '.join((*result.notes, *([worst.message] if lost > 0.0 else ()))),
         files={
-            'results.json': gradescope.results(result).encode(),
-            'report.html': html.page(result, figures).encode(),
-            'report.png': sheet,
+            'results.json': gradescope(result).encode(),
+            'report.html': page(result, figures).encode(),
+            'report.png': drawn,
         },
     )
+
+
+def page(grade: Grade, figures: bytes) -> str:
+    """Return the HTML report; `figures` is a PNG, or empty."""
+    return render(
+        'grade',
+        grade=grade,
+        score=f'{grade.score:g} / {grade.max_score:g}',
+        label=label,
+        figures=data_url('image/png', figures) if figures else '',
+    )
+
+
+def gradescope(grade: Grade) -> str:
+    """Return the text of Gradescope's `results.json`.
+
+    https://gradescope-autograders.readthedocs.io/en/latest/specs/
+    """
+    tests = [
+        {
+            'name': label(item.criterion),
+            'number': item.criterion,
+            'score': item.points,
+            'max_score': item.max_points,
+            'status': 'passed' if item.points == item.max_points else 'failed',
+            'output': item.message,
+            'output_format': 'text',
+            'visibility': grade.visibility,
+        }
+        for item in grade.items
+    ]
+    content = {
+        'score': grade.score,
+        'output': '\n'.join(grade.notes),
+        'output_format': 'text',
+        'visibility': grade.visibility,
+        'stdout_visibility': 'hidden',
+        'tests': tests,
+        'extra_data': {'seed': grade.seed, 'sha256': dict(grade.hashes)},
+    }
+    return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'

@@ -1,4 +1,4 @@
-"""Starts a submission's process, with its pipes, its limits and what it may read."""
+"""Starts a submission's process, with its pipes, its limits and the files that it may read."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from barc_sim.lab.grade import landlock, readable
+from barc_sim.lab.grade import landlock, readable, seccomp
 from barc_sim.lab.grade.channel import Channel
 
 _PACKAGES = Path(__file__).parents[3]
 _SCRIPT = Path(__file__).with_name('child.py')
-# The seed of hashes is fixed so that sets are in the same order each time; `python -I` would take
-# no notice of it. BLAS would start threads, which are refused.
+# The hash seed is fixed, so that sets have the same order each time; `python -I` would ignore it.
+# BLAS would start threads, which are refused.
 _ENVIRONMENT = {
     'PYTHONHASHSEED': '0',
     'PYTHONUTF8': '1',
@@ -24,18 +24,18 @@ _ENVIRONMENT = {
 
 
 class Limits(NamedTuple):
-    """What a submission's process may use up; none of it tells good code from slow code."""
+    """Limits of a submission's process, far above the needs of slow code."""
 
     memory: int = 1 << 30  #: bytes of address space; NumPy takes a fifth of it
     cpu: int = 30  #: [s] of processor time, over all calls
-    start: float = 60.0  #: [s] until it is confined; nothing of the submission runs before
-    call: float = 5.0  #: [s] of processor time for one request, of up to thousands of calls
-    wait: float = 20.0  #: [s] for it on a busy machine, or to one who sleeps
-    output: int = 16_384  #: bytes of what it prints are kept
+    start: float = 60.0  #: [s] until it is confined; the submission does not run before
+    call: float = 5.0  #: [s] of processor time for one request, which can have thousands of calls
+    wait: float = 20.0  #: [s] for one request, on a busy machine or with a sleep
+    output: int = 16_384  #: bytes kept of its output
 
 
 class Unconfined(OSError):  # noqa: N818
-    """The process could not be confined; nothing of the submission has been run."""
+    """The process could not be confined; the submission has not run."""
 
 
 def start(
@@ -46,17 +46,19 @@ def start(
     Raises
     ------
     Unconfined
-        where the kernel has no Landlock, but for `sandbox` False.
+        if `sandbox` is True and the kernel has no Landlock.
     """
     requests, our_requests = os.pipe()
     our_replies, replies = os.pipe()
     our_output, output = os.pipe()
     channel = Channel(our_requests, our_replies, our_output, keep=limits.output)
     passed = [requests, replies]
+    program = b''
     try:
         if sandbox:
-            passed.append(_ruleset(folder))
-        return _run(folder, limits, passed, output), channel
+            ruleset, program = _confinement(folder)
+            passed.append(ruleset)
+        return _run(folder, limits, passed, program, output), channel
     except BaseException:
         channel.close()
         raise
@@ -65,22 +67,28 @@ def start(
             os.close(descriptor)
 
 
-def _ruleset(folder: Path) -> int:
-    """Return the descriptor of a Landlock ruleset for code in `folder`."""
+def _confinement(folder: Path) -> tuple[int, bytes]:
+    """Return the descriptor of a Landlock ruleset for code in `folder`, and a seccomp program."""
     python = readable.python()
     try:
-        return landlock.create_ruleset((folder, *python.readable), python.listable, python.writable)
+        program = seccomp.program()
+        ruleset = landlock.create_ruleset(
+            (folder, *python.readable), python.listable, python.writable
+        )
     except OSError as error:
-        raise Unconfined(error.strerror) from None
+        raise Unconfined(error.strerror or str(error)) from None
+    return ruleset, program
 
 
-def _run(folder: Path, limits: Limits, passed: list[int], output: int) -> subprocess.Popen[bytes]:
-    """Start `child.py` with the descriptors of requests, replies and, where it is, ruleset."""
+def _run(
+    folder: Path, limits: Limits, passed: list[int], program: bytes, output: int
+) -> subprocess.Popen[bytes]:
+    """Start `child.py` with the descriptors of requests, replies and, if confined, the ruleset."""
     requests, replies, ruleset = (*passed, -1)[:3]
     return subprocess.Popen(  # noqa: S603 (our own script)
         [
             *(sys.executable, '-s', '-S', '-B', '-u', str(_SCRIPT)),
-            *map(str, (requests, replies, ruleset, os.getpid(), _PACKAGES)),
+            *map(str, (requests, replies, ruleset, program.hex(), os.getpid(), _PACKAGES)),
             *map(str, (readable.numpy_folder(), limits.memory, limits.cpu)),
         ],
         stdin=subprocess.DEVNULL,

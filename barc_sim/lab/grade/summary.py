@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from barc_sim.lab.grade.labels import label
-from barc_sim.lab.grade.text import one_line
+from barc_sim.lab.grade.text import label, one_line
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Text that a submission has written, made fit to be shown."""
+"""Text for reports: what submissions have written, made safe to show, and the names of criteria."""
 
 from __future__ import annotations
 
@@ -14,3 +14,24 @@ def one_line(text: str, width: int = 400) -> str:
     """Return `text` printable and in one line of at most `width` characters."""
     line = ' '.join(printable(text).split())
     return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'
+
+
+_LABELS = {
+    'model.x': 'Model: position x',
+    'model.y': 'Model: position y',
+    'model.psi': 'Model: heading \N{GREEK SMALL LETTER PSI}',
+    'model.v': 'Model: speed v',
+    'model.trajectory': 'Model: a whole drive',
+    'pid.proportional': 'PID: proportional term',
+    'pid.integral': 'PID: integral term',
+    'pid.derivative': 'PID: derivative term',
+    'pid.windup': 'PID: integral at the limit',
+    'pid.reset': 'PID: fresh start of a new run',
+    'loop.lab_road': "Cruise control: the lab's road",
+    'loop.random_roads': 'Cruise control: other roads',
+}
+
+
+def label(criterion: str) -> str:
+    """Return what a criterion is called where people read it."""
+    return _LABELS.get(criterion, criterion)

@@ -14,7 +14,7 @@ from PIL import Image
 from rich.console import Console
 
 from barc_sim.lab.check.findings import Comparison, Trajectory
-from barc_sim.lab.grade import gradescope, html, page, summary
+from barc_sim.lab.grade import report, sheet, summary
 from barc_sim.lab.grade.batch import Failure
 from barc_sim.lab.grade.grade import Grade, Item
 from barc_sim.lab.grade.report import Report
@@ -65,7 +65,7 @@ def test_a_score_is_the_sum_of_its_points() -> None:
 
 
 def test_gradescope_is_told_each_criterion() -> None:
-    content = json.loads(gradescope.results(grade()))
+    content = json.loads(report.gradescope(grade()))
 
     assert content['score'] == 8.25
     assert content['stdout_visibility'] == 'hidden'
@@ -84,7 +84,7 @@ def test_gradescope_is_told_each_criterion() -> None:
 
 
 def test_the_html_report_says_what_is_hostile_and_does_not_do_it() -> None:
-    text = html.page(grade(HOSTILE), b'')
+    text = report.page(grade(HOSTILE), b'')
     parser = _Tags()
     parser.feed(text)
 
@@ -94,7 +94,7 @@ def test_the_html_report_says_what_is_hostile_and_does_not_do_it() -> None:
 
 
 def test_the_html_report_needs_no_network() -> None:
-    text = html.page(grade(), b'PNG')
+    text = report.page(grade(), b'PNG')
 
     assert 'src="data:image/png;base64,UE5H"' in text
     assert not re.search(r'(src|href)=(?!"data:)', text)
@@ -102,37 +102,37 @@ def test_the_html_report_needs_no_network() -> None:
 
 
 def test_the_page_has_the_proportions_of_a4() -> None:
-    sheet, figures = page.draw(grade())
+    drawn, figures = sheet.draw(grade())
 
-    image = Image.open(io.BytesIO(sheet))
+    image = Image.open(io.BytesIO(drawn))
     assert image.size == (1240, 1753)
     assert image.info['dpi'] == pytest.approx((150, 150), abs=0.1)
     assert Image.open(io.BytesIO(figures)).width == 1240
 
 
 def test_without_anything_to_draw_there_are_no_figures() -> None:
-    sheet, figures = page.draw(grade(drawn=False))
+    drawn, figures = sheet.draw(grade(drawn=False))
 
-    assert Image.open(io.BytesIO(sheet)).size == (1240, 1753)
+    assert Image.open(io.BytesIO(drawn)).size == (1240, 1753)
     assert figures == b''
 
 
 def test_the_page_takes_any_text() -> None:
-    assert page.draw(grade(HOSTILE))[0]
-    assert page.draw(grade(''))[0]
+    assert sheet.draw(grade(HOSTILE))[0]
+    assert sheet.draw(grade(''))[0]
 
 
 def test_the_page_is_the_same_each_time() -> None:
-    assert page.draw(grade()) == page.draw(grade())
+    assert sheet.draw(grade()) == sheet.draw(grade())
 
 
-def report(name: str, points: float, remark: str = '') -> Report:
+def report_of(name: str, points: float, remark: str = '') -> Report:
     both = {'model.x': points, 'loop.lab_road': 7.0}
     return Report(name, points + 7.0, 10.0, both, remark, {})
 
 
 def test_the_class_is_listed_by_name() -> None:
-    reports = [report('eve', 3.0), report('ada', 1.5, 'x is wrong')]
+    reports = [report_of('eve', 3.0), report_of('ada', 1.5, 'x is wrong')]
     failures = {'bob': Failure('no memory')}
 
     rows = [*csv.reader(io.StringIO(summary.as_csv(reports, failures, RUBRIC)))]
@@ -146,7 +146,7 @@ def test_the_class_is_listed_by_name() -> None:
 
 
 def test_no_cell_of_the_class_is_a_formula() -> None:
-    text = summary.as_csv([report('=1+1', 3.0, '@SUM(A1)\nnext')], {}, RUBRIC)
+    text = summary.as_csv([report_of('=1+1', 3.0, '@SUM(A1)\nnext')], {}, RUBRIC)
 
     assert [*csv.reader(io.StringIO(text))][1] == [
         "'=1+1", '10.0', '10.0', '3.0', '7.0', "'@SUM(A1) next",
@@ -160,7 +160,7 @@ def printed(*reports: Report) -> list[list[str]]:
 
 
 def test_the_table_of_a_class_has_means() -> None:
-    text = printed(report('ada', 1.0), report('eve', 3.0))
+    text = printed(report_of('ada', 1.0), report_of('eve', 3.0))
     words = [[word.strip() for word in line if word.strip()] for line in text]
 
     assert ['Model: position x', '2.00', '3', '1 of 2'] in words
@@ -168,7 +168,9 @@ def test_the_table_of_a_class_has_means() -> None:
 
 
 def test_the_table_of_one_has_its_points() -> None:
-    words = [[word.strip() for word in line if word.strip()] for line in printed(report('a', 1.0))]
+    words = [
+        [word.strip() for word in line if word.strip()] for line in printed(report_of('a', 1.0))
+    ]
 
     assert ['Model: position x', '1.00', '3'] in words
 

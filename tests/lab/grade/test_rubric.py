@@ -8,8 +8,8 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import CRITERIA
-from barc_sim.lab.grade.labels import label
 from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.text import label
 
 if TYPE_CHECKING:
     from pathlib import Path

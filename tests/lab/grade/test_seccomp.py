@@ -88,7 +88,7 @@ def test_calls_by_the_numbers_of_x32_are_refused() -> None:
 def test_a_descriptor_can_be_duplicated_but_not_made_to_send_signals(
     machine: str, command: int, expected: int
 ) -> None:
-    assert decide(machine, MACHINES[machine].fcntl, 0, command) == expected
+    assert decide(machine, MACHINES[machine].number('fcntl'), 0, command) == expected
 
 
 @pytest.mark.parametrize('machine', MACHINES)
@@ -96,12 +96,12 @@ def test_a_descriptor_can_be_duplicated_but_not_made_to_send_signals(
     ('new_limits', 'expected'), [(0, ALLOWED), (0x1000, REFUSED), (1 << 40, REFUSED)]
 )
 def test_limits_can_be_read_but_not_set(machine: str, new_limits: int, expected: int) -> None:
-    assert decide(machine, MACHINES[machine].prlimit64, 0, 9, new_limits) == expected
+    assert decide(machine, MACHINES[machine].number('prlimit64'), 0, 9, new_limits) == expected
 
 
 @pytest.mark.parametrize('machine', MACHINES)
 def test_nothing_is_a_terminal(machine: str) -> None:
-    assert decide(machine, MACHINES[machine].ioctl, 0, 0x5401) == ERRNO | ENOTTY
+    assert decide(machine, MACHINES[machine].number('ioctl'), 0, 0x5401) == ERRNO | ENOTTY
 
 
 def test_there_is_no_filter_for_an_unknown_machine(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from barc_sim.figures.style import GREEN, GREY, INK, LOOK, MUTED, VERMILLION
-from barc_sim.lab.grade import plots
-from barc_sim.lab.grade.labels import label
+from barc_sim.lab.grade import run_plots
+from barc_sim.lab.grade.text import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,13 +37,13 @@ _DRAWING = threading.Lock()
 
 def draw(grade: Grade) -> tuple[bytes, bytes]:
     """Return two PNGs: the page, and of it the figures alone, empty where there are none."""
-    drawn = plots.choose(grade.items)
+    drawn = run_plots.choose(grade.items)
     with _DRAWING, style.context(LOOK):
         figure = Figure(figsize=SIZE, dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
         _draw_heading(figure, grade)
         _draw_items(figure, grade.items)
-        plots.draw(figure, drawn, _LEFT, _RIGHT, _BOTTOM)
+        run_plots.draw(figure, drawn, _LEFT, _RIGHT, _BOTTOM)
         canvas.draw()
         page = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
     cut = page.crop((0, round(page.height * (1.0 - _BOTTOM)), page.width, page.height))

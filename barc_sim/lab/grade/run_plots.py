@@ -8,7 +8,7 @@ import numpy as np
 
 from barc_sim.figures.style import BLUE, DASHES, EARTH, INK, VERMILLION
 from barc_sim.lab.check.findings import Comparison, Trajectory
-from barc_sim.lab.grade.labels import label
+from barc_sim.lab.grade.text import label
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
