@@ -12,25 +12,22 @@ import sys
 import textwrap
 import time
 import zipfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import CONTROLLER, MODEL
 
-import barc_sim
 from barc_sim.commands.grade import main
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.process import check
 
 if TYPE_CHECKING:
+    from pathlib import Path
     from typing import Any
 
 # A class is graded in the first test's setup, a minute where other tests keep the machine busy.
 pytestmark = pytest.mark.timeout(300)
 
-_PACKAGE = Path(barc_sim.__file__).parent
-MODEL = (_PACKAGE / 'vehicle' / 'bike_model.py').read_text()
-CONTROLLER = (_PACKAGE / 'control' / 'pid.py').read_text()
 #: Of the default rubric.
 MODEL_POINTS, ALL_POINTS = 50.0, 100.0
 
@@ -149,9 +146,7 @@ def graded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int]:
     add('reference', bike_model=MODEL, controller=CONTROLLER)
     add('nothing')
     for name, code in ATTACKS.items():
-        # What __future__ has to come first.
-        future, rest = MODEL.split('from math', 1)
-        add(name, bike_model=f'{future}{textwrap.dedent(code)}\nfrom math{rest}')
+        add(name, bike_model=f'{textwrap.dedent(code)}\n{MODEL}')
     for name, (code, _) in BROKEN.items():
         add(name, bike_model=code)
     add('loops', bike_model='while True:\n    pass', controller=CONTROLLER)

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from made_bags import make, parameters
+from user_files import CONTROLLER, MODEL
 
 from barc_sim.commands import regrade
 from barc_sim.control.driver import DriverInput
-from barc_sim.control.pid import __file__ as own_pid
 from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.loading import load_files, load_folder
 from barc_sim.simulation.closed_loop import drive, rollout
-from barc_sim.vehicle.bike_model import __file__ as own_model
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from barc_sim.lab.user_code.loading import UserCode
 
 HALF = (
@@ -36,7 +36,7 @@ def lab(tmp_path: Path) -> UserCode:
     """Return a user's model, which is right, and controller, which is another."""
     folder = tmp_path / 'lab'
     folder.mkdir()
-    (folder / 'bike_model.py').write_bytes(Path(own_model).read_bytes())
+    (folder / 'bike_model.py').write_text(MODEL)
     (folder / 'controller.py').write_text(HALF)
     (folder / 'helpers.py').write_text('def half(x):\n    return x / 2\n')
     return load_folder(folder)
@@ -113,9 +113,9 @@ def test_what_was_found_can_be_had_as_json(
 
 
 def test_files_of_two_folders_are_told_apart(tmp_path: Path) -> None:
-    for name, source in (('one', own_model), ('other', own_pid)):
+    for name, source in (('one', MODEL), ('other', CONTROLLER)):
         (tmp_path / name).mkdir()
-        (tmp_path / name / 'code.py').write_bytes(Path(source).read_bytes())
+        (tmp_path / name / 'code.py').write_text(source)
     both = {'model': tmp_path / 'one' / 'code.py', 'controller': tmp_path / 'other' / 'code.py'}
     bag = bag_of(tmp_path, load_files(both))
     assert regrade.main([str(bag)]) == 0
@@ -131,12 +131,12 @@ def test_a_drive_by_hand_has_no_controller(
 
 
 @pytest.mark.parametrize('text', ['', '[1]', '{a: 1}', 'a: {ros__parameters: {air_drag_coeff: x}}'])
-def test_a_bag_that_does_not_tell_its_parameters_is_refused(
+def test_a_bag_without_its_parameters_is_refused(
     tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = make(tmp_path / 'bag', rollout(distance=1.0), {'parameters': text})
     assert regrade.main([str(bag)]) == 2
-    assert 'does not tell of ' in capsys.readouterr().err
+    assert 'parameters of ' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('name', ['/etc/passwd', '../out.py', 'a/../../out.py'])

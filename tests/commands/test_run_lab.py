@@ -160,7 +160,7 @@ def test_a_loop_without_end_ends_the_run(start: Start, tmp_path: Path) -> None:
     code, _, err = finish(start('acc', '-q', *MAX, '--lab', 'lab'))
     assert code == 1
     assert 'controller.py, line 9' in err
-    assert 'has not returned within 2 s' in err
+    assert 'did not return within 2 s' in err
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Whether a bag can have come from the code that is attached to it."""
+"""Judges whether a bag could have come from the code that is attached to it."""

@@ -1,4 +1,4 @@
-"""Recorded speeds through a controller, to see whether it makes the recorded commands of them."""
+"""Compares the recorded commands with those of a controller for the recorded speeds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Controller(Protocol):
-    """What makes commands of speeds."""
+    """The method of a controller that is used here."""
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
         """Return the acceleration [m/s²]."""
@@ -31,9 +31,9 @@ def judge(
     subtract_error: bool = False,
     resets: Collection[int] = (),
 ) -> Verdict:
-    """Show a controller the recorded speeds; its commands are cut to ±`limit` [m/s²].
+    """Give a controller the recorded speeds; its commands are limited to ±`limit` [m/s²].
 
-    With `subtract_error` it is shown the true ones. It begins anew at the states `resets`.
+    With `subtract_error` it gets the true speeds. It is replaced by a new one at states `resets`.
     """
     verdict = Verdict('controller', code, resets=len(resets))
     speeds = log.speed if subtract_error else log.v_x
@@ -47,15 +47,15 @@ def judge(
             if k in resets:
                 controller, previous = new(), None
             if not (isfinite(reference) and isfinite(motor)):
-                continue  # it was not asked, or what it said is not known
-            # As the node takes it from stamps, which are whole nanoseconds.
+                continue  # there was no command, or it was not recorded
+            # As the node computes it, from stamps in whole nanoseconds.
             dt = FIRST_DT if previous is None else (round(t * 1e9) - round(previous * 1e9)) / 1e9
             previous = t
-            made = min(max(controller.acc_calculate(reference, speed, dt), -limit), limit)
+            computed = min(max(controller.acc_calculate(reference, speed, dt), -limit), limit)
             verdict.add(
-                deviation(motor, made),
-                f'at {t:.2f} s (state {k}) the command is {motor:.9g} m/s², where {code} makes '
-                f'{made:.9g} of a speed of {speed:.9g} m/s: were gains changed while it drove?',
+                deviation(motor, computed),
+                f'at {t:.2f} s (state {k}) the command is {motor:.9g} m/s², but {code} '
+                f'computes {computed:.9g} for {speed:.9g} m/s: were gains changed during the run?',
             )
     except UserError as error:
         verdict.fail(str(error))

@@ -1,4 +1,4 @@
-"""A bag -> whether it could have come from the code that it claims."""
+"""Judges whether a bag could have come from the code that it names."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
 from barc_sim.lab.grade.process import check
 from barc_sim.lab.regrade import commands, states
-from barc_sim.lab.regrade.attached import attached
-from barc_sim.lab.regrade.recorded import read
+from barc_sim.lab.regrade.recorded import attached, read
 from barc_sim.lab.regrade.verdict import Verdict
 from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.plant_values import plant
@@ -31,19 +30,19 @@ _OWN = 'barc_sim'
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is found of a bag."""
+    """The verdicts on a bag."""
 
     bag: str
     states: int
     duration: float  #: [s]
     missed: int  #: deadlines
-    claimed: Mapping[str, str]  #: by part, whose code the bag says drove
-    changed: tuple[str, ...]  #: attached files that are not those of the run
+    claimed: Mapping[str, str]  #: by part, the code that the bag names
+    changed: tuple[str, ...]  #: attached files that differ from those of the run
     verdicts: tuple[Verdict, ...]
 
     @property
     def possible(self) -> bool:
-        """Whether the bag could have come from the code that it claims."""
+        """Whether the bag could have come from the code that it names."""
         found = {(verdict.part, verdict.code): verdict.possible for verdict in self.verdicts}
         return not self.changed and all(found[claim] for claim in self.claimed.items())
 
@@ -54,7 +53,7 @@ def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> 
     Raises
     ------
     UserError
-        where there is none, it does not tell what it takes, or nothing here confines its code.
+        if there is none, it lacks parameters, or this machine cannot confine its code.
     """
     recorded = read(path, namespace)
     if recorded.files:
@@ -65,8 +64,8 @@ def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> 
         if isinstance(error, UserError):
             raise
         raise UserError(
-            f'{str(path)!r} does not tell of all parameters of its run ({error!r}): name the bag '
-            'of a run of this version of barc_sim'
+            f'{str(path)!r} lacks parameters of its run ({error!r}): name the bag of a run of '
+            'this version of barc_sim'
         ) from error
     parts = dict.fromkeys(verdict.part for verdict in verdicts)
     return Judgement(

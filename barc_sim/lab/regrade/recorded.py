@@ -1,40 +1,45 @@
-"""What a bag says of a run, as far as it takes to do it again."""
+"""The parts of a bag that are needed to repeat its run: log, parameters, user code."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import tempfile
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from barc_sim.bags import reader
 from barc_sim.errors import UserError
+from barc_sim.lab.grade.code import ConfinedCode
 from barc_sim.lab.user_code.adapters import FOLDER, METADATA
+from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
+    from collections.abc import Iterator, Mapping
 
     from barc_sim.simulation.log import Log
 
-#: A parameter by which a node is known, whatever it is called.
+
+#: A parameter that only this kind of node has.
 _SIMULATOR, _CONTROLLER = 'air_drag_coeff', 'speed_reference'
 _PLACED = 'initialpose'
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run."""
+    """A recorded run."""
 
     log: Log
     simulator: Mapping[str, Any]  #: parameters
     controller: Mapping[str, Any] | None  #: parameters; None where there was none
-    placements: int  #: messages that may have put the car elsewhere
-    files: Mapping[str, str]  #: the names of a user's sources, by part
-    sources: Mapping[str, bytes]  #: a user's files, by name
-    changed: tuple[str, ...]  #: those that are not what the run's hashes say
+    placements: int  #: messages that could have moved the car
+    files: Mapping[str, str]  #: names of the user's files, by part
+    sources: Mapping[str, bytes]  #: contents of the user's files, by name
+    changed: tuple[str, ...]  #: files that do not match the hashes of the run
 
 
 def read(path: Path, namespace: str | None = None) -> Recorded:
@@ -43,7 +48,7 @@ def read(path: Path, namespace: str | None = None) -> Recorded:
     Raises
     ------
     UserError
-        There is none, or it does not tell of the parameters of its run.
+        if there is none, or it lacks the parameters of its run.
     """
     log, info = reader.read(path, namespace), reader.info(path)
     car = f'/{(namespace or "").strip("/")}/'.replace('//', '/')
@@ -51,8 +56,7 @@ def read(path: Path, namespace: str | None = None) -> Recorded:
     simulator = next((node for node in nodes if _SIMULATOR in node), None)
     if simulator is None:
         raise UserError(
-            f'{str(path)!r} does not tell of the parameters of its simulator: name the bag of a '
-            'run of barc_sim'
+            f'{str(path)!r} has no parameters of a simulator: name the bag of a run of barc_sim'
         )
     files, hashes = _claims(info.get(METADATA, '{}'))
     sources = {
@@ -94,3 +98,33 @@ def _claims(text: str) -> tuple[dict[str, str], dict[str, str]]:
         return dict(claims.get('files', {})), dict(claims.get('sha256', {}))
     except (AttributeError, TypeError, ValueError):
         return {}, {}
+
+
+@contextmanager
+def attached(recorded: Recorded, part: str, *, sandbox: bool = True) -> Iterator[ConfinedCode]:
+    """Give one part of the attached code, ready to be called in a confined process.
+
+    Raises
+    ------
+    UserError
+        if a file is wrong, or this machine cannot confine it.
+    """
+    with tempfile.TemporaryDirectory(prefix='barc_sim_') as name:
+        folder = Path(name)
+        _unpack(recorded, part, folder)
+        with ConfinedCode(folder, sandbox=sandbox) as code:
+            yield code
+
+
+def _unpack(recorded: Recorded, part: str, folder: Path) -> None:
+    """Write a part's file, by its usual name, and the files beside it."""
+    own = PurePosixPath(recorded.files[part])
+    for name, data in recorded.sources.items():
+        path = PurePosixPath(name)
+        if path.is_absolute() or '..' in path.parts or '\0' in name:
+            raise UserError(f'the bag has a file {name!r} attached, which no run attaches')
+        if path.is_relative_to(own.parent):
+            target = folder / path.relative_to(own.parent)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+    (folder / FILES[part]).write_bytes(recorded.sources[recorded.files[part]])

@@ -1,4 +1,4 @@
-"""Recorded commands through a model, to see whether it makes the recorded states of them."""
+"""Compares the recorded states with those of a model for the recorded commands."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
     from barc_sim.vehicle.plant import Plant
 
-#: A gap between two stamps of more than so many steps is one in the recording.
+#: [steps] More than this between two stamps is a gap in the recording.
 _GAP = 1.5
 
 
@@ -28,9 +28,9 @@ class _Row(NamedTuple):
 
     t: float
     measured: Motion
-    true: Motion  #: measured minus error, to rounding
-    command: Input  #: that answers it; NaN where none does
-    certain: bool  #: whether that command held in the next step
+    true: Motion  #: measured minus error, up to rounding
+    command: Input  #: the answer to it; NaN if there is none
+    certain: bool  #: whether the next step used that command
 
 
 def judge(
@@ -43,16 +43,16 @@ def judge(
 ) -> tuple[Verdict, set[int]]:
     """Drive a plant by the recorded commands.
 
-    Where a deadline was missed, or commands came as they pleased, what held is one of the
-    commands around; `braking` [m/s²] is what a simulator without any does. After a state that is
-    off, the plant goes on from the recorded one.
+    After a missed deadline, or with unsynchronised commands, the step used one of the commands
+    around it; `braking` [m/s²] is the deceleration without any command. After a state that
+    deviates, the plant continues from the recorded one.
 
     Returns
     -------
     verdict
-        On every state.
+        On all states.
     resets
-        The states with which the car began anew.
+        The states at which the car was reset.
     """
     verdict = Verdict('model', code)
     resets: set[int] = set()
@@ -139,15 +139,15 @@ def _off(plant: Plant, row: _Row) -> float:
 
 
 def _compare(plant: Plant, row: _Row, k: int, code: str) -> tuple[float, str]:
-    """Return how far the plant is off a recorded state, and that in words."""
+    """Return the deviation of the plant from a recorded state, as a number and a sentence."""
     seen = plant.observe()
     if seen.measured == row.measured:
         return 0.0, ''
     offs = [deviation(found, made) for found, made in zip(row.true, seen.true, strict=True)]
     worst = offs.index(max(offs))
     return offs[worst], (
-        f'at {row.t:.2f} s (state {k}) {Motion._fields[worst]} is {row.true[worst]:.9g}, where '
-        f'{code} makes {seen.true[worst]:.9g} of the state before'
+        f'at {row.t:.2f} s (state {k}) {Motion._fields[worst]} is {row.true[worst]:.9g}, but '
+        f'{code} computes {seen.true[worst]:.9g} from the state before'
     )
 
 

@@ -1,54 +1,54 @@
-"""What is found of a run and some code."""
+"""The verdict on a run and one piece of code."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: What a value may be off, of 1 or of itself: rounding, on another machine or under noise.
+#: Allowed deviation, relative to max(|value|, 1): rounding on another machine or with noise.
 TOLERANCE = 1e-9
 
 
 @dataclass
 class Verdict:
-    """Whether what was recorded could have come from some code."""
+    """Whether the recording could have come from the code."""
 
     part: str  #: 'model' or 'controller'
     code: str  #: whose
-    values: int = 0  #: states or commands that were looked at
-    exact: int = 0  #: those that come out bit for bit
-    greatest: float = 0.0  #: deviation, of 1 or of the value
-    deviating: int = 0  #: those that are off by more than `TOLERANCE`
-    first: str = ''  #: the first of them, in words; or how the code failed
+    values: int = 0  #: compared states or commands
+    exact: int = 0  #: equal ones, bit for bit
+    greatest: float = 0.0  #: greatest deviation, relative to max(|value|, 1)
+    deviating: int = 0  #: those that deviate by more than `TOLERANCE`
+    first: str = ''  #: a sentence on the first of them, or on how the code failed
     resets: int = 0
     placements: int = 0
-    gaps: int = 0  #: states that are missing
+    gaps: int = 0  #: missing states
 
     @property
     def possible(self) -> bool:
-        """Whether it could have."""
+        """Whether the recording could have come from the code."""
         return self.values > 0 and not self.first
 
-    def add(self, deviation: float, said: str) -> None:
-        """Count a value that is off by `deviation`; `said` tells of it."""
+    def add(self, deviation: float, message: str) -> None:
+        """Count a value with its `deviation`; `message` describes it."""
         self.values += 1
         if deviation == 0.0:
             self.exact += 1
         self.greatest = max(self.greatest, deviation)
         if not deviation <= TOLERANCE:
             self.deviating += 1
-            self.first = self.first or said
+            self.first = self.first or message
 
-    def fail(self, said: str) -> None:
-        """Take note of how the code failed."""
-        self.first = self.first or said
+    def fail(self, message: str) -> None:
+        """Store how the code failed."""
+        self.first = self.first or message
 
     def in_words(self) -> str:
-        """Return it in a line."""
+        """Return the verdict in one line."""
         if not self.values and not self.first:
             return 'nothing to compare'
         if not self.possible:
             return f'no: {self.first}' + (
-                f' ({self.deviating} of {self.values} are off)' if self.deviating else ''
+                f' ({self.deviating} of {self.values} deviate)' if self.deviating else ''
             )
         if self.exact == self.values:
             return f'yes, bit for bit ({self.values} of {self.values})'
@@ -56,7 +56,7 @@ class Verdict:
 
 
 def deviation(found: float, expected: float) -> float:
-    """Return how far `found` is off, of 1 or of the value; NaN is off from everything."""
+    """Return the deviation of `found`, relative to max(|expected|, 1); infinite for NaN."""
     if found == expected:
         return 0.0
     off = abs(found - expected) / max(1.0, abs(expected))

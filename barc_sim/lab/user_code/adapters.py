@@ -1,31 +1,34 @@
-"""User code in the places of barc_sim's own."""
+"""User code in place of barc_sim's own controller and driver, and its description in a bag."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from barc_sim.control.adapter import Adapter
 from barc_sim.control.driver import Driver
+from barc_sim.lab.user_code.loading import load_files
 from barc_sim.vehicle.bike_model import Input
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from barc_sim.lab.user_code.functions import UserPid
     from barc_sim.lab.user_code.loading import ControllerFactory, RelayFactory, UserCode
 
 #: The entry of a bag's metadata that names the user code.
 METADATA = 'student_code'
-#: What the names of its files are preceded by, as attachments.
+#: The start of the names of its files, as attachments.
 FOLDER = 'student/'
 
 
 class UserController(Adapter):
     """A user's class `PID` as a `Controller`.
 
-    It gets the gains, and where it takes them the limits, at its construction and after each reset.
-    Gains that change later are set where it has `kp`, `ki` and `kd`.
+    Its constructor gets the gains, and the limits if it takes them; a reset makes a new object.
+    Gains that change later are set if the object has `kp`, `ki` and `kd`.
     """
 
     kp: float
@@ -34,12 +37,12 @@ class UserController(Adapter):
     _controller: UserPid
 
     def __init__(self, new: ControllerFactory) -> None:
-        """Make a controller with the gains of the run's default.
+        """Make a controller with the default gains of a run.
 
         Raises
         ------
         UserCodeError
-            where its constructor fails.
+            if its constructor fails.
         """
         super().__init__(new)
 
@@ -55,6 +58,28 @@ class UserController(Adapter):
         return self._controller.tell(name)
 
 
+@dataclass(frozen=True)
+class UserControllerFile:
+    """A user's `controller.py` as a value that other processes can receive.
+
+    Each call loads the file: it may have been edited. The printed text of its code is dropped.
+    """
+
+    path: Path
+
+    def __call__(self) -> UserController:
+        """Return a new controller.
+
+        Raises
+        ------
+        UserCodeError
+            if the file cannot be used, or its constructor fails.
+        """
+        factory = load_files({'controller': self.path}, output=lambda _: None).controller
+        assert factory  # noqa: S101 (load_files raises without it)
+        return UserController(factory)
+
+
 class UserDriver(Driver):
     """A user's relay as a `Driver`: it handles all input but the brake.
 
@@ -62,17 +87,17 @@ class UserDriver(Driver):
     """
 
     def __init__(self, new: RelayFactory) -> None:
-        """Begin with a fresh relay."""
+        """Start with a new relay."""
         self._new = new
         super().__init__()
 
     def reset(self) -> None:
-        """Forget all that was heard, and begin with a fresh relay.
+        """Clear the request, and start with a new relay.
 
         Raises
         ------
         UserCodeError
-            where its constructor fails.
+            if its constructor fails.
         """
         super().reset()
         self._relay = self._new()
@@ -83,7 +108,7 @@ class UserDriver(Driver):
         Raises
         ------
         UserCodeError
-            where user code fails.
+            if user code fails.
         """
         own = super().command(t, speed)
         if self.request.brake:

@@ -1,4 +1,4 @@
-"""A time budget for calls of code that may never return."""
+"""A time budget for calls of code that might never return."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
 
 
 class OutOfTime(BaseException):
-    """Raised in a call that has used up its budget; `except Exception` lets it by."""
+    """Raised in a call that has used up its budget; `except Exception` does not catch it."""
 
     def __init__(self) -> None:
-        """Strike again at the next line of code that has caught it.
+        """Raise it again at the next line of code that catches it.
 
-        In a loop around a `try` that catches all it would else be caught each time.
+        Otherwise a loop around a `try` that catches everything would never end.
         """
         super().__init__()
-        frame: FrameType | None = sys._getframe(1)  # noqa: SLF001 (where it strikes or is caught)
-        # Ours are to tidy up undisturbed.
+        frame: FrameType | None = sys._getframe(1)  # noqa: SLF001 (where it is raised or caught)
+        # Frames of barc_sim clean up undisturbed.
         while frame and not str(frame.f_globals.get('__name__')).startswith('barc_sim.'):
-            frame.f_trace = _strike
+            frame.f_trace = _raise_again
             sys.settrace(_ignore)
             frame = frame.f_back
 
 
-def _strike(_: FrameType, event: str, __: object) -> _Trace:
+def _raise_again(_: FrameType, event: str, __: object) -> _Trace:
     if event == 'line':
         raise OutOfTime
-    return _strike
+    return _raise_again
 
 
 def _ignore(_: FrameType, __: str, ___: object) -> None:
@@ -53,10 +53,10 @@ def _ignore(_: FrameType, __: str, ___: object) -> None:
 class Budget:
     """Ends calls that take longer than `seconds`, in whichever thread they are made.
 
-    A thread looks twenty times a second whether the call of last time still runs, so that a call
-    costs a fraction of a microsecond, and time in which the whole process stood still is not
-    counted. Calls are ended between two bytecodes; one in C, as of `time.sleep`, ends when
-    it returns. Not for calls within calls, nor for several threads at once.
+    A thread checks twenty times a second whether the same call still runs. So a call costs a
+    fraction of a microsecond, and time in which the whole process is stopped does not count. A
+    call ends between two bytecodes; a call in C, such as `time.sleep`, ends when it returns. Not
+    for nested calls, nor for several threads at once.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -64,7 +64,7 @@ class Budget:
         self.seconds = seconds
         self._caller = 0
         self._trace = sys.gettrace()
-        self._turn = self._seen = self._polls = 0
+        self._count = self._seen = self._polls = 0
         self._busy = self._fired = False
         self._lock = threading.RLock()
         self._start()
@@ -73,7 +73,7 @@ class Budget:
         """Return what `function` returns, raise what it raises, or OutOfTime."""
         self._caller = get_ident()
         self._trace = sys.gettrace()
-        self._turn += 1
+        self._count += 1
         self._busy = True
         try:
             try:
@@ -88,12 +88,11 @@ class Budget:
             raise
 
     def _settle(self) -> None:
-        """Take back what has been fired and has not yet hit."""
+        """Cancel an exception that is sent and not yet raised."""
         with self._lock:
             try:
-                # In the place of the one that may be waiting. To take that back with NULL would
-                # leave the interpreter looking for it for ever, and Python 3.11 hanging where it
-                # is traced.
+                # This one replaces the one that may be pending. Cancelling with NULL would leave
+                # the interpreter checking for it for ever, and Python 3.11 hangs under a tracer.
                 self._fire()
                 while True:
                     pass
@@ -104,18 +103,18 @@ class Budget:
     def _fire(self) -> None:
         _raise_in_thread(ctypes.c_ulong(self._caller), ctypes.py_object(OutOfTime))
 
-    def _look(self) -> None:
-        if not self._busy or self._turn != self._seen:
-            self._seen = self._turn
+    def _check(self) -> None:
+        if not self._busy or self._count != self._seen:
+            self._seen = self._count
             self._polls = 0
             return
         self._polls += 1
         if self._polls * _POLL < self.seconds:
             return
         with self._lock:
-            # Told before it is looked again: a call that ends in between takes it back.
+            # Set before the second check: a call that ends in between cancels the exception.
             self._fired = True
-            if self._busy and self._turn == self._seen:
+            if self._busy and self._count == self._seen:
                 self._fire()
 
     def _start(self) -> None:
@@ -131,5 +130,5 @@ def _watch(reference: weakref.ref[Budget]) -> None:
         budget = reference()
         if budget is None:
             return
-        budget._look()  # noqa: SLF001
+        budget._check()  # noqa: SLF001
         del budget

@@ -1,4 +1,4 @@
-"""Calls a user's function: within its time, with errors that a user understands."""
+"""Calls a user's function within its time budget, with errors that a user understands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.user_code.importing import Folder
 
-#: [s] a call may take, where nothing else is asked for: a hundred steps of the car.
+#: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
 _SHOWN = 120
 
@@ -32,7 +32,7 @@ class Calls:
     def __init__(
         self, folder: Folder, function: Callable[..., Any], budget: float | None, expected: str
     ) -> None:
-        """Prepare calls of `function`, within `budget` [s]; it is to return `expected`."""
+        """Prepare calls of `function`, within `budget` [s]; it must return `expected`."""
         self._folder = folder
         self.function = function
         self._expected = expected
@@ -45,7 +45,7 @@ class Calls:
         Raises
         ------
         UserCodeError
-            where it raises, or does not return within its time.
+            if it raises, or does not return within its time.
         """
         try:
             return self._call(self.function, *args, **kwargs)
@@ -55,34 +55,36 @@ class Calls:
     def wrong(
         self, result: object, args: tuple[Any, ...], kwargs: Mapping[str, Any]
     ) -> UserCodeError:
-        """Return the error that tells of a wrong `result`."""
+        """Return the error for a wrong `result`."""
         hint = ': is its return missing?' if result is None else ''
         return UserCodeError(
-            f'{where(self._folder, self.function)}: {self._said(args, kwargs)} returned '
-            f'{shown(result)}; expected {self._expected}{hint}'
+            f'{defined_at(self._folder, self.function)}: {self._call_text(args, kwargs)} returned '
+            f'{short_repr(result)}; expected {self._expected}{hint}'
         )
 
     def _raised(
         self, error: BaseException, args: tuple[Any, ...], kwargs: Mapping[str, Any]
     ) -> UserCodeError:
-        place = blamed(self._folder, error) or where(self._folder, self.function)
-        said = self._said(args, kwargs)
+        place = raised_at(self._folder, error) or defined_at(self._folder, self.function)
+        call = self._call_text(args, kwargs)
         if isinstance(error, OutOfTime):
             return UserCodeError(
-                f'{place}: {said} has not returned within {self._budget:g} s; expected '
-                f'{self._expected}: is there a loop that does not end?'
+                f'{place}: {call} did not return within {self._budget:g} s; expected '
+                f'{self._expected}: is there an endless loop?'
             )
         if isinstance(error, NotImplementedError):
             return UserCodeError(
-                f'{place}: {self.function.__name__} is not written yet (TODO): called as {said}; '
+                f'{place}: {self.function.__name__} is not written yet (TODO): called as {call}; '
                 f'expected {self._expected}'
             )
-        return UserCodeError(f'{place}: {said} raised {told(error)}; expected {self._expected}')
+        return UserCodeError(
+            f'{place}: {call} raised {describe_error(error)}; expected {self._expected}'
+        )
 
-    def _said(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
+    def _call_text(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
         names = [name for name in inspect.signature(self.function).parameters if name not in kwargs]
         passed = {**dict(zip(names, args, strict=False)), **kwargs}
-        values = ', '.join(f'{name}={shown(value)}' for name, value in passed.items())
+        values = ', '.join(f'{name}={short_repr(value)}' for name, value in passed.items())
         return f'{self.function.__name__}({values})'
 
 
@@ -91,17 +93,17 @@ def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  #
 
 
 def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
-    """Return a number as a float, whatever its type: an array of one number counts; else None."""
+    """Return `value` as a float; None if it is not a number. An array of one number is one."""
     if isinstance(value, (str, bytes)):
         return None
     try:
         return float(value.item() if hasattr(value, 'item') else value)
-    except Exception:  # noqa: BLE001 (what a user's value says to that is not known)
+    except Exception:  # noqa: BLE001 (a user's value can raise anything)
         return None
 
 
-def shown(value: object) -> str:
-    """Return `value` as it is shown in a sentence."""
+def short_repr(value: object) -> str:
+    """Return `value` as text for a sentence."""
     if isinstance(value, float):
         return f'{value:.9g}' if value % 1.0 else repr(value)
     text = ' '.join(_repr(value).split())
@@ -115,7 +117,7 @@ def _repr(value: object) -> str:
         return reprlib.repr(value)
 
 
-def told(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
     try:
         text = ' '.join(str(error).split())
@@ -125,15 +127,15 @@ def told(error: BaseException) -> str:
     return f'{type(error).__name__}: {text}' if text else type(error).__name__
 
 
-def where(folder: Folder, function: Callable[..., Any]) -> str:
-    """Return the file and line where `function` is defined."""
+def defined_at(folder: Folder, function: Callable[..., Any]) -> str:
+    """Return the file and line that define `function`."""
     code = getattr(inspect.unwrap(function), '__code__', None)
     place = _place(folder, code.co_filename, code.co_firstlineno) if code else None
     return place or f'{folder.path.name}'
 
 
-def blamed(folder: Folder, error: BaseException) -> str | None:
-    """Return the innermost file and line of the folder that an exception came through."""
+def raised_at(folder: Folder, error: BaseException) -> str | None:
+    """Return the innermost file and line of the folder in an exception's traceback."""
     places = [
         place
         for frame, line in traceback.walk_tb(error.__traceback__)

@@ -1,4 +1,4 @@
-"""Loads the modules of one folder, apart from all other modules of the process."""
+"""Loads the modules of one folder, separate from all other modules of the process."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ _SWAP = threading.RLock()
 
 
 class Folder:
-    """Imports modules of the folder `path`, for each other and for nobody else.
+    """Imports modules of the folder `path`, visible only to each other.
 
-    They are in `sys.modules` only while one of them is being imported, so that two folders may
-    have a `helpers.py` each. No bytecode is written or read. A module of the standard library is
-    never hidden by a file of its name.
+    They are in `sys.modules` only during an import, so that two folders can each have a
+    `helpers.py`. No bytecode is written or read. A file never hides a module of the standard
+    library.
 
     Attributes
     ----------
     sources
-        By path, what has been loaded.
+        The loaded files, by path.
     """
 
     def __init__(
         self, path: Path, output: Callable[[str], object] | None = None, prefix: str = ''
     ) -> None:
-        """Hand what the modules print to `output`; without it, that goes to stdout.
+        """Pass the modules' printed text to `output`, or to stdout without it.
 
-        `prefix` precedes the names of the folder's files wherever they are told.
+        `prefix` is put before the names of the folder's files in messages.
         """
         self.path = path.absolute()
         self._prefix = prefix
@@ -53,12 +53,12 @@ class Folder:
             self._builtins['print'] = _print_to(output)
 
     def load(self, file: Path) -> ModuleType:
-        """Import `file`, once; what it raises is raised.
+        """Import `file`, once; its exceptions are passed on.
 
         Raises
         ------
         UserCodeError
-            where it can't be read or compiled.
+            if it can't be read or compiled.
         """
         name = file.stem if file.stem in self._names else f'user_code_{file.stem}'
         path = str(file.absolute())
@@ -67,7 +67,7 @@ class Folder:
             assert spec  # noqa: S101 (there is a loader)
             spec.has_location = True
             module = importlib.util.module_from_spec(spec)
-            with self._apart():
+            with self._modules_in_place():
                 sys.modules[name] = module
                 _Loader(self, name, path).exec_module(module)
             self._modules[name] = module
@@ -79,9 +79,9 @@ class Folder:
         name = str(path.relative_to(self.path)) if inside else path.name
         source = read(path, self._prefix + name)
         self.sources[str(path)] = source
-        # What `import` and `print` mean is looked up here by all of the module's functions.
+        # All of the module's functions find `import` and `print` here.
         vars(module)['__builtins__'] = self._builtins
-        exec(compiled(source), vars(module))  # noqa: S102 (to run it is what it is given for)
+        exec(compiled(source), vars(module))  # noqa: S102 (running it is the purpose)
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, _: ModuleType | None = None
@@ -89,7 +89,7 @@ class Folder:
         """Find a module of the folder, as a finder on `sys.meta_path` does."""
         if name.partition('.')[0] not in self._names:
             return None
-        # A fresh finder knows of files of this very moment.
+        # A new finder sees files that were added just now.
         spec = FileFinder(
             path[0] if path else str(self.path), (SourceFileLoader, ['.py'])
         ).find_spec(name)
@@ -107,17 +107,17 @@ class Folder:
     ) -> ModuleType:
         if level == 0 and name.partition('.')[0] not in self._names:
             return __import__(name, globals, locals, fromlist, level)
-        with self._apart():
+        with self._modules_in_place():
             return __import__(name, globals, locals, fromlist, level)
 
     @contextlib.contextmanager
-    def _apart(self) -> Iterator[None]:
-        """Have this folder's modules, and no others of their names, in `sys.modules`."""
+    def _modules_in_place(self) -> Iterator[None]:
+        """Put this folder's modules, and no others of their names, into `sys.modules`."""
         with _SWAP:
             if self._importing:
                 yield
                 return
-            others = self._take()
+            others = self._pop_modules()
             sys.modules.update(self._modules)
             sys.meta_path.insert(0, self)
             self._importing = True
@@ -126,11 +126,11 @@ class Folder:
             finally:
                 self._importing = False
                 sys.meta_path.remove(self)
-                self._modules = self._take()
+                self._modules = self._pop_modules()
                 sys.modules.update(others)
 
-    def _take(self) -> dict[str, ModuleType]:
-        """Return what `sys.modules` has under this folder's names, and remove it there."""
+    def _pop_modules(self) -> dict[str, ModuleType]:
+        """Remove the modules with this folder's names from `sys.modules`, and return them."""
         names = [name for name in sys.modules if self._is_own(name)]
         return {name: sys.modules.pop(name) for name in names}
 
@@ -169,4 +169,4 @@ def _print_to(output: Callable[[str], object]) -> Callable[..., None]:
 
 
 def _no_input(*_: object) -> str:
-    raise EOFError('nobody can answer input() here')
+    raise EOFError('input() does not work here')

@@ -1,4 +1,4 @@
-"""Loads a user's `bike_model.py`, `controller.py` and `relay.py`, as they are."""
+"""Loads a user's `bike_model.py`, `controller.py` and `relay.py` without a build."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
-from barc_sim.lab.user_code.call import BUDGET, blamed, shown, told
+from barc_sim.lab.user_code.call import BUDGET, describe_error, raised_at, short_repr
 from barc_sim.lab.user_code.functions import (
     ControllerFactory,
     RelayFactory,
@@ -42,15 +42,15 @@ __all__ = [
     'load_relay',
 ]
 
-#: By what it brings, the file in a user's folder.
+#: The file of each part in a user's folder.
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
-#: [s] to load a file in: it may import the like of SciPy.
+#: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
 
 
 @dataclass(frozen=True)
 class UserCode:
-    """What a user's folder has; None for what it has not."""
+    """The parts of a user's folder; None for a missing one."""
 
     model: UserModel | None = None
     controller: ControllerFactory | None = None
@@ -68,34 +68,34 @@ def load_folder(
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
 ) -> UserCode:
-    """Load those of the files of `folder` that there are.
+    """Load the files of `folder`.
 
     Parameters
     ----------
     folder
         A user's.
     parts
-        Which of `FILES` are looked for.
+        The parts of `FILES` to load, if they exist.
     budget
-        [s] Each call is given so long; None: for ever, and no thread is started.
+        [s] Time budget of each call; None: no limit, and no thread.
     output
-        Takes what user code prints; without it, that goes to stdout.
+        Receives the text that user code prints; without it, that goes to stdout.
 
     Raises
     ------
     UserCodeError
-        where there is no such folder, nothing in it, or a file that can't be used.
+        if there is no such folder, nothing in it, or a file that can't be used.
     """
     return load_files(find_files(folder, parts), budget=budget, output=output)
 
 
 def find_files(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
-    """Return, by part, those of the files of `folder` that there are.
+    """Return the files in `folder`, by part.
 
     Raises
     ------
     UserCodeError
-        where there is no such folder, or nothing in it.
+        if there is no such folder, or nothing in it.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -116,7 +116,7 @@ def load_files(
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
 ) -> UserCode:
-    """Load files by part (see `FILES`), of whichever folders; else as `load_folder`."""
+    """Load files by part (see `FILES`), of any folders; the options are those of `load_folder`."""
     loaders: dict[str, Callable[[Folder, Path, float | None], Any]] = {
         'model': _model,
         'controller': _controller,
@@ -145,7 +145,7 @@ def load_model(path: Path | str, *, budget: float | None = BUDGET) -> UserModel:
     Raises
     ------
     UserCodeError
-        where there is none that can be used.
+        if there is none that can be used.
     """
     path = Path(path)
     return _model(Folder(path.parent), path, budget)
@@ -157,7 +157,7 @@ def load_controller(path: Path | str, *, budget: float | None = BUDGET) -> Contr
     Raises
     ------
     UserCodeError
-        where there is none that can be used.
+        if there is none that can be used.
     """
     path = Path(path)
     return _controller(Folder(path.parent), path, budget)
@@ -169,7 +169,7 @@ def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> RelayFacto
     Raises
     ------
     UserCodeError
-        where there is none that can be used.
+        if there is none that can be used.
     """
     path = Path(path)
     return _relay(Folder(path.parent), path, budget)
@@ -178,21 +178,21 @@ def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> RelayFacto
 def _model(folder: Folder, path: Path, budget: float | None) -> UserModel:
     function = _named(folder, path, budget, ['bikeFE'])
     if not callable(function):
-        raise UserCodeError(f'{path.name}: bikeFE is {shown(function)}; expected a function')
+        raise UserCodeError(f'{path.name}: bikeFE is {short_repr(function)}; expected a function')
     return UserModel(folder, function, budget)
 
 
 def _controller(folder: Folder, path: Path, budget: float | None) -> ControllerFactory:
     cls = _named(folder, path, budget, ['PID'])
     if not isinstance(cls, type):
-        raise UserCodeError(f'{path.name}: PID is {shown(cls)}; expected a class')
+        raise UserCodeError(f'{path.name}: PID is {short_repr(cls)}; expected a class')
     return ControllerFactory(folder, cls, budget)
 
 
 def _relay(folder: Folder, path: Path, budget: float | None) -> RelayFactory:
     relay = _named(folder, path, budget, ['Relay', 'relay'])
     if not callable(relay):
-        raise UserCodeError(f'{path.name}: relay is {shown(relay)}; expected a function')
+        raise UserCodeError(f'{path.name}: relay is {short_repr(relay)}; expected a function')
     return RelayFactory(folder, relay, budget)
 
 
@@ -205,17 +205,18 @@ def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -
         raise
     except ModuleNotFoundError as error:
         raise UserCodeError(
-            f'{blamed(folder, error) or path.name}: there is no module {error.name!r} here: '
-            'install it in this Python, put it into the folder, or do without'
+            f'{raised_at(folder, error) or path.name}: there is no module {error.name!r} here: '
+            'install it, put it into the folder, or do without it'
         ) from error
     except OutOfTime as error:
         raise UserCodeError(
-            f'{blamed(folder, error) or path.name}: loading the file took longer than '
-            f'{_LOADING:g} s: is there a loop outside of its functions that does not end?'
+            f'{raised_at(folder, error) or path.name}: loading the file took longer than '
+            f'{_LOADING:g} s: is there an endless loop outside its functions?'
         ) from error
     except (Exception, SystemExit) as error:
         raise UserCodeError(
-            f'{blamed(folder, error) or path.name}: loading the file raised {told(error)}'
+            f'{raised_at(folder, error) or path.name}: loading the file raised '
+            f'{describe_error(error)}'
         ) from error
     for name in names:
         if hasattr(module, name):

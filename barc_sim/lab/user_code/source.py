@@ -1,4 +1,4 @@
-"""A user's file: its text, and what is wrong with it before it runs."""
+"""Reads a user's file, and finds errors in it before it runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _ROS_1 = {'rospy', 'roslib', 'barc', 'rosbag', 'rosgraph', 'dynamic_reconfigure'
 
 
 class UserCodeError(UserError):
-    """What is wrong with user code, in one sentence: file, line, values, what was expected.
+    """An error in user code, as one sentence: file, line, values, what was expected.
 
-    Where an exception of user code is the reason, it is kept as the `__cause__`.
+    If user code raised an exception, that is the `__cause__`.
     """
 
 
 class Source(NamedTuple):
-    """A file of a user's, as it was when it was loaded."""
+    """A user's file, as it was loaded."""
 
     name: str  #: in the user's folder
     path: Path
@@ -34,7 +34,7 @@ class Source(NamedTuple):
     sha256: str  #: of the file's bytes, which are `text` in UTF-8
 
     def line(self, number: int) -> str:
-        """Return the line `number`, counted from 1, without the blanks around it."""
+        """Return the line `number`, counted from 1, without surrounding blanks."""
         lines = self.text.splitlines()
         return lines[number - 1].strip() if 0 < number <= len(lines) else ''
 
@@ -45,7 +45,7 @@ def read(path: Path, name: str) -> Source:
     Raises
     ------
     UserCodeError
-        where it can't be read, or is no text in UTF-8.
+        if it can't be read, or is no text in UTF-8.
     """
     try:
         with path.open('rb') as file:
@@ -71,7 +71,7 @@ def compiled(source: Source) -> CodeType:
     Raises
     ------
     UserCodeError
-        where it is not Python 3, or the lab's template for ROS 1.
+        if it is not Python 3, or the lab's template for ROS 1.
     """
     try:
         with warnings.catch_warnings():
@@ -100,9 +100,9 @@ def _refuse_ros_1(source: Source, tree: ast.Module) -> None:
     first = source.line(found[0].lineno)
     some = len(lines) > 1
     raise UserCodeError(
-        f'{source.name}, line {found[0].lineno}: {first}: that is ROS 1, which is not here and '
+        f'{source.name}, line {found[0].lineno}: {first}: ROS 1 is not installed and '
         f'not needed: delete the line{"s" if some else ""} '
-        f'{", ".join(map(str, sorted(lines)))}; barc_sim brings the nodes'
+        f'{", ".join(map(str, sorted(lines)))}; barc_sim provides the nodes'
     )
 
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import CONTROLLER, MODEL
 
-import barc_sim
 from barc_sim.lab.check import CRITERIA, LocalCode, judge
-from barc_sim.lab.user_code.loading import load_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,11 +84,8 @@ def told(findings: list[Finding]) -> dict[str, str]:
     return {finding.criterion: finding.message for finding in findings if finding.score != 1.0}
 
 
-def test_the_references_own_folder_gets_full_marks(tmp_path: Path) -> None:
-    package = Path(barc_sim.__file__).parent
-    shutil.copy(package / 'vehicle' / 'bike_model.py', tmp_path)
-    shutil.copy(package / 'control' / 'pid.py', tmp_path / 'controller.py')
-    findings = judge(LocalCode(load_folder(tmp_path, budget=None)))
+def test_the_references_own_code_gets_full_marks(lab: Lab) -> None:
+    findings = judge(lab(MODEL, CONTROLLER))
     assert told(findings) == {}
     assert tuple(finding.criterion for finding in findings) == CRITERIA
 

@@ -44,7 +44,7 @@ def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller
     report = judge_folder(folder, 0, GAINS)
     assert [finding.passed for finding in report.findings] == [False] * 5 + [True] * 7
     assert 'bike_model.py, line ' in report.findings[0].message
-    assert 'is there a loop that does not end?' in report.findings[0].message
+    assert 'is there an endless loop?' in report.findings[0].message
 
 
 def test_code_that_ends_the_process_costs_what_is_left(tmp_path: Path, model: str) -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import CONTROLLER, MODEL
 
-import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.process import check
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-_PACKAGE = Path(barc_sim.__file__).parent
+    from pathlib import Path
 
 
 @pytest.fixture(scope='session')
@@ -29,13 +27,13 @@ def confinement() -> None:
 @pytest.fixture(scope='session')
 def model() -> str:
     """Return the text of a right `bike_model.py`."""
-    return (_PACKAGE / 'vehicle' / 'bike_model.py').read_text()
+    return MODEL
 
 
 @pytest.fixture(scope='session')
 def controller() -> str:
     """Return the text of a right `controller.py`."""
-    return (_PACKAGE / 'control' / 'pid.py').read_text()
+    return CONTROLLER
 
 
 @pytest.fixture

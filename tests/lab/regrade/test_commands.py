@@ -28,7 +28,7 @@ def test_the_commands_of_a_run_come_out_bit_for_bit() -> None:
 def test_other_gains_are_not_it(gains: tuple[float, float, float]) -> None:
     verdict = judge(rollout(), partial(speed_controller, *gains))
     assert not verdict.possible
-    assert 'were gains changed while it drove?' in verdict.first
+    assert 'were gains changed during the run?' in verdict.first
 
 
 def test_the_measured_speed_is_what_a_controller_is_shown() -> None:

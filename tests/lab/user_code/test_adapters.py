@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
+import pickle
 from math import isnan
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from user_files import CONTROLLER, MODEL
 
-from barc_sim.control import pid
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.lab.user_code import adapters
-from barc_sim.lab.user_code.adapters import UserController, UserDriver
+from barc_sim.lab.user_code.adapters import UserController, UserControllerFile, UserDriver
 from barc_sim.lab.user_code.loading import (
     ControllerFactory,
     RelayFactory,
@@ -21,8 +22,10 @@ from barc_sim.lab.user_code.loading import (
     load_relay,
 )
 from barc_sim.simulation.closed_loop import rollout
-from barc_sim.vehicle import bike_model
 from barc_sim.vehicle.plant import Plant
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 P = """
 class PID:
@@ -50,8 +53,8 @@ def relays(tmp_path: Path, text: str) -> RelayFactory:
 @pytest.fixture
 def reference(tmp_path: Path) -> Path:
     """Return a folder with barc_sim's own model and controller as a user's."""
-    for module, name in ((bike_model, 'bike_model.py'), (pid, 'controller.py')):
-        (tmp_path / name).write_bytes(Path(module.__file__ or '').read_bytes())
+    (tmp_path / 'bike_model.py').write_text(MODEL)
+    (tmp_path / 'controller.py').write_text(CONTROLLER)
     return tmp_path
 
 
@@ -99,7 +102,7 @@ def test_a_reset_makes_a_fresh_object_with_the_present_gains(tmp_path: Path) -> 
     assert controller.acc_calculate(8.0, 7.0, 0.02) == 2.0 + 1.0
 
 
-def test_a_relay_makes_the_commands_of_what_is_wished_for(tmp_path: Path) -> None:
+def test_a_relay_makes_the_requested_commands(tmp_path: Path) -> None:
     driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 3 * x, 0.2 * z\n'))
     driver.receive(DriverInput(forward=1.0, turn=-1.0), 1.0)
     assert driver.command(1.1, 0.0) == (3.0, -0.2)
@@ -137,3 +140,11 @@ def test_a_bag_is_told_the_files_and_their_hashes(reference: Path) -> None:
     assert told['sha256'].keys() == {'bike_model.py', 'controller.py'}
     attached = adapters.attachments(lab)
     assert attached['student/controller.py'] == (reference / 'controller.py').read_bytes()
+
+
+def test_a_file_as_a_value_reaches_other_processes(tmp_path: Path) -> None:
+    controllers(tmp_path)
+    value = pickle.loads(pickle.dumps(UserControllerFile(tmp_path / 'controller.py')))  # noqa: S301
+    assert value().acc_calculate(8.0, 7.0, 0.02) == 31.0
+    controllers(tmp_path, P.replace('+ self.calls', '+ 5.0'))
+    assert value().acc_calculate(8.0, 7.0, 0.02) == 35.0

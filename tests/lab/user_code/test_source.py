@@ -44,8 +44,8 @@ def test_the_labs_template_for_ros_1_names_the_lines_to_delete(tmp_path: Path) -
     with pytest.raises(UserCodeError) as caught:
         compiled(source(tmp_path, ROS_1.encode()))
     assert str(caught.value) == (
-        'controller.py, line 2: import rospy: that is ROS 1, which is not here and not needed: '
-        'delete the lines 2, 3, 6; barc_sim brings the nodes'
+        'controller.py, line 2: import rospy: ROS 1 is not installed and not needed: '
+        'delete the lines 2, 3, 6; barc_sim provides the nodes'
     )
 
 

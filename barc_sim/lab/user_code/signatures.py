@@ -1,0 +1,83 @@
+"""The arguments that a user's function takes, from its signature."""
+
+from __future__ import annotations
+
+import inspect
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.call import defined_at, short_repr
+from barc_sim.lab.user_code.source import UserCodeError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from barc_sim.lab.user_code.importing import Folder
+
+_EVERY_KIND = inspect.Parameter.VAR_KEYWORD
+
+
+def check_takes(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> None:
+    """Refuse a function that does not take the arguments `names`."""
+    signature = _signature(folder, function)
+    if not _binds(signature, len(names)):
+        raise _takes(folder, function, signature, names)
+
+
+def dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> str:
+    """Return the name of the time step among the arguments of `function`, empty if there is none.
+
+    That is `dt`, or the one required argument after `names`.
+    """
+    signature = _signature(folder, function)
+    count = len(names)
+    if 'dt' in signature.parameters and _binds(signature, count, dt=0.0):
+        return 'dt'
+    if _binds(signature, count):
+        return ''
+    for name in list(signature.parameters)[count:]:
+        if _binds(signature, count, **{name: 0.0}):
+            return name
+    raise _takes(folder, function, signature, names)
+
+
+def _signature(folder: Folder, function: Callable[..., Any]) -> inspect.Signature:
+    try:
+        return inspect.signature(function)
+    except (TypeError, ValueError) as error:
+        raise UserCodeError(
+            f'{defined_at(folder, function)}: expected a function, got {short_repr(function)}'
+        ) from error
+
+
+def _takes(
+    folder: Folder,
+    function: Callable[..., Any],
+    signature: inspect.Signature,
+    names: Sequence[str],
+) -> UserCodeError:
+    name = getattr(function, '__name__', short_repr(function))
+    return UserCodeError(
+        f'{defined_at(folder, function)}: {name} takes ({", ".join(signature.parameters)}); '
+        f'expected ({", ".join(names)})'
+    )
+
+
+def _binds(signature: inspect.Signature, count: int, **options: float) -> bool:
+    try:
+        signature.bind(*range(count), **options)
+    except TypeError:
+        return False
+    return True
+
+
+def options_for(
+    function: Callable[..., Any], names: Sequence[str]
+) -> Callable[[dict[str, float]], dict[str, float]]:
+    """Return a function that selects the options that `function` takes after `names`."""
+    parameters = list(inspect.signature(function).parameters.values())
+    if any(parameter.kind is _EVERY_KIND for parameter in parameters):
+        return lambda options: options
+    taken = {parameter.name for parameter in parameters[len(names) :]}
+    if not taken:
+        return lambda _: {}
+    return lambda options: {name: options[name] for name in options if name in taken}

@@ -1,0 +1,53 @@
+"""A user's files that are right: they compute what barc_sim's own do, to the last bit."""
+
+from __future__ import annotations
+
+MODEL = """\
+from math import atan, copysign, cos, sin, tan
+
+
+def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts, *, l_f=1.5, l_r=1.5, g=9.8):
+    beta = atan(l_r / (l_f + l_r) * tan(d_f))
+    push = -m * g * sin(theta)
+    f_ext = push - copysign(a0 * v * v + Ff, v) if v else push
+    v_next = v + ts * (a + f_ext / m)
+    unresisted = v + ts * (a + push / m)
+    if v > 0.0:
+        v_next = max(v_next, min(unresisted, 0.0))
+    elif v < 0.0:
+        v_next = min(v_next, max(unresisted, 0.0))
+    return [
+        x + ts * v * cos(psi + beta),
+        y + ts * v * sin(psi + beta),
+        psi + ts * v / l_r * sin(beta),
+        v_next,
+    ]
+"""
+
+CONTROLLER = """\
+class PID:
+    def __init__(self, kp, ki, kd, output_min=-8.0, output_max=8.0):
+        self.kp, self.ki, self.kd = kp, ki, kd
+        self.output_min, self.output_max = output_min, output_max
+        self.reset()
+
+    def reset(self):
+        self.proportional = self.integral = self.derivative = 0.0
+        self.saturated = False
+        self.previous = None
+
+    def acc_calculate(self, speed_reference, speed_current, dt):
+        error = speed_reference - speed_current
+        self.proportional = self.kp * error
+        increment = self.derivative = 0.0
+        if self.previous is not None and dt > 0.0:
+            increment = self.ki * error * dt
+            self.derivative = -self.kd * (speed_current - self.previous) / dt
+        self.previous = speed_current
+        wanted = self.proportional + self.integral + increment + self.derivative
+        output = min(max(wanted, self.output_min), self.output_max)
+        self.saturated = wanted != output
+        if (wanted - output) * increment <= 0.0:
+            self.integral += increment
+        return output
+"""
