@@ -1,4 +1,4 @@
-"""A view of a run in motion: frame by frame for a file, or by the clock in a window."""
+"""Animates a view of a run: frame by frame for a file, or in real time in a window."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ if TYPE_CHECKING:
 
 
 class View(Protocol):
-    """Shows a run at any of its times; `SideView` is one."""
+    """Shows a run at any of its times, as `RunView` does."""
 
     figure: Figure
     duration: float  #: [s]
-    artists: Sequence[Artist]  #: what `update` moves, in the order of drawing
+    artists: Sequence[Artist]  #: moved by `update`, in the order of drawing
 
     def update(self, t: float) -> None:
         """Show the run at `t` [s]."""
 
 
 def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
-    """Return the times [s] of a film of `duration` [s]: one per frame, first and last included."""
+    """Return the times [s] of the frames of a film of `duration` [s], with both ends."""
     count = int(np.ceil(duration * fps - 1e-6)) + 1
     return np.minimum(np.arange(count) / fps, duration)
 
 
 def frames(view: View, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
-    """Draw the view at each of `times`; what stands still is drawn once.
+    """Draw the view at each of `times`; its fixed parts are drawn once.
 
     Yields
     ------
     image
-        RGBA of shape `(height, width, 4)`, overwritten by the next one.
+        RGBA of shape `(height, width, 4)`; the next one overwrites it.
     """
-    canvas: Any = FigureCanvasAgg(view.figure)  # matplotlib does not say its types
+    canvas: Any = FigureCanvasAgg(view.figure)  # matplotlib has no types for it
     canvas.draw()
     still = canvas.copy_from_bbox(view.figure.bbox)
     image = np.asarray(canvas.buffer_rgba())
@@ -55,10 +55,10 @@ def frames(view: View, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
 
 
 def animate(view: View, *, interval: float = 0.02) -> FuncAnimation:
-    """Return the animation that plays in the view's window, again and again.
+    """Return the animation that repeats in the view's window.
 
-    It goes by the clock: a machine that is too slow for a frame per `interval` [s] leaves some
-    out. matplotlib plays it for as long as the caller keeps it.
+    It runs in real time: a slow machine skips frames. `interval` [s] is the time between two.
+    Matplotlib plays it as long as the caller keeps a reference.
     """
 
     def clock() -> Generator[float, None, None]:

@@ -10,7 +10,7 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, LOOK, MUTED, VERMILLION
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
 from barc_sim.simulation.convergence import ROUNDING, STEPS
 
 if TYPE_CHECKING:
@@ -24,14 +24,14 @@ SIZE = (11.0, 6.8)  #: [inch]
 _COLUMNS = 3
 _COLOURS = {'euler': VERMILLION, 'rk4': BLUE}
 _NAMES = {'euler': 'forward Euler', 'rk4': 'Runge-Kutta (rk4)'}
-#: Markers, and whether they are filled: where both models have the same error, both are seen.
+#: Marker, whether it is filled, and its size: both models are visible if their errors are equal.
 _MARKERS = {'kinematic': ('o', True, 4.5), 'dynamic': ('s', False, 8.0)}
 _SLOPES = {1: 2e-3, 4: 1e-9}  # order, and error [m] at the longest step
 
 
-@style.context(LOOK)
+@style.context(STYLE)
 def convergence_figure(studies: Sequence[Study], *, figure: Figure | None = None) -> Figure:
-    """Draw the errors of `studies`, those of a manoeuvre one behind the other.
+    """Draw the errors of `studies`, those of a manoeuvre next to each other.
 
     `figure` is an empty one to draw on, such as a window's.
     """
@@ -93,7 +93,7 @@ def _draw(axes: Axes, studies: Sequence[Study]) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda ts, _: f'{1e3 * ts:g}'))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_title(studies[0].manoeuvre, loc='left', fontsize=11, fontweight='bold', pad=18.0)
-    told = axes.annotate(
+    text = axes.annotate(
         f'{studies[0].text}; against {studies[0].reference}',
         (0.0, 1.0),
         (0.0, 5.0),
@@ -102,7 +102,7 @@ def _draw(axes: Axes, studies: Sequence[Study]) -> None:
         color=MUTED,
         fontsize=9,
     )
-    told.set_in_layout(False)  # a long one is not to push the panels apart
+    text.set_in_layout(False)  # a long one must not move the panels apart
 
 
 def _explain(axes: Axes) -> None:

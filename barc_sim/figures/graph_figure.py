@@ -1,4 +1,4 @@
-"""A graph of nodes and topics as a figure, as rqt_graph draws it: nodes round, topics square."""
+"""A graph of nodes and topics as a figure, like rqt_graph: nodes are ellipses, topics boxes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.path import Path as Curve
 
 from barc_sim.bags.node_graph import EVERYONES, table
 from barc_sim.figures.graph_layout import layout
-from barc_sim.figures.style import BLUE, GREY, INK, LOOK, MUTED
+from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,13 +39,13 @@ class GraphDrawing:
     Attributes
     ----------
     size
-        [inch] that it takes.
+        [inch] Width and height.
     """
 
     def __init__(self, graph: NodeGraph, title: str = '') -> None:
-        """Find a place for everything."""
+        """Compute all places."""
         self._title = title
-        # Each its own vertex, though a node and a topic may have one name.
+        # Separate vertices: a node and a topic can have the same name.
         self._names = {f'node {node}': node for node in graph.nodes}
         self._names |= {f'topic {name}': name for name in graph.topics if name not in EVERYONES}
         edges = [(f'node {node}', f'topic {topic}') for node, topic in graph.publications]
@@ -70,7 +70,7 @@ class GraphDrawing:
 
     def draw(self, figure: Figure) -> None:
         """Draw on an empty `figure` of that size."""
-        with style.context(LOOK):
+        with style.context(STYLE):
             axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
             axes.set(xlim=(0.0, self.size[0]), ylim=(-self._bottom - MARGIN, self._top + MARGIN))
             axes.set_axis_off()
@@ -86,7 +86,7 @@ class GraphDrawing:
                 axes.text(MARGIN, y, row, family='monospace', fontsize=9, color=color)
 
     def save(self, path: Path, dpi: float = 110.0) -> None:
-        """Draw into a file, of the kind that its name ends in."""
+        """Draw into a file; its extension sets the format."""
         figure = Figure(figsize=self.size)
         self.draw(figure)
         with rc_context({'svg.fonttype': 'none', 'pdf.fonttype': 42}):  # text stays text
@@ -110,12 +110,12 @@ def lines(graph: NodeGraph) -> list[str]:
 
 def _box(vertex: str, name: str) -> Box:
     half = CHARACTER * len(name) / 2.0
-    # An ellipse holds its text only where it is wider and higher than that.
+    # An ellipse must be wider and higher than its text.
     return (1.25 * half + 0.12, 0.24) if vertex.startswith('node') else (half + 0.12, 0.16)
 
 
 def _columns(plan: Layout, boxes: dict[str, Box]) -> list[float]:
-    """Return where the middle of each layer is, and last the right edge."""
+    """Return the middle of each layer, and the right edge last."""
     half = [0.0] * (1 + max(point.layer for point in plan.vertices.values()))
     for vertex, point in plan.vertices.items():
         half[point.layer] = max(half[point.layer], boxes[vertex][0])
@@ -155,7 +155,7 @@ def _draw_edge(axes: Axes, points: NDArray[np.float64], source: Box, target: Box
         FancyArrowPatch(
             path=_curve(points),
             arrowstyle='-|>,head_length=5,head_width=2.5',
-            color=MUTED if way > 0.0 else BLUE,  # blue: back against the flow
+            color=MUTED if way > 0.0 else BLUE,  # blue: backwards
             lw=0.9,
             shrinkA=0.0,
             shrinkB=0.0,
@@ -164,7 +164,7 @@ def _draw_edge(axes: Axes, points: NDArray[np.float64], source: Box, target: Box
 
 
 def _curve(points: NDArray[np.float64]) -> Curve:
-    """Return curves that are level at each of `points`."""
+    """Return curves that are horizontal at each of `points`."""
     vertices, codes = [points[0]], [Curve.MOVETO]
     for a, b in pairwise(points):
         middle = (a[0] + b[0]) / 2.0

@@ -1,4 +1,4 @@
-"""Where the vertices of a directed graph go: in layers from left to right, with few crossings.
+"""Lays out a directed graph: its vertices in layers from left to right, with few crossings.
 
 After Sugiyama, Tagawa and Toda (1981): edges that close a circle are turned around, each vertex
 comes one layer after the last that leads to it, an edge over several layers gets a way point in
@@ -24,11 +24,11 @@ class Point(NamedTuple):
     """A place in the drawing."""
 
     layer: int  #: from 0
-    y: float  #: upwards, vertices 1 apart at least
+    y: float  #: upwards; vertices are at least 1 apart
 
 
 class Layout(NamedTuple):
-    """Where everything goes."""
+    """The places of all vertices and edges."""
 
     vertices: dict[str, Point]
     routes: dict[Edge, list[Point]]  #: from an edge's source to its target, both included
@@ -62,7 +62,7 @@ def layout(vertices: Sequence[str], edges: Sequence[Edge], way_gap: float = 0.4)
 
 
 def _without_circles(vertices: Sequence[str], edges: Sequence[Edge]) -> dict[Edge, None]:
-    """Return the edges, in order and each once, those that close a circle turned around."""
+    """Return the edges, in order and each once; those that close a cycle are reversed."""
     following: dict[str, list[str]] = defaultdict(list)
     for a, b in edges:
         following[a].append(b)
@@ -121,7 +121,7 @@ def _heights(
 def _spread(
     column: list[Vertex], wanted: Mapping[Vertex, float], vertices: set[str], way_gap: float
 ) -> dict[Vertex, float]:
-    """Return the places from the top down, far enough apart, and on the mean where wanted."""
+    """Return the places from top to bottom, far enough apart, around the wanted mean."""
     room = {vertex: 1.0 if vertex in vertices else way_gap for vertex in column}
     places: dict[Vertex, float] = {}
     for above, vertex in pairwise([None, *column]):

@@ -1,4 +1,4 @@
-"""Where a figure goes: into a file, or into a window where there is a display."""
+"""Puts a figure into a file, or into a window if there is a display."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 def target(name: str, formats: Sequence[str]) -> Path:
-    """Return the path called `name` if a file of one of `formats` (such as `png`) can be there.
+    """Return the path `name`, which must end in one of `formats`, such as `png`.
 
     Raises
     ------
     UserError
-        where its extension is none of them, or it is a directory.
+        if it has another extension, or is a directory.
     """
     path = Path(name)
     if path.suffix.lower().lstrip('.') not in formats:
@@ -35,15 +35,14 @@ def target(name: str, formats: Sequence[str]) -> Path:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give a new file beside `path` to write, which takes its place when the block succeeds.
+    """Give a temporary file to write, which replaces `path` when the block succeeds.
 
-    Whatever breaks the block off, a file that was at `path` stays as it was, and no half of a new
-    one is left.
+    If the block fails, a file at `path` stays unchanged, and no partial file is left.
 
     Raises
     ------
     UserError
-        at once where nothing can be written there, or where writing failed later.
+        at once if nothing can be written there, or when writing fails later.
     """
     part = path.with_name(f'.{path.stem}.{os.getpid()}{path.suffix}')
     try:
@@ -65,9 +64,9 @@ def _unwritable(path: Path, error: OSError) -> UserError:
 
 
 def window(size: tuple[float, float], title: str) -> Figure | None:
-    """Return an empty figure of `size` [inch] in a window; None where none can be opened.
+    """Return an empty figure of `size` [inch] in a window; None if no window can be opened.
 
-    `show` then shows it.
+    `show` shows it.
     """
     from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
 

@@ -1,4 +1,4 @@
-"""Figures of a run: `Log` in, matplotlib `Figure` out; nothing here opens a window."""
+"""Figures of a run: from a `Log` to a Matplotlib `Figure`, without a window."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from barc_sim.figures.style import (
     GREEN,
     GREY,
     INK,
-    LOOK,
     MUTED,
     SKY,
+    STYLE,
     VERMILLION,
-    as_known,
     limits,
+    use_measurement,
 )
 from barc_sim.simulation import metrics
 
@@ -52,7 +52,7 @@ def plot(log: Log) -> Figure:
     return speed_figure(log, figure=NotebookFigure(figsize=SIZE))
 
 
-@style.context(LOOK)
+@style.context(STYLE)
 def speed_figure(
     log: Log, *, title: str = '', settings: str = '', figure: Figure | None = None
 ) -> Figure:
@@ -61,18 +61,18 @@ def speed_figure(
     Parameters
     ----------
     log
-        At least one state. Without a controller's reference (NaN) the speed stands alone.
+        At least one state. Without a controller's reference (NaN) only the speed is drawn.
     title, settings
-        What the run was, and what it ran with: the heading's two lines.
+        The two lines of the heading.
     figure
-        An empty figure to draw on, such as a window's; a new one otherwise.
+        An empty figure to draw on, such as a window's; by default a new one.
 
     Returns
     -------
     Figure
-        `figure`, or one that belongs to no window.
+        `figure`, or a new one without a window.
     """
-    log = as_known(log)
+    log = use_measurement(log)
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
     speed, grade, command = figure.subplots(3, 1, sharex=True, height_ratios=[4, 1.4, 1.6])
@@ -82,7 +82,7 @@ def speed_figure(
     speed.set_xlim(*limits(log.distance, share=0.01, least=0.5))
     command.set_xlabel('Position along the road [m]')
     command.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
-    # The heading's second line and the legend stand above the axes, the title above those.
+    # The heading's second line and the legend are above the axes, the title is above both.
     speed.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
     speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
     speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=3, borderaxespad=0.0)
@@ -91,7 +91,7 @@ def speed_figure(
     return figure
 
 
-@style.context(LOOK)
+@style.context(STYLE)
 def terms_figure(log: Log) -> Figure | None:
     """Draw the controller's terms against the position along the road; None if none is known."""
     if all(np.isnan(values).all() for values in log.terms.values()):
@@ -113,7 +113,7 @@ def terms_figure(log: Log) -> Figure | None:
 
 
 def _caption(log: Log) -> str:
-    """Return how well the reference was held, in a line; empty where there was none."""
+    """Return a line on the speed error; empty without a reference."""
     result = metrics.summary(log)
     parts = {
         f'after the first {metrics.RUN_UP:g} m': (
@@ -169,5 +169,5 @@ def _draw_command(axes: Axes, log: Log) -> None:
 
 
 def _marker(log: Log) -> str:
-    """Return the marker of a line through the states: a single one would not be seen."""
+    """Return the marker of a line through the states; a single state needs one."""
     return 'o' if len(log) == 1 else ''

@@ -1,4 +1,4 @@
-"""How runs are shown, whatever the figure: colours, lines, limits of axes, readings."""
+"""The palette and the Matplotlib style of all figures; limits of axes, and readings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-# Okabe and Ito's palette, which the colour-blind tell apart, and greys.
+# Okabe and Ito's palette, which colour-blind readers can distinguish, and greys.
 BLUE = '#0072B2'
 SKY = '#56B4E9'
 VERMILLION = '#D55E00'
@@ -23,12 +23,12 @@ GREY = '#9A9A9A'
 EARTH = '#E4E1DA'
 SURFACE = '#7D776A'
 
-#: Whatever a user's matplotlibrc says, the figures look the same.
-LOOK: list[str | dict[str, Any]] = [
+#: Figures look the same with any matplotlibrc.
+STYLE: list[str | dict[str, Any]] = [
     'default',
     {
         'font.size': 10,
-        'text.parse_math': False,  # a dollar in the name of a bag is a dollar
+        'text.parse_math': False,  # a bag's name can contain a dollar
         'text.color': INK,
         'axes.edgecolor': GREY,
         'axes.labelcolor': INK,
@@ -51,17 +51,17 @@ LOOK: list[str | dict[str, Any]] = [
 DASHES = (0.0, (5.0, 3.0))
 
 
-def as_known(log: Log) -> Log:
-    """Return the log with the measurement for the truth where the measurement's error is unknown.
+def use_measurement(log: Log) -> Log:
+    """Return the log with zero for each unknown measurement error: the measurement is used as true.
 
-    So it is at the end of a bag whose run was killed, and in one of a simulator that tells none.
+    Errors are unknown at the end of a killed run, and with a simulator that publishes none.
     """
     errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x')
     return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})
 
 
 def limits(values: NDArray[np.float64], *, share: float, least: float) -> tuple[float, float]:
-    """Return limits around `values` and zero, `share` wider, reaching `least` beyond at least."""
+    """Return limits around `values` and zero, wider by `share`, and at least `least` from zero."""
     known = values[np.isfinite(values)]
     low, high = min(known.min(initial=0.0), 0.0), max(known.max(initial=0.0), 0.0)
     pad = max(share * (high - low), least - max(high, -low))
@@ -69,7 +69,7 @@ def limits(values: NDArray[np.float64], *, share: float, least: float) -> tuple[
 
 
 def reading(value: float, digits: int, unit: str) -> str:
-    """Return `value` with its unit as an instrument shows it, a dash for NaN."""
+    """Return `value` with its unit, as an instrument shows it; a dash for NaN."""
     if np.isnan(value):
         return '\N{EN DASH}'
     # Adding zero turns a negative zero into zero.

@@ -1,4 +1,4 @@
-"""The road of a run as it lies on the map, out of what the run recorded of it."""
+"""The road of a run on the map, from its recorded grade and elevation."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: [m] by which the road goes on before and behind what was driven, at its first and last grade.
+#: [m] The road continues by this on both sides of the driven part, at the same grade.
 MARGIN = 60.0
-#: [m] between the points at which the height of a wheel is worked out.
+#: [m] between the points at which the height of a wheel is computed.
 RESOLUTION = 0.02
 
 
 class Terrain:
-    """Distance along the road's surface -> place on the map.
+    """Converts a distance along the road's surface to a place on the map.
 
     The horizontal distance is the integral of cos(theta) over the distance along the surface: 20 m
     at 10° are 19.696 m on the map. It is zero where the distance is zero.
@@ -28,12 +28,12 @@ class Terrain:
     Attributes
     ----------
     distance, horizontal, elevation
-        [m] the points of the road's surface, in rising order, each of shape `(m,)`; straight
-        between them.
+        [m] the points of the road's surface, in rising order, each of shape `(m,)`; the road is
+        straight between them.
     """
 
     def __init__(self, log: Log) -> None:
-        """Take the road from a run of at least one state; flat if it recorded none."""
+        """Take the road from a run of at least one state; without a recorded road it is flat."""
         known = np.isfinite(log.theta_deg) & np.isfinite(log.elevation)
         rows = np.flatnonzero(known if known.any() else ~known)
         driven, first = np.unique(log.distance[rows], return_index=True)
@@ -44,7 +44,7 @@ class Terrain:
         behind = elevation[-1] + MARGIN * np.sin(theta[-1])
         self.distance = np.concatenate([[driven[0] - MARGIN], driven, [driven[-1] + MARGIN]])
         self.elevation = np.concatenate([[before], elevation, [behind]])
-        # A change of grade lies somewhere between two states: half of the way has either.
+        # A change of grade is somewhere between two states: each half has one of the grades.
         cosine = np.cos(theta)
         steps = np.diff(self.distance) * (cosine[:-1] + cosine[1:]) / 2.0
         horizontal = np.concatenate([[0.0], np.cumsum(steps)])
@@ -59,12 +59,12 @@ class Terrain:
         )
 
     def wheel_path(self, radius: float) -> tuple[Floats, Floats]:
-        """Return where the centre of a wheel of `radius` [m] goes that rolls over the road.
+        """Return the path of the centre of a wheel of `radius` [m] that rolls over the road.
 
         Returns
         -------
         horizontal, elevation
-            [m], each of shape `(k,)`: the lowest places in which the wheel nowhere sinks in.
+            [m], each of shape `(k,)`: the lowest places at which the wheel does not sink in.
         """
         horizontal = np.arange(self.horizontal[0], self.horizontal[-1], RESOLUTION)
         offsets = np.arange(-radius, radius, RESOLUTION)

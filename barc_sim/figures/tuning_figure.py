@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
-from barc_sim.figures.style import BLUE, DASHES, EARTH, INK, LOOK, MUTED, VERMILLION, limits
+from barc_sim.figures.style import BLUE, DASHES, EARTH, INK, MUTED, STYLE, VERMILLION, limits
 from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from barc_sim.tuning.surface import Surface
 
     Floats = NDArray[np.float64]
-    #: Logs, each with how its line is drawn.
+    #: Logs, each with the style of its line.
     Runs = tuple[tuple[Log, dict[str, Any]], ...]
 
 SIZE = (11.2, 5.8)  #: [inch]
 LABELS = ('kp [1/s]', 'ki [1/s²]', 'kd')
-#: Colours tell the logarithm of a cost up to this many times the least; beyond, they are the same.
+#: Colours show the logarithm of costs up to this multiple of the least; above it they are equal.
 _WIDE = 10.0
-#: [s] shown of the step response after the slower run has reached the reference.
+#: [s] The step response is shown for so long after the slower run reaches the reference.
 _AFTER = 1.0
 
 
@@ -39,7 +39,7 @@ class Point(NamedTuple):
     log: Log
 
 
-@style.context(LOOK)
+@style.context(STYLE)
 def tuning_figure(
     surface: Surface, start: Point, found: Point, *, cost: str, title: str = '', settings: str = ''
 ) -> Figure:
@@ -69,7 +69,7 @@ def tuning_figure(
     _draw_response(response, runs)
     _draw_errors(errors, runs)
     figure.align_ylabels((response, errors))
-    # The heading's second line stands above the axes, the title above that.
+    # The heading's second line is above the axes, the title above that.
     plane.set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
     plane.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
     response.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2)
@@ -79,7 +79,7 @@ def tuning_figure(
 
 def _draw_map(axes: Axes, surface: Surface, start: Point, found: Point, cost: str) -> None:
     known = np.ma.masked_invalid(surface.cost)
-    # Light where it is cheap; cividis is the same to all kinds of colour vision.
+    # Light means a low cost; cividis looks alike to colour-blind readers.
     colours = colormaps['cividis_r'].with_extremes(bad='white')
     mesh = axes.pcolormesh(
         surface.right,
@@ -120,7 +120,7 @@ def _norm(values: Floats) -> Normalize:
 
 
 def _draw_response(axes: Axes, runs: Runs) -> None:
-    """Draw the speeds over time, and once more, larger, from where the reference is reached."""
+    """Draw the speeds over time, with an enlarged inset around the reference."""
     reference = runs[0][0].reference[0]
     reached = [float(log.t[log.speed >= reference].min(initial=log.t[-1])) for log, _ in runs]
     begin, end = min(reached), max(reached) + _AFTER
@@ -148,7 +148,7 @@ def _draw_speeds(axes: Axes, runs: Runs, reference: float) -> None:
 
 
 def _draw_errors(axes: Axes, runs: Runs) -> None:
-    """Draw the errors beyond the run-up, over the road's changes of grade."""
+    """Draw the errors after the run-up, with the slopes shaded."""
     seen = []
     for log, line in runs:
         after = log.distance >= RUN_UP

@@ -1,4 +1,4 @@
-"""Images -> video file, with nothing but what comes with the Python packages."""
+"""Writes images as a video file, with Python packages alone."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     Images = Iterable[NDArray[np.uint8]]
 
-# The index first, so that a browser plays it while it loads. The colours of HDTV, said so: players
-# guess otherwise.
+# The index comes first, so that a browser plays the file while it loads. The colours are HDTV's,
+# as the file states: players would guess.
 ENCODING = {
     '-crf': '20',
     '-preset': 'veryfast',
@@ -30,7 +30,7 @@ ENCODING = {
 
 
 def write_mp4(path: Path, images: Images, *, size: tuple[int, int], fps: int) -> None:
-    """Write RGBA images of shape `(height, width, 4)` as H.264 in 4:2:0, which plays everywhere.
+    """Write RGBA images of shape `(height, width, 4)` as H.264 in 4:2:0, which all players support.
 
     `size` is `(width, height)`, both even.
     """
@@ -55,7 +55,7 @@ def write_mp4(path: Path, images: Images, *, size: tuple[int, int], fps: int) ->
 def write_gif(path: Path, images: Images, *, fps: int) -> None:
     """Write RGBA images of shape `(height, width, 4)`, at least one, as a GIF that repeats.
 
-    A GIF counts in hundredths of a second, so `fps` should divide 100.
+    A GIF's unit of time is 10 ms, so `fps` should divide 100.
     """
     stills = _one_palette(images)
     next(stills).save(
@@ -64,7 +64,7 @@ def write_gif(path: Path, images: Images, *, fps: int) -> None:
 
 
 def _one_palette(images: Images) -> Iterator[Image.Image]:
-    """Give every image the first one's colours: nothing flickers, and little is written."""
+    """Give every image the first one's colours: no flicker, and a small file."""
     palette = None
     for image in images:
         colours = Image.fromarray(image).convert('RGB')

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.figures.style import as_known
+from barc_sim.figures.style import use_measurement
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
 from barc_sim.simulation.log import PID_STATE, STATE_ERROR, columns_of
 
@@ -83,7 +83,7 @@ class Rows:
 
 def rows_of(log: Log) -> bytes:
     """Return a whole run's rows."""
-    known = as_known(log)
+    known = use_measurement(log)
     heading = known.psi - known.e_epsi
     columns = known.columns() | {
         't': known.t,

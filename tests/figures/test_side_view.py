@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 
-from barc_sim.figures.side_car import WHEEL_RADIUS
+from barc_sim.figures.road_scene import WHEEL_RADIUS
 from barc_sim.figures.side_view import SIZE, SideView
 from barc_sim.simulation.closed_loop import rollout
 from barc_sim.vehicle.bike_model import Vehicle

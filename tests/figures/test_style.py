@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barc_sim.figures.style import as_known, limits, reading
+from barc_sim.figures.style import use_measurement, limits, reading
 from barc_sim.simulation.closed_loop import rollout
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import Deviation
@@ -49,7 +49,7 @@ def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
     log = rollout(Plant(noise=Deviation(s=0.1, v_x=0.1)), distance=1.0)
     e_s, e_v_x = log.e_s.copy(), log.e_v_x.copy()
     e_s[-1] = e_v_x[-1] = np.nan
-    shown = as_known(replace(log, e_s=e_s, e_v_x=e_v_x))
+    shown = use_measurement(replace(log, e_s=e_s, e_v_x=e_v_x))
     assert (shown.distance[-1], shown.speed[-1]) == (log.x[-1], log.v_x[-1])
     assert np.array_equal(shown.distance[:-1], log.distance[:-1])
     assert np.array_equal(shown.speed[:-1], log.speed[:-1])

@@ -34,7 +34,7 @@ def drawn(cost: np.ndarray = COST, start: Point = START, found: Point = FOUND) -
     figure = tuning_figure(
         Surface((0, 1), KP, KI, cost), start, found, cost='RMS speed error [m/s]', title='A title'
     )
-    figure.savefig(io.BytesIO(), format='png')
+    figure.savefig(io.BytesIO(), format='png', dpi=40)
     return figure
 
 

@@ -9,7 +9,7 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, INK, LOOK, MUTED, VERMILLION, limits
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, INK, MUTED, STYLE, VERMILLION, limits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +25,7 @@ _THRESHOLD = 1e-4  #: Below, the errors' axis is linear.
 _MAX_SPEED = 40.0  #: [m/s] The speed axis ends there.
 
 
-@style.context(LOOK)
+@style.context(STYLE)
 def check_figure(
     comparison: Comparison | None,
     trajectory: Trajectory | None,

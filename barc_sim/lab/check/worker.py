@@ -69,8 +69,17 @@ class _Parts:
     controller: Callable[..., Any] | None
 
 
-def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEADLINE) -> Report:
+def judge_folder(
+    folder: Path,
+    seed: int,
+    gains: Gains,
+    *,
+    budget: float = CALL_BUDGET,
+    deadline: float = DEADLINE,
+) -> Report:
     """Return the findings on a user's `folder`, after `deadline` [s] at the latest.
+
+    A call of its code may take `budget` [s].
 
     Raises
     ------
@@ -81,7 +90,7 @@ def judge_folder(folder: Path, seed: int, gains: Gains, *, deadline: float = DEA
     # A new interpreter, without the imports and patches of this process.
     context = multiprocessing.get_context('spawn')
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(theirs, folder, seed, gains), daemon=True)
+    process = context.Process(target=_work, args=(theirs, folder, seed, gains, budget), daemon=True)
     process.start()
     theirs.close()
     end = time.monotonic() + deadline
@@ -116,24 +125,26 @@ def _check_there(folder: Path) -> None:
         raise UserError(f'the folder {str(folder)!r} has no {" and no ".join(names)} to check')
 
 
-def _work(connection: Connection, folder: Path, seed: int, gains: Gains) -> None:
+def _work(connection: Connection, folder: Path, seed: int, gains: Gains, budget: float) -> None:
     printer = _Printer()
     with redirect_stdout(printer), redirect_stderr(printer):
         code = LocalCode(
-            _Parts(model=_load(folder, 'model'), controller=_load(folder, 'controller'))
+            _Parts(
+                model=_load(folder, 'model', budget), controller=_load(folder, 'controller', budget)
+            )
         )
         for finding in findings(code, seed, gains):
             connection.send((finding, printer.printed()))
 
 
-def _load(folder: Path, part: str) -> Callable[..., Any] | None:
+def _load(folder: Path, part: str, budget: float) -> Callable[..., Any] | None:
     """Return a part of the folder; if it cannot be loaded, each call raises that error."""
     from barc_sim.lab.user_code.loading import FILES, load_folder  # noqa: PLC0415 (as above)
 
     if not (folder / FILES[part]).exists():
         return None
     try:
-        lab = load_folder(folder, [part], budget=CALL_BUDGET)
+        lab = load_folder(folder, [part], budget=budget)
     except UserError as error:
         return partial(_raise, error)
     loaded: Callable[..., Any] | None = getattr(lab, part)

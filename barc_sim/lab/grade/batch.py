@@ -1,4 +1,4 @@
-"""Many submissions at once: on this machine's cores, or on a Dask cluster."""
+"""Grades many submissions at once, on this machine's cores or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 
 class Failure(NamedTuple):
-    """A submission that could not be graded, through no fault of its own."""
+    """A submission that could not be graded, because of an error of the grader."""
 
     reason: str
 
 
 @contextmanager
 def local(jobs: int) -> Iterator[Executor]:
-    """Give `jobs` processes of this machine; Ctrl-C lets them finish what they have begun."""
-    # Started afresh: a fork would have this process's threads' locks, but not its threads.
+    """Give `jobs` processes of this machine; after Ctrl-C they finish their current submission."""
+    # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
     with ProcessPoolExecutor(jobs, context, initializer=_ignore_interrupt) as pool:
         yield pool
@@ -46,7 +46,7 @@ def dask(address: str) -> Iterator[Executor]:
     Raises
     ------
     UserError
-        where `distributed` is not installed, or nobody answers there.
+        if `distributed` is not installed, or no scheduler answers.
     """
     with client(address) as cluster, cluster.get_executor(pure=False) as executor:
         yield executor
@@ -62,10 +62,10 @@ def run(
     at_once: int,
     sandbox: bool,
 ) -> Iterator[Iterator[tuple[Path, Report | Failure]]]:
-    """Give each submission with its report, in the order in which they are finished.
+    """Give each submission with its report, in the order of completion.
 
-    No more than `at_once` are under way, so that their files do not fill the memory. Those that
-    have not begun when the block is left never do.
+    At most `at_once` are in work, so that their files do not fill the memory. When the block ends,
+    no further submission is started.
     """
     work = partial(report, rubric=rubric, limits=limits, sandbox=sandbox)
     waiting = iter(paths)

@@ -1,4 +1,4 @@
-"""The grader's end of the pipes to a submission's process: no read or write waits for ever."""
+"""The grader's end of the pipes to a submission's process; each read and write has a deadline."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ _CHUNK = 65_536
 
 
 class Channel:
-    """Bytes to and from a process, while what it prints is taken in on the side.
+    """Sends bytes to a process and receives its replies and its printed output.
 
     Attributes
     ----------
     printed
-        What the process has printed, its first `keep` bytes and one more if there is more.
+        The first `keep` bytes of the output, and one more byte if there is more.
     """
 
     def __init__(self, requests: int, replies: int, output: int, *, keep: int) -> None:
-        """Take over the descriptors of the pipes' ends on this side."""
+        """Own the descriptors of this end of the pipes."""
         self.printed = b''
         self._keep = keep + 1
         self._closed = False
@@ -39,9 +39,9 @@ class Channel:
         Raises
         ------
         TimeoutError
-            where the process has not taken it by then.
+            if the process does not read it by then.
         EOFError
-            where nobody is left to take it.
+            if the process has closed the pipe.
         """
         while data:
             self._wait(self._sending, self._requests, deadline)
@@ -52,14 +52,14 @@ class Channel:
                     raise EOFError from None
 
     def receive(self, deadline: float) -> bytes:
-        """Return what the process has sent, at least one byte of it.
+        """Return at least one byte of what the process sends.
 
         Raises
         ------
         TimeoutError
-            where nothing has come before `deadline`, of `time.monotonic`.
+            if nothing arrives before `deadline`, of `time.monotonic`.
         EOFError
-            where nobody is left to send.
+            if the process has closed the pipe.
         """
         self._wait(self._receiving, self._replies, deadline)
         data = os.read(self._replies, _CHUNK)
@@ -68,11 +68,11 @@ class Channel:
         return data
 
     def close(self) -> None:
-        """Take in what has been printed so far, and close the pipes; once more does nothing."""
+        """Read the output so far and close the pipes; a second call does nothing."""
         if self._closed:
             return
         self._closed = True
-        self._take_output()
+        self._read_output()
         for descriptor in (self._requests, self._replies, self._output):
             os.close(descriptor)
 
@@ -83,16 +83,16 @@ class Channel:
                 raise TimeoutError
             ready = {descriptor for descriptor, _ in poll.poll(1000.0 * seconds)}
             if self._output in ready:
-                self._take_output()
+                self._read_output()
             if wanted in ready:
                 return
 
-    def _take_output(self) -> None:
-        """Take in at most as much as a pipe holds: who prints without end is not waited for."""
+    def _read_output(self) -> None:
+        """Read at most one chunk, so that endless output does not block."""
         with suppress(BlockingIOError):
             data = os.read(self._output, _CHUNK)
             if not data:
-                # Closed: poll would report that at once, over and over.
+                # Closed: poll would report it at once, again and again.
                 for poll in (self._sending, self._receiving):
                     with suppress(KeyError):
                         poll.unregister(self._output)

@@ -1,4 +1,4 @@
-"""A submission as `barc_sim.lab.check` judges it: `Code` whose functions run in another process."""
+"""The code of a submission, called in a confined process."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.code import Next, Row, Sample
 
-_DEATHS = 2  # a function that ended its process so often is not called again
+_MAX_ENDS = 2  # a function that has ended its process so often is not called again
 _MODEL, _CONTROLLER = 'bikeFE', 'PID'
 
 
 class ConfinedCode:
     """The functions of the files in `folder`, called in a process that is confined to it.
 
-    A function that ends its process fails for that; the next call is made in a new one. Whatever
-    is wrong is a UserCodeError.
+    If a call ends the process, it fails, and the next call uses a new process. Each failure is a
+    UserCodeError.
     """
 
     def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
-        """Judge the files in `folder`; the process is started when it is first needed."""
+        """Use the files in `folder`; the process starts at the first call."""
         self._folder = folder
         self._limits = limits or Limits()
         self._sandbox = sandbox
         self._process: Process | None = None
-        self._deaths: Counter[str] = Counter()
+        self._ends: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._printed = b''
 
     def __enter__(self) -> Self:
-        """Return the code, whose process is ended on leaving."""
+        """Return the code; its process ends with the block."""
         return self
 
     def __exit__(
@@ -69,35 +69,35 @@ class ConfinedCode:
 
     @property
     def printed(self) -> str:
-        """What has been printed by processes that have ended, its beginning."""
+        """The first output of the processes that have ended."""
         text = self._printed[: self._limits.output].decode(errors='replace')
         return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
-        """Return what `bikeFE` makes of each row."""
+        """Return the result of `bikeFE` for each row."""
         values = (l_f, l_r, *chain.from_iterable(rows))
-        answers = self.ask(_MODEL, Operation.MODEL, values, STATE_COLUMNS * len(rows))
+        answers = self.call(_MODEL, Operation.MODEL, values, STATE_COLUMNS * len(rows))
         return [
             (x, y, psi, v) for x, y, psi, v in zip(*[iter(answers)] * STATE_COLUMNS, strict=True)
         ]
 
     def new_pid(self, kp: float, ki: float, kd: float) -> ConfinedController:
-        """Return a fresh `PID` with these gains, and the motor's limits where it takes them."""
+        """Return a new `PID` with these gains, and with the motor's limits if it takes them."""
         limits = (-ACCELERATION_LIMIT, ACCELERATION_LIMIT)
-        (number,) = self.ask(_CONTROLLER, Operation.NEW_PID, (kp, ki, kd, *limits), 1)
+        (number,) = self.call(_CONTROLLER, Operation.NEW_PID, (kp, ki, kd, *limits), 1)
         return ConfinedController(self, number, self._process)
 
-    def ask(
+    def call(
         self, function: str, operation: Operation, values: Sequence[float], count: int
     ) -> tuple[float, ...]:
-        """Return the answer to a request that calls `function`.
+        """Return the result of a request that calls `function`.
 
         Raises
         ------
         UserCodeError
-            where the function fails, ends its process or answers anything but finite numbers.
+            if the function fails, ends its process or returns numbers that are not finite.
         """
-        if self._deaths[function] >= _DEATHS:
+        if self._ends[function] >= _MAX_ENDS:
             raise UserCodeError(self._reasons[function])
         if self._process is None:
             self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
@@ -107,15 +107,15 @@ class ConfinedCode:
             raise UserCodeError(str(error)) from None
         except Ended as error:
             self.close()
-            self._deaths[function] += 1
+            self._ends[function] += 1
             self._reasons[function] = f'{function}: the process that called it {error}'
             raise UserCodeError(self._reasons[function]) from None
         if not all(map(isfinite, answers)):
-            raise UserCodeError(f'{function} has answered with numbers that are not finite')
+            raise UserCodeError(f'{function} returned numbers that are not finite')
         return answers
 
     def is_current(self, process: Process | None) -> bool:
-        """Return whether `process` is the one that answers calls now."""
+        """Return whether `process` is the current one."""
         return process is not None and process is self._process
 
     def close(self) -> None:
@@ -130,27 +130,27 @@ class ConfinedController:
     """A `PID` in the process of `code`."""
 
     def __init__(self, code: ConfinedCode, number: float, process: Process | None) -> None:
-        """Stand for the controller `number` of `process`."""
+        """Refer to the controller `number` of `process`."""
         self._code = code
         self._number = number
         self._process = process
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
-        return self._ask(Operation.STEPS, (self._number, reference, current, dt), 1)[0]
+        return self._call(Operation.STEPS, (self._number, reference, current, dt), 1)[0]
 
     def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
-        """Return what `acc_calculate` does of one sample after the other."""
+        """Return the results of `acc_calculate` for one sample after the other."""
         values = (self._number, *chain.from_iterable(rows))
-        return [*self._ask(Operation.STEPS, values, len(rows))]
+        return [*self._call(Operation.STEPS, values, len(rows))]
 
     def reset(self) -> bool:
-        """Call the controller's `reset`; return False where it has none."""
-        return self._ask(Operation.RESET, (self._number,), 1) == (1.0,)
+        """Call the controller's `reset`; return False if it has none."""
+        return self._call(Operation.RESET, (self._number,), 1) == (1.0,)
 
-    def _ask(
+    def _call(
         self, operation: Operation, values: tuple[float, ...], count: int
     ) -> tuple[float, ...]:
         if not self._code.is_current(self._process):
-            raise UserCodeError(f'{_CONTROLLER}: the process that held this controller has ended')
-        return self._code.ask(_CONTROLLER, operation, values, count)
+            raise UserCodeError(f'{_CONTROLLER}: the process of this controller has ended')
+        return self._code.call(_CONTROLLER, operation, values, count)

@@ -1,4 +1,4 @@
-"""A submission's grade: the findings of `barc_sim.lab.check`, weighed by the rubric."""
+"""The grade of a submission: the findings of `lab.check`, weighted by the rubric."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Item(NamedTuple):
-    """What one criterion has brought."""
+    """The points for one criterion."""
 
     criterion: str
     points: float  #: rounded to hundredths
@@ -32,7 +32,7 @@ class Item(NamedTuple):
 
 @dataclass(frozen=True)
 class Grade:
-    """What a submission has brought, and what there is to say of it."""
+    """The points of a submission, with its notes and output."""
 
     name: str
     title: str  #: the rubric's
@@ -40,7 +40,7 @@ class Grade:
     visibility: str
     items: tuple[Item, ...]
     notes: tuple[str, ...]
-    printed: str  #: by the submission's code, its beginning
+    printed: str  #: the first output of its code
     hashes: tuple[tuple[str, str], ...]  #: file, SHA-256
 
     @property
@@ -50,14 +50,14 @@ class Grade:
 
     @property
     def max_score(self) -> float:
-        """Return the sum of what the items are worth."""
+        """Return the sum of the items' greatest points."""
         return round(sum(item.max_points for item in self.items), 2)
 
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
-    """Judge a submission; its code runs in a process of its own, in a folder of its own.
+    """Judge a submission; its code runs in a separate process and folder.
 
-    A criterion's points are its worth times the finding's score, rounded to hundredths.
+    A criterion's points are its greatest points times the finding's score, rounded to hundredths.
     """
     notes = submission.notes
     if not any(name in submission.files for name in GRADED):

@@ -1,7 +1,8 @@
-"""Which files a confined process may read: a ruleset of Landlock, the kernel's own sandbox.
+"""The files that a confined process may read: a ruleset of Landlock, the kernel's own sandbox.
 
-The one library for it (landlock) has been in development releases only since 2022 and knows of
-neither networks nor signals; the three system calls have the same numbers on all architectures.
+Written by hand because the one library for it (landlock) has had only development releases since
+2022, and supports neither networks nor signals. Its three system calls have the same numbers on
+all architectures.
 """
 
 from __future__ import annotations
@@ -34,21 +35,21 @@ _libc = ctypes.CDLL(None, use_errno=True)
 def create_ruleset(
     readable: Iterable[Path], listable: Iterable[Path] = (), writable: Iterable[Path] = ()
 ) -> int:
-    """Return a ruleset's descriptor: only what is named may be opened, and no connection made.
+    """Return the descriptor of a ruleset that allows only the named files, and no connection.
 
     Parameters
     ----------
     readable
-        Files, and folders with all that is in them. What is not there is passed over.
+        Files, and folders with their contents. Missing ones are ignored.
     listable
-        Folders of which only the names of what is in them may be read.
+        Folders whose list of names may be read, but not their files.
     writable
         Files that may be written to, and read.
 
     Raises
     ------
     OSError
-        where the kernel has no Landlock.
+        if the kernel has no Landlock.
     """
     version = _call(_CREATE_RULESET, None, 0, _VERSION)
     attributes = pack(
@@ -72,12 +73,12 @@ def create_ruleset(
 
 
 def restrict_self(ruleset: int) -> None:
-    """Bind this thread, and what it starts, to the ruleset for ever.
+    """Apply the ruleset to this thread, and all that it starts, for ever.
 
     Raises
     ------
     OSError
-        where it can't be, as without PR_SET_NO_NEW_PRIVS.
+        if the kernel refuses, as without PR_SET_NO_NEW_PRIVS.
     """
     _call(_RESTRICT_SELF, ruleset, 0)
 

@@ -1,4 +1,4 @@
-"""A submission's process as the grader sees it: requests, deadlines, and how it ended."""
+"""A submission's process: requests with deadlines, and how it ended."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.grade.protocol import Operation
 
-_LEAST = 0.01  # [s] between two looks at the processor time
+_LEAST = 0.01  # [s] between two checks of the processor time
 _LAST_WORDS = 5.0  # [s] for a process that has closed its pipes to end by itself
 
 
-class Failed(Exception):  # noqa: N818 (an answer, no fault of ours)
-    """The submission's code has failed, in the words of its text; the process lives on."""
+class Failed(Exception):  # noqa: N818 (a reply, no error of the grader)
+    """The submission's code has failed; the text is its error. The process continues."""
 
 
 class Ended(Exception):  # noqa: N818
-    """The process has ended, or has been ended; the text continues "the process "."""
+    """The process has ended; the text continues the sentence "the process …"."""
 
 
 class Process:
-    """Runs the code in `folder`, which is all it may read beside Python and NumPy.
+    """Runs the code in `folder`; it may read that folder, Python and NumPy, and nothing else.
 
-    Where `sandbox` is False the limits hold, but files, network and other processes are open to it.
+    With `sandbox` False only the limits hold: files, network and other processes are open to it.
     """
 
     def __init__(self, folder: Path, limits: Limits, *, sandbox: bool = True) -> None:
@@ -48,7 +48,7 @@ class Process:
         Raises
         ------
         Unconfined
-            where the kernel does not do that.
+            if the kernel cannot do that.
         """
         self._limits = limits
         self._serial = 0
@@ -65,7 +65,7 @@ class Process:
             raise
 
     def __enter__(self) -> Self:
-        """Return the process, which is ended on leaving."""
+        """Return the process; it ends with the block."""
         return self
 
     def __exit__(
@@ -80,12 +80,12 @@ class Process:
     def request(
         self, operation: Operation, values: Sequence[float], count: int
     ) -> tuple[float, ...]:
-        """Return the `count` doubles that answer `values`, whatever they are.
+        """Return the `count` doubles of the reply to `values`, of any value.
 
         Raises
         ------
         Failed
-            where the submission's code has failed.
+            if the submission's code fails.
         Ended
             where the process has ended, was too slow or answered with something else, and so has
             been ended.
@@ -100,9 +100,9 @@ class Process:
         return self._receive(count, self._limits.wait)
 
     def close(self) -> None:
-        """End the process and all that it has started, and take in what it has printed."""
+        """End the process and all that it has started, and read its output."""
         if self._process.poll() is None:
-            # All that it has started is in its group, whose number is taken while it lives.
+            # Its group has all that it has started; the number is valid while it lives.
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
             self._process.wait()
@@ -127,9 +127,9 @@ class Process:
         return doubles(count).unpack_from(data, REPLY.size)
 
     def _next(self, used_up: float, deadline: float) -> bytes:
-        """Return what the process sends next.
+        """Return the next bytes of the process.
 
-        On a busy machine it may take longer than its processor time, and never longer than that.
+        On a busy machine the wait can be longer than the processor time, up to the deadline.
         """
         while True:
             left = max(used_up - self._processor_time(), _LEAST)
@@ -144,12 +144,12 @@ class Process:
 
     def _processor_time(self) -> float:
         """Return how long [s] the process has run on a processor."""
-        # As clock_getcpuclockid(3) of libc has it, which Python does not offer; and a process that
-        # has ended keeps its time until it is waited for.
+        # The clock of clock_getcpuclockid(3), which Python lacks. A process that has ended keeps
+        # its time until it is waited for.
         return time.clock_gettime((~self._process.pid << 3) | 2)
 
     def _header(self, data: bytes, count: int) -> tuple[int, int]:
-        """Return the status, and how long the reply has to be."""
+        """Return the status and the length of the reply."""
         serial, status, size = REPLY.unpack_from(data)
         if serial == self._serial and status == Status.DONE and size == count:
             return status, REPLY.size + 8 * count
@@ -158,16 +158,16 @@ class Process:
         raise _Garbage
 
     def _end(self, error: Exception) -> str:
-        """End the process and return why, to continue "the process "."""
+        """End the process; return the reason, which continues the sentence "the process …"."""
         if isinstance(error, EOFError):
-            # It has closed its pipes, most often because it is about to be gone.
+            # It has closed its pipes, usually because it is ending.
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(_LAST_WORDS)
         code = self._process.poll()
         self.close()
         if isinstance(error, TimeoutError):
             within = str(error) or f'{self._limits.wait:g} s; does it sleep, or wait for something?'
-            return f'was ended: it had not answered within {within}'
+            return f'was ended: it did not answer within {within}'
         if code in {None, NO_PIPES} or isinstance(error, _Garbage):
             return 'was ended: it has written to, or closed, files that are not its own'
         if code == -signal.SIGKILL:
@@ -179,7 +179,7 @@ class Process:
 
 
 class _Garbage(Exception):  # noqa: N818
-    """What has been received is no reply to what was asked."""
+    """The received bytes are no reply to the request."""
 
 
 def check(*, sandbox: bool) -> None:
@@ -188,7 +188,7 @@ def check(*, sandbox: bool) -> None:
     Raises
     ------
     UserError
-        where it cannot be confined here.
+        if it cannot be confined here.
     """
     try:
         with (

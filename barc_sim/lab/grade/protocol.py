@@ -1,10 +1,9 @@
-"""What passes between the grader and the process a submission runs in: frames of doubles.
+"""The protocol between the grader and a submission's process: frames of doubles.
 
 A request is `REQUEST` (serial, operation, count) and `count` doubles, a reply `REPLY` (serial,
-status, count) and `count` doubles, or bytes of UTF-8 where the status is `FAILED`. Nothing here can
-hold more than numbers and text, so that a reply which a submission has forged is at worst a wrong
-answer. The first frame comes from the process, unasked, with the serial 0: it is confined now, or
-could not be.
+status, count) and `count` doubles, or bytes of UTF-8 where the status is `FAILED`. A frame
+holds only numbers and text, so that a forged reply is at worst a wrong result. The process sends
+the first frame by itself, with the serial 0: it is confined, or could not be confined.
 """
 
 from __future__ import annotations
@@ -16,23 +15,23 @@ REQUEST = Struct('=III')
 REPLY = Struct('=III')
 
 MODEL_COLUMNS = 11  #: of a row for bikeFE: its positional arguments
-STATE_COLUMNS = 4  #: of its answer
+STATE_COLUMNS = 4  #: of its result
 STEP_COLUMNS = 3  #: of a row for a controller: reference, current [m/s], dt [s]
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
 MAX_TEXT = 4000  #: bytes of a message; what is longer is cut
 
 
 class Operation(IntEnum):
-    """What is asked for."""
+    """The kind of a request."""
 
     MODEL = 1  #: l_f, l_r [m], rows for bikeFE -> rows of states
     NEW_PID = 2  #: kp, ki, kd, output_min, output_max [m/s²] -> the new controller's number
     STEPS = 3  #: a controller's number, rows -> its outputs [m/s²], one after the other
-    RESET = 4  #: a controller's number -> 1, or 0 where it has no `reset`
+    RESET = 4  #: a controller's number -> 1, or 0 without a `reset`
 
 
 class Status(IntEnum):
-    """What became of it."""
+    """The kind of a reply."""
 
     DONE = 0
     FAILED = 1

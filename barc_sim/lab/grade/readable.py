@@ -1,4 +1,4 @@
-"""What a submission's process needs to read: the standard library, NumPy, shared libraries."""
+"""The files that a submission's process needs: standard library, NumPy, shared libraries."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ class Readable(NamedTuple):
 
 @cache
 def python() -> Readable:
-    """Return what Python and NumPy read, and nothing of other packages, as barc_sim's reference.
+    """Return what Python and NumPy read, and nothing of other packages, such as barc_sim itself.
 
-    The standard library's folder holds those as well, hence its parts one by one; the names of
-    what is in it have to be read for an import to find them.
+    The folder of the standard library can contain other packages, so its parts are listed one by
+    one. Imports must also read the names in that folder.
     """
     library = Path(os.__file__).parent
     parts = [path for path in library.iterdir() if path.name not in _OTHER_PACKAGES]

@@ -1,4 +1,4 @@
-"""The rubric: what each criterion is worth, from a YAML file."""
+"""The rubric: the points of each criterion, from a YAML file."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _MOST = 10_000  # points for a criterion
 
 @dataclass(frozen=True)
 class Rubric:
-    """What is judged, and for how many points."""
+    """The criteria of a grade, with their points."""
 
     title: str
     seed: int  #: of the states and roads
-    visibility: str  #: one of `VISIBILITIES`: who may read the messages on Gradescope
+    visibility: str  #: one of `VISIBILITIES`: who can read the messages on Gradescope
     points: Mapping[str, float]  #: by criterion, positive, in `CRITERIA`'s order
 
     @property
@@ -41,7 +41,7 @@ def load(path: Path | None = None) -> Rubric:
     Raises
     ------
     UserError
-        naming the line and what is wrong in it.
+        if the file cannot be read or has an error; it names the line.
     """
     name = str(path or 'the default rubric')
     try:
@@ -53,12 +53,12 @@ def load(path: Path | None = None) -> Rubric:
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.YAMLError as error:
-        raise UserError(f'the rubric {name!r} is no YAML: {error}') from None
+        raise UserError(f'the rubric {name!r} is not YAML: {error}') from None
     return _Reader(name).rubric(root)
 
 
 class _Reader:
-    """Reads YAML's nodes, which know their lines."""
+    """Reads the nodes of YAML, which have line numbers."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -87,9 +87,9 @@ class _Reader:
     def _items(
         self, what: str, node: yaml.Node, known: tuple[str, ...]
     ) -> Iterator[tuple[str, yaml.Node]]:
-        """Yield keys and values of a mapping, each key known and there once."""
+        """Yield the keys and values of a mapping; refuse unknown and repeated keys."""
         if not isinstance(node, yaml.MappingNode):
-            self._refuse(node, f'{what} is no mapping: expected lines of the form "key: value"')
+            self._refuse(node, f'{what} is not a mapping: expected lines of the form "key: value"')
         seen = set()
         for key_node, value in node.value:
             key = key_node.value if isinstance(key_node, yaml.ScalarNode) else ''
@@ -124,7 +124,7 @@ class _Reader:
         }
         points = {name: points[name] for name in CRITERIA if points.get(name)}
         if not points:
-            self._refuse(node, 'no criterion is worth any points: expected one at least')
+            self._refuse(node, 'no criterion has points: expected at least one')
         return points
 
     def _points(self, key: str, node: yaml.Node) -> float:

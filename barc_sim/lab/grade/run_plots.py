@@ -1,4 +1,4 @@
-"""Figures of what a submission did, beside what the reference does."""
+"""Figures of a submission's runs beside the reference."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MOST = 2
 
 
 def choose(items: Iterable[Item]) -> list[Item]:
-    """Return the items to draw: those with something to see."""
+    """Return the items to draw: the first ones with evidence."""
     return [item for item in items if item.evidence is not None][:_MOST]
 
 
@@ -84,7 +84,7 @@ def _draw_comparison(axes: Axes, runs: Comparison) -> None:
 
 
 def _fit(axes: Axes, expected: NDArray[np.float64], own: NDArray[np.float64]) -> None:
-    """Show all that is expected, and of the submission's as much as leaves that legible."""
+    """Show all expected values, and the submission's as far as those stay legible."""
     low, high = np.nanmin(expected), np.nanmax(expected)
     room = max(high - low, 1.0)
     finite = own[np.isfinite(own)]

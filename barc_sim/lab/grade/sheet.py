@@ -1,4 +1,4 @@
-"""A grade on a page of A4 to print: its criteria, and the submission's runs as figures."""
+"""A grade as a sheet of A4 to print: the criteria, and the submission's runs as figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from barc_sim.figures.style import GREEN, GREY, INK, LOOK, MUTED, VERMILLION
+from barc_sim.figures.style import GREEN, GREY, INK, MUTED, STYLE, VERMILLION
 from barc_sim.lab.grade import run_plots
 from barc_sim.lab.grade.text import label
 
@@ -31,14 +31,14 @@ _TEXT = 0.515
 _TOP, _BOTTOM = 0.9, 0.46  # of the page's height: the criteria
 _MESSAGE = 66  # characters in a line of a message
 _LINES = 3
-# matplotlib's settings belong to the process, which may have several threads at work.
+# Matplotlib's settings are global, and several threads can draw.
 _DRAWING = threading.Lock()
 
 
 def draw(grade: Grade) -> tuple[bytes, bytes]:
-    """Return two PNGs: the page, and of it the figures alone, empty where there are none."""
+    """Return two PNGs: the sheet, and its figures alone, which are empty if there are none."""
     drawn = run_plots.choose(grade.items)
-    with _DRAWING, style.context(LOOK):
+    with _DRAWING, style.context(STYLE):
         figure = Figure(figsize=SIZE, dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
         _draw_heading(figure, grade)
@@ -94,7 +94,7 @@ def _text(
     ha: str = 'left',
     linespacing: float = 1.2,
 ) -> None:
-    """Write what others have written: dollars are dollars, and no character is missing."""
+    """Write any text: dollars stay dollars, and characters that the font lacks are replaced."""
     text = textwrap.shorten(text, width, placeholder=' …') if width else text
     known = _characters()
     text = ''.join(c if c == '\n' or ord(c) in known else '\N{REPLACEMENT CHARACTER}' for c in text)

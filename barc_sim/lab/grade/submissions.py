@@ -1,4 +1,4 @@
-"""What students have handed in: found, and read without trusting a name, a link or a size."""
+"""Finds and reads submissions; no name, link or size in them is trusted."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from barc_sim.lab.grade.text import printable
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-#: What is graded; a submission has one of them at least.
+#: The graded files; a submission has at least one of them.
 GRADED = ('bike_model.py', 'controller.py')
 MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
@@ -27,14 +27,14 @@ _Content = tuple[str, 'Callable[[], bytes]']
 
 @dataclass(frozen=True)
 class Submission:
-    """A user's files, held in memory so that nothing else of the folder can be reached."""
+    """A submission's files, in memory, so that nothing else of its folder can be reached."""
 
     name: str  #: its folder's or archive's
     files: dict[str, bytes] = field(default_factory=dict)  #: by path in the folder
-    notes: tuple[str, ...] = ()  #: what was not taken, and why
+    notes: tuple[str, ...] = ()  #: on files that were left out
 
     def write(self, folder: Path) -> None:
-        """Write the files into `folder`, which is there."""
+        """Write the files into `folder`, which exists."""
         for name, data in self.files.items():
             path = folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -44,12 +44,12 @@ class Submission:
 def find(path: Path) -> list[Path]:
     """Return the submissions at `path`: itself, or each folder and .zip file in it, by name.
 
-    A link is followed where it is `path`, which the grader has typed, and in no other place.
+    Only `path` itself may be a link, because the grader has typed it.
 
     Raises
     ------
     UserError
-        where there is none.
+        if there is none.
     """
     if path.is_file() and path.suffix == '.zip':
         return [path.resolve()]
@@ -73,7 +73,7 @@ def find(path: Path) -> list[Path]:
 
 
 def read(path: Path) -> Submission:
-    """Read the submission at `path`; what can't be read is told in its notes."""
+    """Read the submission at `path`; its notes name the files that cannot be read."""
     name = printable(path.resolve().name)
     if path.is_symlink():
         return Submission(name, notes=('the folder is a link, which is not followed',))
@@ -126,17 +126,17 @@ def _listed(folder: Path, notes: list[str]) -> Iterator[_Content]:
 
 
 def _data(path: Path) -> bytes:
-    """Return what a regular file holds, a byte too much of one that is too large."""
-    # Not to wait for the other end of a named pipe, nor to be led elsewhere in between.
+    """Return the contents of a regular file; one byte beyond the limit if it is too large."""
+    # Without waiting for the other end of a named pipe, and without following a link.
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     with os.fdopen(descriptor, 'rb') as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-            raise OSError('it is no regular file')
+            raise OSError('it is not a regular file')
         return file.read(MAX_FILE + 1)
 
 
 def _zipped(archive: Path, notes: list[str]) -> Iterator[_Content]:
-    """Yield the files beside the first `GRADED` one of an archive, wherever they lie in it."""
+    """Yield the files of an archive in the folder of its first `GRADED` file, and below."""
     with zipfile.ZipFile(archive) as opened:
         members = [member for member in opened.infolist() if not member.is_dir()]
         tops = [PurePosixPath(m.filename).parent for m in members if _base(m) in GRADED]

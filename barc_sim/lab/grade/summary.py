@@ -1,4 +1,4 @@
-"""What a class has brought: a CSV file and a table."""
+"""The grades of a class: a CSV file and a table."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from barc_sim.lab.grade.report import Report
     from barc_sim.lab.grade.rubric import Rubric
 
-# Spreadsheets take a cell that begins with one of these for a formula.
+# Spreadsheets treat a cell that begins with one of these as a formula.
 _FORMULA = ('=', '+', '-', '@', '\t')
 
 
 def as_csv(reports: Sequence[Report], failures: Mapping[str, Failure], rubric: Rubric) -> str:
     """Return a line for each submission: its score, its points by criterion, and a remark.
 
-    Of a submission that could not be graded, the numbers are left out.
+    A submission that could not be graded has no numbers.
     """
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator='\n')
@@ -51,7 +51,7 @@ def _cell(text: str) -> str:
 
 
 def as_table(reports: Sequence[Report], rubric: Rubric) -> Table:
-    """Return, by criterion, the points of one submission, or their mean where there are more."""
+    """Return the points of one submission by criterion, or the means of several."""
     alone = len(reports) == 1
     scores = [report.score for report in reports]
     title = one_line(rubric.title, 70)

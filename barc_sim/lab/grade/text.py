@@ -4,14 +4,14 @@ from __future__ import annotations
 
 
 def printable(text: str) -> str:
-    """Return `text` without what steers terminals or turns writing around; lines and tabs stay."""
+    """Return `text` without characters that control terminals or text direction."""
     return ''.join(
         c if c.isprintable() or c in '\n\t' else '\N{REPLACEMENT CHARACTER}' for c in text
     )
 
 
 def one_line(text: str, width: int = 400) -> str:
-    """Return `text` printable and in one line of at most `width` characters."""
+    """Return `text` as one printable line of at most `width` characters."""
     line = ' '.join(printable(text).split())
     return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'
 
@@ -33,5 +33,5 @@ _LABELS = {
 
 
 def label(criterion: str) -> str:
-    """Return what a criterion is called where people read it."""
+    """Return the name of a criterion for readers."""
     return _LABELS.get(criterion, criterion)

@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.bags import reader
 from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.bags.records import files
-from barc_sim.figures.style import as_known
+from barc_sim.figures.style import use_measurement
 from barc_sim.lab.user_code.adapters import FOLDER
 from barc_sim.simulation import metrics
 
@@ -78,7 +78,7 @@ def _sensible(log: Log) -> Log:
             return column
         return np.where(np.abs(column) < _ABSURD, column, np.nan)
 
-    return as_known(log.map(known))
+    return use_measurement(log.map(known))
 
 
 def _graph(text: str | None) -> NodeGraph | None:

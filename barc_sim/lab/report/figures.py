@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import speed_figure, terms_figure
-from barc_sim.figures.style import BLUE, INK, LOOK, VERMILLION
+from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -64,7 +64,7 @@ def graph(nodes: NodeGraph) -> str:
 @contextmanager
 def _as_written() -> Iterator[None]:
     """Draw the same each time, whatever a bag has in it."""
-    with warnings.catch_warnings(), style.context(LOOK):
+    with warnings.catch_warnings(), style.context(STYLE):
         warnings.simplefilter('ignore')  # characters that the font has not
         with rc_context({'svg.hashsalt': 'barc_sim'}):
             yield

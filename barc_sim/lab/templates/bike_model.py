@@ -1,6 +1,6 @@
 """The car's model: write bikeFE."""
 
-# from math import atan, cos, sin, tan, radians: as you need them; NumPy is there, too.
+# Import what you need, for example: from math import atan, cos, sin, tan. NumPy works, too.
 
 l_f = 1.5  # [m] from the centre of mass to the front axle
 l_r = 1.5  # [m] from the centre of mass to the rear axle
@@ -24,10 +24,10 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
     """
     # TODO: the angle beta between the car's axis and its velocity, from d_f, l_f and l_r
 
-    # TODO: the force F_ext of gravity, air drag and rolling resistance; resistance is
-    # against the motion, and there is none at a standstill
+    # TODO: the force F_ext of gravity, air drag and rolling resistance; resistance acts
+    # against the motion; at a standstill it is zero
 
     # TODO: x_next, y_next, psi_next, v_next, each from the state before the step
 
-    # Then put in place of the next line: return [x_next, y_next, psi_next, v_next]
+    # Then replace the next line by: return [x_next, y_next, psi_next, v_next]
     raise NotImplementedError

@@ -9,13 +9,13 @@ def relay(linear_x, angular_z):
     linear_x   [-]      the driver's input: 1 forwards, -1 backwards, 0 for neither
     angular_z  [-]      1 to the left, -1 to the right, 0 for neither
 
-    motor      [m/s^2]  acceleration; the car gives at most 8, either way
+    motor      [m/s^2]  acceleration; the car gives at most 8, forward and backward
     servo      [rad]    steering angle of the front wheels, positive to the left; at most 0.5
 
-    To remember something from call to call, such as the steering angle, write a class in its
-    place: class Relay, with a method relay(self, linear_x, angular_z).
+    To store a value between calls, such as the steering angle, write a class in place of the
+    function: class Relay, with a method relay(self, linear_x, angular_z).
     """
     # TODO: motor and servo
 
-    # Then put in place of the next line: return [motor, servo]
+    # Then replace the next line by: return [motor, servo]
     raise NotImplementedError

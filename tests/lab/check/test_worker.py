@@ -41,7 +41,7 @@ def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: st
 
 def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller: str) -> None:
     folder = write(tmp_path, f'{SIGNATURE}    while True:\n        pass\n', controller)
-    report = judge_folder(folder, 0, GAINS)
+    report = judge_folder(folder, 0, GAINS, budget=0.1)
     assert [finding.passed for finding in report.findings] == [False] * 5 + [True] * 7
     assert 'bike_model.py, line ' in report.findings[0].message
     assert 'is there an endless loop?' in report.findings[0].message

@@ -92,7 +92,7 @@ def test_what_is_no_regular_file_is_not_read(folder: Callable[..., Path]) -> Non
     os.mkfifo(path / 'bike_model.py')
 
     assert [*read(path).files] == ['controller.py']
-    assert read(path).notes == ('bike_model.py cannot be read: it is no regular file',)
+    assert read(path).notes == ('bike_model.py cannot be read: it is not a regular file',)
 
 
 def test_a_file_that_may_not_be_read_is_told_of(
