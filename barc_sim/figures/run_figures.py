@@ -93,7 +93,7 @@ def speed_figure(
 
 @style.context(STYLE)
 def terms_figure(log: Log) -> Figure | None:
-    """Draw the controller's terms against the position along the road; None if none is known."""
+    """Draw the controller's terms against the position along the road; None if all are unknown."""
     if all(np.isnan(values).all() for values in log.terms.values()):
         return None
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
@@ -101,7 +101,7 @@ def terms_figure(log: Log) -> Figure | None:
     axes.step(log.distance, log.motor, where='post', color=INK, lw=1.0, ls=DASHES, label='command')
     for (name, values), color in zip(log.terms.items(), cycle(_TERM_COLORS), strict=False):
         axes.step(log.distance, values, where='post', color=color, lw=1.4, label=name)
-    # The first moments, at full throttle, would leave nothing to see of the rest.
+    # Limits by the command: the terms at the start would hide the rest.
     low, high = limits(log.motor, share=0.5, least=1.0)
     axes.set(xlim=limits(log.distance, share=0.01, least=0.5), ylim=(low, high))
     axes.axhline(0.0, color=GREY, lw=0.8)
@@ -131,7 +131,7 @@ def _caption(log: Log) -> str:
 
 
 def _draw_speed(axes: Axes, log: Log) -> None:
-    """Draw the true speed and, where they differ, its measurement and its reference."""
+    """Draw the true speed, and its measurement and reference if they differ from it."""
     plot = partial(axes.plot, log.distance, marker=_marker(log))
     if np.any(log.e_v_x):
         plot(log.v_x, color=SKY, alpha=0.6, lw=0.8, label='measured')

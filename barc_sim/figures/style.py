@@ -56,7 +56,7 @@ def use_measurement(log: Log) -> Log:
 
     Errors are unknown at the end of a killed run, and with a simulator that publishes none.
     """
-    errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x')
+    errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
     return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})
 
 

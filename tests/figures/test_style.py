@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barc_sim.figures.style import use_measurement, limits, reading
+from barc_sim.figures.style import limits, reading, use_measurement
 from barc_sim.simulation.closed_loop import rollout
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import Deviation

@@ -165,11 +165,11 @@ def _is(value: float | None, expected: float | None) -> bool:
 
 
 def _example(term: str, formula: str, trial: Trial) -> str:
-    wanted = trial.gain * trial.variants[0]
-    k = trial.first + int(np.argmax(np.abs(trial.outputs - wanted)[trial.first :]))
+    expected = trial.gain * trial.variants[0]
+    k = trial.first + int(np.argmax(np.abs(trial.outputs - expected)[trial.first :]))
     error = trial.sequence.error
     before = f', after {error[k - 1]:.6g}' if k else ''
     return (
         f'{term} is not {formula}: with a gain of {trial.gain:g}, call {k + 1}, e = {error[k]:.6g} '
-        f'm/s{before}, gave {trial.outputs[k]:.6g}, expected about {wanted[k]:.6g} m/s²'
+        f'm/s{before}, gave {trial.outputs[k]:.6g}, expected about {expected[k]:.6g} m/s²'
     )

@@ -68,7 +68,7 @@ def check_figure(
 
 
 def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -> None:
-    own, reference = comparison.own, comparison.reference
+    own, reference = comparison.user, comparison.reference
     speed.plot(reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, zorder=3)
     speed.plot(own.distance, own.speed, color=BLUE, lw=2.0)
     low, high = limits(np.clip(own.speed, -_MAX_SPEED, _MAX_SPEED), share=0.06, least=0.5)
@@ -101,7 +101,7 @@ def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -
 
 
 def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
-    error = trajectory.own - trajectory.reference
+    error = trajectory.user - trajectory.reference
     for values, color, line, label in (
         (np.hypot(error[:, 0], error[:, 1]), BLUE, '-', 'position [m]'),
         (np.abs(np.degrees(error[:, 2])), VERMILLION, (0, (1.5, 1.5)), 'heading [°]'),

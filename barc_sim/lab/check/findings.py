@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class Comparison:
     """The closed loop over one road, with the user's controller and with the reference."""
 
-    own: Log
+    user: Log
     reference: Log
 
 
@@ -28,7 +28,7 @@ class Trajectory:
     """Two models under the same commands; states in columns x, y [m], psi [rad], v [m/s]."""
 
     t: NDArray[np.float64]  #: [s], shape `(n,)`
-    own: NDArray[np.float64]  #: shape `(n, 4)`, NaN from where the code failed
+    user: NDArray[np.float64]  #: shape `(n, 4)`, NaN from where the code failed
     reference: NDArray[np.float64]  #: shape `(n, 4)`
 
 

@@ -115,18 +115,22 @@ def _right(term: Term, trials: list[Trial]) -> str:
 def _share(trial: Trial) -> float:
     """Return the share of right outputs, for the variant that fits best."""
     outputs = trial.outputs[trial.first :]
-    wanted = [trial.gain * variant[trial.first :] for variant in trial.variants]
-    wanted += (
-        [filtered for variant in wanted if (filtered := _low_passed(outputs, variant)) is not None]
+    expected = [trial.gain * variant[trial.first :] for variant in trial.variants]
+    expected += (
+        [
+            filtered
+            for variant in expected
+            if (filtered := _low_passed(outputs, variant)) is not None
+        ]
         if trial.first
         else []
     )
-    return max(_agreement(outputs, values) for values in wanted)
+    return max(_agreement(outputs, values) for values in expected)
 
 
-def _agreement(outputs: Floats, wanted: Floats) -> float:
+def _agreement(outputs: Floats, expected: Floats) -> float:
     """Return the share of right outputs among non-zero ones, times that among zeros."""
-    right, nonzero = np.abs(outputs - wanted) <= TOLERANCE, np.abs(wanted) > TOLERANCE
+    right, nonzero = np.abs(outputs - expected) <= TOLERANCE, np.abs(expected) > TOLERANCE
     return float(np.mean(right[nonzero]) * (np.mean(right[~nonzero]) if not nonzero.all() else 1.0))
 
 
@@ -156,8 +160,8 @@ def _multiplied(code: JudgedCode, term: Term, seed: int) -> str:
     except UserError:
         return ''
     rest = outputs - kp * sequence.error
-    wanted = [kp * gain * variant for variant in term.variants(sequence)]
-    fits = any(np.allclose(rest[1:], values[1:], 0.0, TOLERANCE) for values in wanted)
+    expected = [kp * gain * variant for variant in term.variants(sequence)]
+    fits = any(np.allclose(rest[1:], values[1:], 0.0, TOLERANCE) for values in expected)
     if any(alone[1:]) or not fits:
         return ''
     name = 'ki' if term.position == 1 else 'kd'

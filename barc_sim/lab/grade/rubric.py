@@ -133,7 +133,7 @@ class _Reader:
             self._refuse(node, f'{key} is worth {value!r}: expected points from 0 to {_MOST}')
         return float(value)
 
-    def _value(self, node: yaml.Node) -> Any:  # noqa: ANN401 (whatever YAML has)
+    def _value(self, node: yaml.Node) -> Any:  # noqa: ANN401 (any YAML value)
         if not isinstance(node, yaml.ScalarNode):
             return 'a list' if isinstance(node, yaml.SequenceNode) else 'a mapping'
         try:

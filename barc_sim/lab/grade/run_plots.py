@@ -50,7 +50,7 @@ def draw(figure: Figure, items: Sequence[Item], left: float, right: float, top: 
 
 
 def _draw_trajectory(axes: Axes, drives: Trajectory) -> None:
-    axes.plot(drives.own[:, 0], drives.own[:, 1], color=BLUE, lw=2.0, label='submission')
+    axes.plot(drives.user[:, 0], drives.user[:, 1], color=BLUE, lw=2.0, label='submission')
     axes.plot(
         drives.reference[:, 0],
         drives.reference[:, 1],
@@ -59,12 +59,12 @@ def _draw_trajectory(axes: Axes, drives: Trajectory) -> None:
         ls=DASHES,
         label='expected',
     )
-    _fit(axes, drives.reference[:, 1], drives.own[:, 1])
+    _fit(axes, drives.reference[:, 1], drives.user[:, 1])
     axes.set(xlabel='x [m]', ylabel='y [m]')
 
 
 def _draw_comparison(axes: Axes, runs: Comparison) -> None:
-    own, reference = runs.own, runs.reference
+    own, reference = runs.user, runs.reference
     grade = axes.twinx()
     grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
     grade.set_ylabel('Grade [°]', fontsize=9)

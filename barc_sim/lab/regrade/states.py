@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
 from math import copysign, hypot, isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from barc_sim.errors import UserError
+from barc_sim.figures.style import use_measurement
 from barc_sim.lab.regrade.verdict import TOLERANCE, Verdict, deviation
 from barc_sim.vehicle.bike_model import Input, Motion, State
 
@@ -67,11 +65,11 @@ def judge(
                 verdict.fail(str(error))
                 return verdict, resets
             anchored = row.t - rows[k - 1].t > _GAP * plant.ts
-        off, said = _compare(plant, row, k, code)
+        off, message = _compare(plant, row, k, code)
         if off > TOLERANCE and k and _at_start(row):
             plant = new_plant()
             resets.add(k)
-            off, said = _compare(plant, row, k, code)
+            off, message = _compare(plant, row, k, code)
         elif off > TOLERANCE and _at_rest(row) and verdict.placements < placements:
             verdict.placements += 1
             plant.place(_state(row))
@@ -80,7 +78,7 @@ def judge(
             verdict.gaps += 1
             plant.state = _state(row)
             continue
-        verdict.add(off, said)
+        verdict.add(off, message)
         if off > TOLERANCE:
             plant.state = _state(row)
     verdict.resets = len(resets)
@@ -89,7 +87,7 @@ def judge(
 
 def _rows(log: Log) -> Iterator[_Row]:
     measured = (log.x, log.y, log.psi, log.v_x, log.v_y, log.psi_dot)
-    log = _without_unknown_errors(log)
+    log = use_measurement(log)
     true = (
         log.distance,
         log.across,
@@ -102,12 +100,6 @@ def _rows(log: Log) -> Iterator[_Row]:
     columns = [column.tolist() for column in (log.t, *measured, *true, log.motor, log.servo)]
     for t, *values in zip(*columns, certain.tolist(), strict=True):
         yield _Row(t, Motion(*values[:6]), Motion(*values[6:12]), Input(*values[12:14]), values[14])
-
-
-def _without_unknown_errors(log: Log) -> Log:
-    """Return the log with zeros for the errors that a killed run has not told."""
-    names = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
-    return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in names})
 
 
 def _follow(plant: Plant, rows: list[_Row], k: int, braking: float | None) -> Plant:

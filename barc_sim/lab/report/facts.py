@@ -1,4 +1,4 @@
-"""The facts of a run for its report: bag -> Facts."""
+"""Reads the facts for a report from a bag."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-#: What no run reaches, and a damaged bag may have.
+#: Larger values are from a damaged bag.
 _ABSURD = 1e9
 
 
 @dataclass(frozen=True)
 class Facts:
-    """A run, for a report."""
+    """The facts of a run for a report."""
 
     name: str
     log: Log
     info: Mapping[str, str]
     summary: metrics.Summary
     graph: NodeGraph | None
-    sources: Mapping[str, str]  #: user code, by name
+    sources: Mapping[str, str]  #: user code, by file name
     hashes: Mapping[str, str]  #: SHA-256 of the sources and of the bag's files, by name
 
 
@@ -46,7 +46,7 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     Raises
     ------
     UserError
-        There is none, or no car in it, or not one but several.
+        if there is none, or it has no car, or several.
     """
     log = _sensible(reader.read(path, namespace))
     info = reader.info(path)
@@ -71,7 +71,7 @@ def read(path: Path, namespace: str | None = None) -> Facts:
 
 
 def _sensible(log: Log) -> Log:
-    """Return the log without numbers that can't be drawn."""
+    """Return the log without values that cannot be drawn."""
 
     def known(column: NDArray[Any]) -> NDArray[Any]:
         if column.dtype == np.bool_:

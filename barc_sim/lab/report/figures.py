@@ -24,22 +24,22 @@ if TYPE_CHECKING:
 
 def speed(log: Log) -> str:
     """Return speed, grade and command over the position."""
-    with _as_written():
+    with _reproducible():
         return _svg(speed_figure(log))
 
 
 def terms(log: Log) -> str | None:
-    """Return the controller's terms over the position; None where they are not known."""
+    """Return the controller's terms over the position; None if they are unknown."""
     with _as_written():
         figure = terms_figure(log)
         return None if figure is None else _svg(figure)
 
 
 def path(log: Log) -> str | None:
-    """Return the car's way from above; None where it went straight on."""
-    if not np.any(np.abs(log.across) > 0.01):  # noqa: PLR2004 ([m]: less is not to be seen)
+    """Return the car's path from above; None if it is straight."""
+    if not np.any(np.abs(log.across) > 0.01):  # noqa: PLR2004 ([m]: less is invisible)
         return None
-    with _as_written():
+    with _reproducible():
         figure = Figure(figsize=(9.6, 5.4), layout='constrained')
         axes = figure.subplots()
         axes.plot(log.distance, log.across, color=BLUE, lw=1.8)
@@ -55,17 +55,17 @@ def path(log: Log) -> str | None:
 def graph(nodes: NodeGraph) -> str:
     """Return the graph of nodes and topics, and the table below it."""
     drawing = GraphDrawing(nodes)
-    with _as_written():
+    with _reproducible():
         figure = Figure(figsize=drawing.size)
         drawing.draw(figure)
         return _svg(figure)
 
 
 @contextmanager
-def _as_written() -> Iterator[None]:
-    """Draw the same each time, whatever a bag has in it."""
+def _reproducible() -> Iterator[None]:
+    """Draw the same figure each time, with any characters."""
     with warnings.catch_warnings(), style.context(STYLE):
-        warnings.simplefilter('ignore')  # characters that the font has not
+        warnings.simplefilter('ignore')  # characters that the font lacks
         with rc_context({'svg.hashsalt': 'barc_sim'}):
             yield
 

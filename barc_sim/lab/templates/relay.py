@@ -6,7 +6,7 @@ dt = 0.05  # [s] relay is called once each dt
 def relay(linear_x, angular_z):
     """Return the command to the car, as [motor, servo].
 
-    linear_x   [-]      the driver's input: 1 forwards, -1 backwards, 0 for neither
+    linear_x   [-]      the driver's request: 1 forward, -1 backward, 0 for neither
     angular_z  [-]      1 to the left, -1 to the right, 0 for neither
 
     motor      [m/s^2]  acceleration; the car gives at most 8, forward and backward

@@ -62,7 +62,7 @@ def test_both_runs_are_in_sight_however_fast_one_is(comparison: Comparison) -> N
 
 
 def test_a_model_that_failed_is_drawn_as_far_as_it_went(trajectory: Trajectory) -> None:
-    own = trajectory.own.copy()
+    own = trajectory.user.copy()
     own[50:] = np.nan
     (axes,) = check_figure(None, Trajectory(trajectory.t, own, trajectory.reference)).axes
     assert np.isfinite(axes.get_ylim()).all()
