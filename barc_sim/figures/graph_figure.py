@@ -58,11 +58,7 @@ class GraphDrawing:
         points = [*chain(*self._plan.routes.values()), *self._plan.vertices.values()]
         self._lowest, highest = min(p.y for p in points), max(p.y for p in points)
         everyones = ', '.join(EVERYONES)
-        self._rows = [
-            *lines(graph),
-            '',
-            f'not drawn, as every node publishes them: {everyones}',
-        ]
+        self._rows = [*lines(graph), '', f'not drawn, as every node publishes them: {everyones}']
         width = max(self._columns[-1] + GAP, CHARACTER * max(map(len, self._rows)) + 2 * MARGIN)
         self._top = ROW * (highest - self._lowest + 1.0)
         self._bottom = LINE * (len(self._rows) + 0.5)

@@ -24,10 +24,7 @@ BETA = (
         'psi grows the wrong way for a left turn (d_f > 0): is the sign of beta right?',
         lambda q: -np.arctan(q.l_r / (q.l_f + q.l_r) * np.tan(q.d_f)),
     ),
-    _beta(
-        f'beta is as large as d_f: is l_r / (l_f + l_r) missing in {_BETA}?',
-        lambda q: q.d_f,
-    ),
+    _beta(f'beta is as large as d_f: is l_r / (l_f + l_r) missing in {_BETA}?', lambda q: q.d_f),
     Mistake(
         f'l_f is used in place of l_r, in {_BETA} and in v / l_r * sin(beta)',
         {
@@ -129,8 +126,7 @@ TURN = (
         {'psi_rate': lambda q: q.v_turn / q.l_r * np.cos(q.beta)},
     ),
     Mistake(
-        'sin is missing in v / l_r * sin(beta)',
-        {'psi_rate': lambda q: q.v_turn / q.l_r * q.beta},
+        'sin is missing in v / l_r * sin(beta)', {'psi_rate': lambda q: q.v_turn / q.l_r * q.beta}
     ),
     Mistake(
         'd_f is used in place of beta in v / l_r * sin(beta)',
@@ -238,11 +234,7 @@ SPEED = (
     ),
     *(
         Mistake(f'{name} is always {value:g}: use the argument of bikeFE', fixed(name, value))
-        for name, value in {
-            'm': _LAB.mass,
-            'a0': _LAB.air_drag_coeff,
-            'Ff': _LAB.friction,
-        }.items()
+        for name, value in {'m': _LAB.mass, 'a0': _LAB.air_drag_coeff, 'Ff': _LAB.friction}.items()
     ),
 )
 

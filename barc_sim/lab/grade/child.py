@@ -69,9 +69,7 @@ class _NumPy(MetaPathFinder):
         if name != 'numpy':
             return None
         return spec_from_file_location(
-            name,
-            self._folder / '__init__.py',
-            submodule_search_locations=[str(self._folder)],
+            name, self._folder / '__init__.py', submodule_search_locations=[str(self._folder)]
         )
 
 

@@ -32,8 +32,7 @@ def python() -> Readable:
     parts = [path for path in library.iterdir() if path.name not in _OTHER_PACKAGES]
     extensions = Path(str(sysconfig.get_config_var('DESTSHARED') or library / 'lib-dynload'))
     return Readable(
-        readable=(*parts, extensions, *_numpy(), *_shared_libraries()),
-        listable=(library,),
+        readable=(*parts, extensions, *_numpy(), *_shared_libraries()), listable=(library,)
     )
 
 

@@ -30,7 +30,7 @@ def speed(log: Log) -> str:
 
 def terms(log: Log) -> str | None:
     """Return the controller's terms over the position; None if they are unknown."""
-    with _as_written():
+    with _reproducible():
         figure = terms_figure(log)
         return None if figure is None else _svg(figure)
 

@@ -55,7 +55,7 @@ class UserController(Adapter):
         self._controller.set_gains(*values.values())
 
     def _read(self, name: str) -> float:
-        return self._controller.tell(name)
+        return self._controller.read(name)
 
 
 @dataclass(frozen=True)

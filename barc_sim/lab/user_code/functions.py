@@ -131,8 +131,8 @@ class UserPid:
             raise self._calls.wrong(result, speeds, options)
         return value
 
-    def tell(self, name: str) -> float:
-        """Return the object's attribute `name`, NaN where it has no such number."""
+    def read(self, name: str) -> float:
+        """Return the object's attribute `name`; NaN if it is not a number."""
         value = number(getattr(self.instance, name, nan))
         return nan if value is None else value
 

@@ -50,10 +50,7 @@ def _signature(folder: Folder, function: Callable[..., Any]) -> inspect.Signatur
 
 
 def _takes(
-    folder: Folder,
-    function: Callable[..., Any],
-    signature: inspect.Signature,
-    names: Sequence[str],
+    folder: Folder, function: Callable[..., Any], signature: inspect.Signature, names: Sequence[str]
 ) -> UserCodeError:
     name = getattr(function, '__name__', short_repr(function))
     return UserCodeError(

@@ -25,12 +25,7 @@ WRONG = {
     'theta in degrees': ('sin(theta)', 'sin(degrees(theta))', 'v', 'theta is converted to degrees'),
     'd_f from degrees': ('tan(d_f)', 'tan(radians(d_f))', 'x y psi', 'd_f arrives in radians'),
     'psi from degrees': ('cos(psi', 'cos(radians(psi)', 'x', 'psi arrives in radians'),
-    'l_f for l_r in psi': (
-        '/ l_r * sin',
-        '/ l_f * sin',
-        'psi',
-        'in place of l_r in v',
-    ),
+    'l_f for l_r in psi': ('/ l_r * sin', '/ l_f * sin', 'psi', 'in place of l_r in v'),
     'l_f for l_r in beta': (
         'l_r / (l_f + l_r)',
         'l_f / (l_f + l_r)',
@@ -47,12 +42,7 @@ WRONG = {
     ),
     'rear axle': ('/ l_r * sin(beta)', '/ (l_f + l_r) * tan(d_f)', 'psi', 'rear axle'),
     'no beta in x and y': ('(psi + beta)', '(psi)', 'x y', 'beta is missing in x and y'),
-    'cos for sin': (
-        'y + ts * v * sin',
-        'y + ts * v * cos',
-        'y',
-        'sin and cos are swapped',
-    ),
+    'cos for sin': ('y + ts * v * sin', 'y + ts * v * cos', 'y', 'sin and cos are swapped'),
     'no drag': ('drag + friction', 'friction', 'v', 'air drag is missing'),
     'linear drag': ('a0 * v**2 * sign(v)', 'a0 * v', 'v', 'drag grows with v'),
     'drag regardless of direction': (

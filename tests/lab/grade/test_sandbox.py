@@ -77,10 +77,7 @@ FATAL = {
     'print without end': ('while True: print("spam")', 'within'),
     'crash': ('import ctypes; ctypes.string_at(0)', 'SIGSEGV'),
     'close all files': ('os.closerange(0, 100)', 'not its own'),
-    'write to all files': (
-        _TO_ALL.format('bytes(range(1, 100))'),
-        'not its own',
-    ),
+    'write to all files': (_TO_ALL.format('bytes(range(1, 100))'), 'not its own'),
     'forge an answer and stall': (
         _TO_ALL.format("struct.pack('=III', 1, 0, 4)") + '\nwhile True: pass',
         'within 0.3 s',

@@ -260,11 +260,11 @@ def test_dt_is_told_to_those_who_take_it(tmp_path: Path, dt: str) -> None:
 
 def test_gains_and_terms_are_those_of_the_object(tmp_path: Path) -> None:
     pid = controller(tmp_path, PID)(1.0, 2.0, 3.0)
-    assert math.isnan(pid.tell('proportional'))
+    assert math.isnan(pid.read('proportional'))
     pid.set_gains(5.0, 6.0, 7.0)
     pid.acc_calculate(8.0, 7.0, 0.02)
-    assert [pid.tell(name) for name in ('kp', 'ki', 'kd', 'proportional')] == [5.0, 6.0, 7.0, 5.0]
-    assert math.isnan(pid.tell('integral'))
+    assert [pid.read(name) for name in ('kp', 'ki', 'kd', 'proportional')] == [5.0, 6.0, 7.0, 5.0]
+    assert math.isnan(pid.read('integral'))
 
 
 def test_gains_that_the_object_has_not_are_not_set(tmp_path: Path) -> None:
