@@ -19,9 +19,8 @@ from barc_sim.cli.signals import StopSignals
 from barc_sim.control.pid import PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.lab.user_code.loading import FILES
-from barc_sim.nodes.mirrors.options import add_mirror_options
-from barc_sim.nodes.recorder import options as recorder_options
-from barc_sim.page.options import add_view_options
+from barc_sim.runs.recording_options import add_recording_options
+from barc_sim.runs.view_options import add_mirror_options, add_view_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -215,7 +214,7 @@ def _add_common(mode: Parser) -> None:
         'that use_sim_time',
     )
     add_mirror_options(mode)
-    recorder_options.add_arguments(mode)
+    add_recording_options(mode)
 
 
 def _gain(text: str) -> tuple[str, float]:

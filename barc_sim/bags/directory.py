@@ -1,4 +1,4 @@
-"""Where a bag is made, `<root>/<date>_<time>`, never over another; and what it is made of."""
+"""Makes the directory of a bag, `<root>/<date>_<time>`, where there is space; overwrites none."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-#: Name of the MCAP metadata records that hold what the run says of itself.
-METADATA_NAME = 'barc_sim'
 
 
 def check_root(root: Path) -> None:
@@ -28,13 +25,37 @@ def check_root(root: Path) -> None:
     raise UserError(f'no bag can be made in {str(root)!r}, as {reason}: name another folder')
 
 
+def free_space(folder: Path) -> int:
+    """Return the space that a user may still fill on the disk of `folder` [B]."""
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize
+
+
+def short_of_space(free: int, reserve: int) -> str:
+    """Return the clause for free space below the reserve, both [B]."""
+    return f'only {free / 2**20:.1f} MiB are free, and {reserve / 2**20:g} MiB must stay free'
+
+
+def check_space(folder: Path, reserve: int) -> None:
+    """Raise UserError if less than `reserve` [B] is free for `folder`, which need not exist yet."""
+    existing = next(
+        path for path in (folder.absolute(), *folder.absolute().parents) if path.exists()
+    )
+    free = free_space(existing)
+    if free < reserve:
+        raise UserError(
+            f'no bag can be made in {str(folder)!r}, as {short_of_space(free, reserve)}: '
+            'make space, name another folder, or lower --min-free-space'
+        )
+
+
 def make_directory(path: Path) -> Path:
     """Make and return the directory `path`.
 
     Raises
     ------
     UserError
-        It is there already, or cannot be made.
+        It exists, or cannot be made.
     """
     check_root(path.parent)
     try:
@@ -49,7 +70,7 @@ def make_directory(path: Path) -> Path:
 
 
 def new_directory(root: Path) -> Path:
-    """Make and return `<root>/<YYYY-MM-DD>_<HH-MM-SS>`, with a number behind it if that exists.
+    """Make and return `<root>/<YYYY-MM-DD>_<HH-MM-SS>`, with a number at the end if that exists.
 
     Raises
     ------

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from barc_sim.bags.directory import METADATA_NAME
-from barc_sim.bags.metadata import Span, Topic, to_yaml
+from barc_sim.bags.metadata import METADATA_NAME, Span, Topic, to_yaml
 from barc_sim.bags.pieces import Pieces
 
 if TYPE_CHECKING:

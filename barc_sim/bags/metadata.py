@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-_NAME = 'metadata.yaml'
+#: Name of the MCAP metadata records with the run's own metadata.
+METADATA_NAME = 'barc_sim'
+_FILE = 'metadata.yaml'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,9 +110,9 @@ def write(directory: Path, information: Mapping[str, Any]) -> None:
     OSError
         It cannot be written.
     """
-    part = directory / f'.{_NAME}'
+    part = directory / f'.{_FILE}'
     part.write_text(to_yaml({'rosbag2_bagfile_information': information}), encoding='utf-8')
-    part.replace(directory / _NAME)
+    part.replace(directory / _FILE)
 
 
 class _Dumper(yaml.SafeDumper):

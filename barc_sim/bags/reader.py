@@ -11,7 +11,7 @@ import numpy as np
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.directory import METADATA_NAME
+from barc_sim.bags.metadata import METADATA_NAME
 from barc_sim.bags.records import files, records
 from barc_sim.bags.samples import TOPICS, Sample, join
 from barc_sim.errors import UserError

@@ -10,9 +10,8 @@ import yaml
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from barc_sim.bags import metadata
-from barc_sim.bags.directory import METADATA_NAME
 from barc_sim.bags.file import BagFile
-from barc_sim.bags.metadata import Span, Topic
+from barc_sim.bags.metadata import METADATA_NAME, Span, Topic
 from barc_sim.bags.pieces import is_being_written
 from barc_sim.bags.records import Damage, files, records
 from barc_sim.errors import UserError

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import Parser, call
-from barc_sim.nodes.recorder import options as recorder_options
+from barc_sim.runs.recording_options import add_recording_options, recording
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -44,7 +44,7 @@ def parser() -> Parser:
         action='store_true',
         help='messages are received at the time that /clock tells, once it is heard',
     )
-    recorder_options.add_arguments(parser)
+    add_recording_options(parser)
     return parser
 
 
@@ -65,7 +65,7 @@ def record(options: Namespace, argv: Sequence[str], ros_args: list[str]) -> int:
         made.append(
             BagRecorder(
                 None,
-                recorder_options.from_options(options),
+                recording(options),
                 path=options.output,
                 metadata={'command': shlex.join([PROG, *argv])},
             )

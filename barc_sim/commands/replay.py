@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import Parser, call
-from barc_sim.page.options import add_address_options
+from barc_sim.runs.view_options import add_address_options
 
 if TYPE_CHECKING:
     from argparse import Namespace

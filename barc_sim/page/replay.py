@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from barc_sim.page.desktop import open_page
 from barc_sim.page.facts import driven_road, facts, road_facts
-from barc_sim.page.options import open_page
 from barc_sim.page.protocol import encode
 from barc_sim.page.rows import columns_in, rows_of
 from barc_sim.page.server import ViewServer

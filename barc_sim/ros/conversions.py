@@ -1,8 +1,9 @@
-"""Messages from and to the records of the pure modules."""
+"""Converts messages to and from the records of the rooms without ROS."""
 
 from __future__ import annotations
 
 from math import atan2
+from struct import Struct
 from typing import TYPE_CHECKING
 
 from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
@@ -19,10 +20,12 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
 NANOSECONDS = 1_000_000_000
-#: [m] Farther away than any road leads.
+#: [m] No road leads farther.
 _FAR = 1e6
-#: By which the squared norm of a rotation's quaternion may differ from one.
+#: Tolerance of the squared norm of a quaternion that is a rotation.
 _NORM_TOLERANCE = 1e-3
+_CDR_HEADER = 4  #: [B] of a serialized message; the second one tells the byte order
+_CDR_TIME = (Struct('>iI'), Struct('<iI'))  #: big-endian, little-endian
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:
@@ -34,6 +37,12 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
 def to_nanoseconds(stamp: Time) -> int:
     """Return `stamp` in nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def leading_time(data: bytes) -> int:
+    """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
+    sec, nanosec = _CDR_TIME[data[1] & 1].unpack_from(data, _CDR_HEADER)
+    return int(sec) * NANOSECONDS + int(nanosec)
 
 
 def to_state(seen: Observation, header: Header) -> ZDynBkMdl:
@@ -49,7 +58,7 @@ def to_state_error(seen: Observation, header: Header) -> EZDynBkMdl:
 
 
 def to_environment(seen: Observation, header: Header) -> Environment:
-    """Return what the road and the air do."""
+    """Return the forces of road and air, with the incline."""
     friction, drag, gravity = seen.forces
     return Environment(
         header=header,
@@ -62,7 +71,7 @@ def to_environment(seen: Observation, header: Header) -> Environment:
 
 
 def to_state_at_rest(pose: Pose) -> State | None:
-    """Return the state at `pose`, without speed; None where it is not finite, or no rotation."""
+    """Return the state at rest at `pose`; None where that is not finite or not a rotation."""
     x, y, q = pose.position.x, pose.position.y, pose.orientation
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):

@@ -1,7 +1,7 @@
-"""Publishers and subscriptions without the default QoS events, and the one warning instead.
+"""Publishers and subscriptions without the default QoS events.
 
-The default event callbacks add two waitables to each endpoint, which every turn of an executor
-would wait for; an incompatible peer is looked for with `incompatible_peers` instead.
+The default event callbacks add two waitables to each endpoint, which every wait of an executor
+would include; `incompatible_peers` finds mismatched QoS instead.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def subscription(
     *,
     qos: QoSProfile = QOS,
 ) -> Subscription:
-    """Return a subscription of `node` to `topic`, called back in `group`."""
+    """Return a subscription of `node` to `topic`, whose callback runs in `group`."""
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(
         message_type, topic, callback, qos, callback_group=group, event_callbacks=events
@@ -54,10 +54,10 @@ def drained_subscription(
     callback: Callable[[bytes], None],
     group: CallbackGroup,
 ) -> Callable[[], None]:
-    """Subscribe `node` to `topic`; `callback` is given all serialized messages that wait, in turn.
+    """Subscribe `node` to `topic`; each wake-up passes all waiting messages to `callback`.
 
-    Who is sent more messages than it can take one by one still finds the one that it waits for.
-    The result does the same at once, for who cannot wait until `group` is called back.
+    Draining the queue finds the newest message even under a flood. Messages are serialized.
+    Calling the result drains the queue at once, without waiting for the executor.
     """
     taker = Taker()
 
@@ -77,11 +77,13 @@ def drained_subscription(
 
 
 def incompatible_peers(node: Node) -> Iterator[str]:
-    """Yield a sentence for each two endpoints on a topic of `node` whose QoS does not match."""
+    """Yield a sentence for each pair of endpoints on a topic of `node` whose QoS does not match."""
     for topic in sorted({end.topic_name for end in (*node.publishers, *node.subscriptions)}):
         subscribers = node.get_subscriptions_info_by_topic(topic)
         for source in node.get_publishers_info_by_topic(topic):
             for sink in subscribers:
                 verdict, reason = qos_check_compatible(source.qos_profile, sink.qos_profile)
                 if verdict == QoSCompatibility.ERROR:
-                    yield f'{sink.node_name} cannot hear {source.node_name} on {topic}: {reason}'
+                    yield (
+                        f'{sink.node_name} cannot receive {topic} from {source.node_name}: {reason}'
+                    )

@@ -1,4 +1,4 @@
-"""Subscriptions that no executor waits for: their owner takes the messages when it suits."""
+"""Subscriptions that no executor waits for: their owner polls them."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class PolledCallbackGroup(CallbackGroup):
     """Keeps its subscriptions out of every executor's wait set.
 
-    To be woken for each message would cost 4 % of a core at 50 Hz with 7 topics, a look at all of
-    them every 50 ms about 1 %; and nothing comes between a state and the command that answers it.
-    Reception is stamped in DDS, so nothing is lost by looking later.
+    Waking up for each message would cost 4 % of a core at 50 Hz with 7 topics; polling all of them
+    every 50 ms costs about 1 %, and nothing runs between a state and the command that answers it.
+    DDS stamps the time of reception, so polling late loses nothing.
     """
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)
@@ -38,7 +38,7 @@ class PolledCallbackGroup(CallbackGroup):
 def polled(
     node: Node, message_type: type[Any], topic: str, depth: int, group: PolledCallbackGroup
 ) -> Subscription:
-    """Return a subscription that holds the newest `depth` messages until `take` takes them."""
+    """Return a subscription that keeps the newest `depth` messages until `take` takes them."""
     return node.create_subscription(
         message_type,
         topic,
@@ -50,7 +50,7 @@ def polled(
 
 
 def take(subscription: Subscription, limit: int) -> Iterator[tuple[Any, dict[str, int]]]:
-    """Yield up to `limit` messages that wait, and what the middleware says of each."""
+    """Yield up to `limit` waiting messages, each with the middleware's information on it."""
     for _ in range(limit):
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, False)

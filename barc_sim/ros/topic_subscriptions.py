@@ -1,4 +1,4 @@
-"""Subscriptions to every topic that is wanted, and what they have received."""
+"""Raw subscriptions to every topic that passes a filter, with a count of lost messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy
 
 from barc_sim.bags.losses import Losses
-from barc_sim.ros import offers
+from barc_sim.ros import offered_qos
 from barc_sim.ros.polled import PolledCallbackGroup
 from barc_sim.ros.serialized import Taker
 
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 
     from barc_sim.bags.metadata import Topic
 
-# Messages that may wait: what a stall of a second brings at 10,000 a second.
-_DEPTH = 10_000
-# [s] A latched message that has not come by then never will.
-_LATCHED_PATIENCE = 1.0
+# [s] A latched message arrives within this time, or never.
+_LATCHED_TIMEOUT = 1.0
 
 
 class Message(NamedTuple):
@@ -43,32 +41,33 @@ class Message(NamedTuple):
 
 
 @dataclass
-class _Heard:
-    """A topic that is listened to."""
+class RecordedTopic:
+    """A topic with its subscriptions, and what has arrived through them."""
 
     topic: Topic
     publishers: int = 0
     since: float = field(default_factory=time.monotonic)
     subscriptions: list[Subscription] = field(default_factory=list)
-    #: Which subscription each publisher is heard through: the first that had a message of it.
-    through: dict[bytes, int] = field(default_factory=dict)
+    #: By publisher, the index of the subscription that counts: the first one to get a message.
+    route: dict[bytes, int] = field(default_factory=dict)
     losses: Losses = field(default_factory=Losses)
     names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
 
-    def hears(self, publisher: TopicEndpointInfo) -> bool:
-        """Return whether one of the subscriptions matches the publisher."""
+    def matches(self, publisher: TopicEndpointInfo) -> bool:
+        """Return whether one of the subscriptions matches the publisher's QoS."""
         return any(
-            offers.fits(publisher, subscription.qos_profile) for subscription in self.subscriptions
+            offered_qos.matches(publisher, subscription.qos_profile)
+            for subscription in self.subscriptions
         )
 
     @property
     def latched(self) -> bool:
-        """Whether publishers keep messages for subscriptions that come late."""
+        """Whether publishers keep messages for late subscriptions."""
         profile = self.subscriptions[0].qos_profile
         return bool(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
     def lost(self) -> dict[str, int] | None:
-        """Return the messages lost, by the names of the publishers' nodes."""
+        """Return the number of lost messages, by the publisher's node; None where unknown."""
         if self.losses.unnumbered:
             return None
         by_node: dict[str, int] = {}
@@ -78,129 +77,134 @@ class _Heard:
         return by_node
 
 
-class Listener:
-    """Hears all publishers of the topics that are wanted.
+class TopicSubscriptions:
+    """Subscribes to the topics that pass a filter, and takes the messages of all publishers.
 
     A publisher that offers less than the first ones did gets a subscription of its own, which
-    asks for less; the others are heard as before.
+    requests less; the subscription of the others stays as it is.
 
     Parameters
     ----------
     node
-        Whose subscriptions they are.
+        The owner of the subscriptions.
     wants
-        Whether a topic is, by its full name.
+        The filter: returns whether to subscribe to a topic, given its full name.
+    depth
+        Queue length of each subscription.
     """
 
-    def __init__(self, node: Node, wants: Callable[[str], bool]) -> None:
+    def __init__(self, node: Node, wants: Callable[[str], bool], depth: int = 10_000) -> None:
         self._node = node
         self._wants = wants
+        self._depth = depth
         self._polled = PolledCallbackGroup()
         self._taker = Taker()
-        self._heard: dict[str, _Heard] = {}
-        self._lock = threading.Lock()  # of `_heard`
+        self._topics: dict[str, RecordedTopic] = {}
+        self._lock = threading.Lock()  # of `_topics`
         self._definitions: dict[str, str] = {}
-        self.unknown: dict[str, str] = {}  #: why a topic cannot be recorded, by its name
+        self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
 
     def discover(self) -> Iterator[tuple[str, Sequence[TopicEndpointInfo]]]:
-        """Listen to every wanted topic that has a publisher by now, as far as not done yet.
+        """Subscribe to each wanted topic that has got a publisher since the last call.
 
         Yields
         ------
-            Name and publishers of topics that turn out to be impossible to record.
+            Name and publishers of each topic that turns out to be impossible to record.
         """
         for name, _ in self._node.get_topic_names_and_types():
-            heard = self._heard.get(name)
-            known = heard.publishers if heard else 0
+            recorded = self._topics.get(name)
+            known = recorded.publishers if recorded else 0
             if name in self.unknown or self._node.count_publishers(name) == known:
                 continue
             if self._wants(name):
                 publishers = self._node.get_publishers_info_by_topic(name)
-                if publishers and not self.hear(name, publishers):
+                if publishers and not self.subscribe(name, publishers):
                     yield name, publishers
 
-    def hear(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
-        """Subscribe so that all publishers of a topic are heard; return whether they can be.
+    def subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
+        """Subscribe to all publishers of a topic; return False where that is impossible.
 
         Where publishers do not agree on the topic's type, the first one's counts.
         """
-        heard = self._heard.get(name)
+        recorded = self._topics.get(name)
         count = len(publishers)
-        type_name = heard.topic.type if heard else publishers[0].topic_type
+        type_name = recorded.topic.type if recorded else publishers[0].topic_type
         for other in {publisher.topic_type for publisher in publishers} - {type_name}:
             self.unknown[f'{name} as {other}'] = f'its type is {type_name}'
         publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
         try:
-            heard = heard or _Heard(offers.describe(name, publishers, self._definitions))
-            unheard = [publisher for publisher in publishers if not heard.hears(publisher)]
-            if unheard:
-                subscription = self._subscribe(name, unheard)
+            recorded = recorded or RecordedTopic(
+                offered_qos.describe(name, publishers, self._definitions)
+            )
+            unmatched = [each for each in publishers if not recorded.matches(each)]
+            if unmatched:
+                subscription = self._create(name, unmatched)
                 with self._lock:
-                    heard.subscriptions.append(subscription)
+                    recorded.subscriptions.append(subscription)
         except LookupError as error:
             self.unknown[name] = f'{type_name}: {error}'
             return False
         self.unknown.pop(name, None)
-        heard.publishers = count
-        heard.names |= {
+        recorded.publishers = count
+        recorded.names |= {
             bytes(publisher.endpoint_gid): publisher.node_name for publisher in publishers
         }
         with self._lock:
-            self._heard[name] = heard
+            self._topics[name] = recorded
         return True
 
     def define(self, type_name: str, definition: str) -> None:
-        """Take the `ros2msg` schema of a type that is installed without one."""
+        """Set the `ros2msg` schema of a type that is installed without one."""
         self._definitions[type_name] = definition
 
-    def _subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> Subscription:
+    def _create(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> Subscription:
         return self._node.create_subscription(
             _class(publishers[0].topic_type),
             name,
             _never,
-            offers.request(publishers, _DEPTH),
+            offered_qos.request(publishers, self._depth),
             callback_group=self._polled,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
 
     def take(self) -> list[Message]:
-        """Return what waits, topic by topic; for one thread."""
+        """Return the waiting messages, topic by topic; call it from one thread only."""
         with self._lock:
-            return [message for heard in self._heard.values() for message in self._take(heard)]
+            return [message for topic in self._topics.values() for message in self._take(topic)]
 
-    def _take(self, heard: _Heard) -> Iterator[Message]:
-        topic, through, losses = heard.topic, heard.through, heard.losses
-        for index, subscription in enumerate(heard.subscriptions):
-            for taken in islice(self._taker.take(subscription), _DEPTH):
+    def _take(self, recorded: RecordedTopic) -> Iterator[Message]:
+        topic, route, losses = recorded.topic, recorded.route, recorded.losses
+        for index, subscription in enumerate(recorded.subscriptions):
+            for taken in islice(self._taker.take(subscription), self._depth):
                 data, published, received, number, publisher = taken
-                if through.setdefault(publisher, index) == index:
+                if route.setdefault(publisher, index) == index:
                     losses.count(publisher, number)
                     yield Message(topic, data, received, published, number)
 
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Return by topic the messages lost of each publisher's node; None where that is unknown.
+        """Return the number of lost messages by topic and publishing node; None where unknown.
 
-        A publisher that was gone before it was seen has its GID for a name.
+        A publisher that ended before its node's name was found has its GID for a name.
         """
         with self._lock:
-            return {name: heard.lost() for name, heard in self._heard.items()}
+            return {name: recorded.lost() for name, recorded in self._topics.items()}
 
     @property
     def expects_latched(self) -> bool:
-        """Whether a latched message may still be on its way to a subscription that is new."""
-        newest = time.monotonic() - _LATCHED_PATIENCE
+        """Whether a latched message may still be on its way to a new subscription."""
+        newest = time.monotonic() - _LATCHED_TIMEOUT
         with self._lock:
             return any(
-                heard.since > newest and heard.latched and not heard.through
-                for heard in self._heard.values()
+                recorded.since > newest and recorded.latched and not recorded.route
+                for recorded in self._topics.values()
             )
 
     def close(self) -> None:
-        """End; what was lost can still be asked for."""
+        """Destroy the subscriptions; `lost` stays available."""
         with self._lock:
-            for heard in self._heard.values():
-                for subscription in heard.subscriptions:
+            for recorded in self._topics.values():
+                for subscription in recorded.subscriptions:
                     self._node.destroy_subscription(subscription)
         self._taker.close()
 
@@ -221,4 +225,4 @@ def _class(type_name: str) -> type[Any]:
 
 
 def _never(_: bytes) -> None:
-    """Be never called."""
+    """Serve as the callback that rclpy requires; polled subscriptions never call it."""

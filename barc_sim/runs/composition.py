@@ -23,15 +23,16 @@ from barc_sim.lab.user_code.adapters import attachments
 from barc_sim.lab.user_code.adapters import describe as user_code_metadata
 from barc_sim.lab.user_code.loading import UserCodeError, find_files, load_files
 from barc_sim.nodes.recorder.node import BagRecorder
-from barc_sim.nodes.recorder.options import from_options
-from barc_sim.page.options import open_page, wanted
+from barc_sim.page.desktop import open_page
 from barc_sim.page.protocol import Status
 from barc_sim.ros.executor.executor import QuickExecutor
 from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.process import NUM_THREADS, ros
 from barc_sim.runs.metadata import describe
 from barc_sim.runs.mirror_nodes import mirrors
+from barc_sim.runs.recording_options import recording
 from barc_sim.runs.terminal.printed import Printed
+from barc_sim.runs.view_options import wants_page
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -137,7 +138,7 @@ class Run(ABC):
                 self.recorder.use_sim_time = any(each.keeps_clock for each in self.simulators)
             for node in mirrors(options, self.simulators, self.recorder):
                 self.add(node)
-            if wanted(options):
+            if wants_page(options):
                 self._views = [self.add(view) for view in self._serve(options)]
         except BaseException:
             self.discard()
@@ -150,7 +151,7 @@ class Run(ABC):
     def _record(self, options: Namespace) -> BagRecorder:
         return BagRecorder(
             options.bag_dir,
-            from_options(options),
+            recording(options),
             metadata=user_code_metadata(self.user_code),
             attachments=attachments(self.user_code),
         )

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from barc_sim.nodes.mirrors.diagnosis import Facts
-from barc_sim.nodes.mirrors.options import MIRRORS, wanted
+from barc_sim.nodes.mirrors.kinds import MIRRORS
+from barc_sim.runs.view_options import wanted_mirrors
 from barc_sim.vehicle.sensor import Deviation
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def mirrors(
     UserError
         where the Foxglove SDK is not installed, or the port can't be had.
     """
-    names = wanted(options)
+    names = wanted_mirrors(options)
     if names:
         for simulator in simulators:
             yield _mirror(names, simulator, recorder)

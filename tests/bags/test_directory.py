@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from barc_sim.bags.directory import check_root, new_directory
+from barc_sim.bags.directory import check_root, check_space, new_directory
 from barc_sim.errors import UserError
 
 
@@ -65,3 +65,10 @@ def test_what_the_system_refuses_is_one_sentence(
     monkeypatch.setattr(Path, 'mkdir', refuse)
     with pytest.raises(UserError, match=r'bags\' \(No space left on device\): name another folder'):
         new_directory(tmp_path / 'bags')
+
+
+def test_too_little_space_is_one_sentence(tmp_path: Path) -> None:
+    check_space(tmp_path / 'new', 0)
+    with pytest.raises(UserError, match=r'MiB are free, and 1.1259e\+15 MiB must stay free: make'):
+        check_space(tmp_path / 'new' / 'bags', 2**70)
+    assert not (tmp_path / 'new').exists()

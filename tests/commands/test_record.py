@@ -171,7 +171,7 @@ def test_the_reserve_leaves_room_to_finish_the_bag(talker: Node, small_disk: Pat
         flood(talker, process, until=lambda: False)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert 'MiB are free, and 2 MiB are to stay free' in said
+    assert 'MiB are free, and 2 MiB must stay free' in said
     mcap_doctor.check(directory / 'mine_0.mcap')
     assert (directory / 'metadata.yaml').exists()
 
@@ -193,7 +193,7 @@ def test_it_goes_on_if_asked_for_as_soon_as_there_is_space(talker: Node, small_d
         while 'No space left on device' not in ''.join(lines):
             lines.append(process.stderr.readline())
         blocker.unlink()
-        while 'goes on' not in lines[-1]:
+        while 'continues' not in lines[-1]:
             lines.append(process.stderr.readline())
         assert publisher.wait_for_all_acked(Duration(seconds=30))
         process.send_signal(signal.SIGINT)

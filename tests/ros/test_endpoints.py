@@ -15,8 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from barc_sim.bags.cdr import leading_time
-from barc_sim.ros.conversions import to_header
+from barc_sim.ros.conversions import leading_time, to_header
 from barc_sim.ros.endpoints import (
     drained_subscription,
     incompatible_peers,
@@ -61,7 +60,7 @@ def test_peer_whose_messages_cannot_be_heard_is_named(node: Node, ros: Context) 
     peer = Node('joystick', context=ros)
     peer.create_publisher(ECU, 'ecu', BEST_EFFORT)
     (sentence,) = incompatible_peers(node)
-    assert sentence.startswith('car cannot hear joystick on /ecu: ')
+    assert sentence.startswith('car cannot receive /ecu from joystick: ')
     assert 'reliab' in sentence.lower()
 
 
@@ -70,7 +69,7 @@ def test_peer_that_cannot_hear_is_named(node: Node, ros: Context) -> None:
     peer = Node('view', context=ros)
     peer.create_subscription(ECU, 'ecu', lambda _: None, LATCHED)
     (sentence,) = incompatible_peers(node)
-    assert sentence.startswith('view cannot hear car on /ecu: ')
+    assert sentence.startswith('view cannot receive /ecu from car: ')
 
 
 def test_peers_that_fit_and_topics_of_others_are_not_named(node: Node, ros: Context) -> None:

@@ -1,4 +1,4 @@
-"""The node `foxglove`: serves every topic to the Foxglove app, as the recorder hears them."""
+"""The node `foxglove`: serves every topic to the Foxglove app."""
 
 from __future__ import annotations
 
@@ -16,64 +16,64 @@ from barc_sim.nodes.foxglove.live import LiveServer
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
-from barc_sim.ros.topic_subscriptions import Listener
+from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 from barc_sim.vehicle.parameter import Parameter
 
-#: [s] between two looks at the topics, while a client is subscribed and while none is.
+#: [s] between two polls of the topics, while a client is subscribed and while none is.
 _PERIOD, _SLOW_PERIOD = 0.02, 0.1
-#: [s] between two looks for new topics.
-_LOOK_PERIOD = 0.2
+#: [s] between two searches for new topics.
+_DISCOVERY_PERIOD = 0.2
 
 
 def is_visible(topic: str) -> bool:
-    """Return whether a topic, by its full name, is not a hidden one."""
+    """Return whether a topic is not hidden, by its full name."""
     return '/_' not in topic
 
 
 class FoxgloveServer(Node):
-    """Serves all topics but hidden ones, at `url` on this machine; a thread of its own does it."""
+    """Serves all visible topics at `url` on this machine, in a thread of its own."""
 
     def __init__(self, port: int = FOXGLOVE_PORT, **options: Any) -> None:  # noqa: ANN401
-        """Serve at `port`, unless the parameter says otherwise; 0: at any that is free.
+        """Serve at `port`, unless the parameter `port` is set; 0: at any that is free.
 
         Raises
         ------
         UserError
-            where the Foxglove SDK is not installed, or the port can't be had.
+            The Foxglove SDK is not installed, or the port cannot be had.
         """
         super().__init__('foxglove', **options)
         known = Parameter('port', port, 'its port; 0: any that is free', (0, 65535), read_only=True)
         self._server = LiveServer(declare(self, [known])['port'])
         self.url = self._server.url
-        self._listener = Listener(self, is_visible)
-        self._look()
-        wall = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK_PERIOD, self._look, QuickCallbackGroup(), wall)
+        self._topics = TopicSubscriptions(self, is_visible)
+        self._discover()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DISCOVERY_PERIOD, self._discover, QuickCallbackGroup(), steady)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='foxglove', daemon=True)
         self._thread.start()
 
     def destroy_node(self) -> None:
-        """Send what has come, close the port, and destroy the node."""
+        """Send the waiting messages, close the port, and destroy the node."""
         self._closing.set()
         self._thread.join()
         self._server.close()
-        self._listener.close()
+        self._topics.close()
         super().destroy_node()
 
-    def _look(self) -> None:
-        for name, _ in self._listener.discover():
-            self.get_logger().warning(f'{name} is not served: {self._listener.unknown[name]}')
+    def _discover(self) -> None:
+        for name, _ in self._topics.discover():
+            self.get_logger().warning(f'{name} is not served: {self._topics.unknown[name]}')
 
     def _serve(self) -> None:
         closing = False
         while not closing:
             closing = self._closing.wait(_PERIOD if self._server.watched else _SLOW_PERIOD)
-            self._server.send(sorted(self._listener.take(), key=attrgetter('received')))
+            self._server.send(sorted(self._topics.take(), key=attrgetter('received')))
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it is told to stop."""
+    """Run the node alone, until a signal stops it."""
     return call('foxglove', lambda: spin(_announced, args))
 
 

@@ -19,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 
 from barc_sim.cli.parser import call
 from barc_sim.nodes.mirrors.diagnosis import Facts, Heard, diagnose
+from barc_sim.nodes.mirrors.kinds import MIRRORS
 from barc_sim.nodes.mirrors.markers import CarMirror, to_road
 from barc_sim.nodes.mirrors.messages import (
     AccelerationMirror,
@@ -28,7 +29,6 @@ from barc_sim.nodes.mirrors.messages import (
     to_diagnostics,
     to_path,
 )
-from barc_sim.nodes.mirrors.options import MIRRORS
 from barc_sim.nodes.mirrors.ride import Ride, Trail
 from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds

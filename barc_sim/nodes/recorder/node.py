@@ -1,50 +1,53 @@
-"""The recorder: the messages of every topic that is wanted, into a bag."""
+"""The node `bag_recorder`: records every wanted topic into a bag."""
 
 from __future__ import annotations
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from barc_sim.bags import losses
-from barc_sim.bags.directory import make_directory, new_directory
+from barc_sim.bags.directory import check_space, make_directory, new_directory
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.cli.parser import call
-from barc_sim.nodes.recorder import describing, disk_space
-from barc_sim.nodes.recorder.options import Recording
-from barc_sim.nodes.recorder.services import serve
-from barc_sim.nodes.recorder.writer_thread import Pump
+from barc_sim.errors import UserError
+from barc_sim.nodes.recorder.recording import Recording
+from barc_sim.nodes.recorder.type_lookup import request_definition
+from barc_sim.nodes.recorder.writer_thread import WriterThread
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
-from barc_sim.ros.topic_subscriptions import Listener
+from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 from barc_sim.vehicle.parameter import Parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-# [s] between two looks for new topics.
-_LOOK_PERIOD = 0.2
+# [s] between two searches for new topics.
+_DISCOVERY_PERIOD = 0.2
 _BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
 
 
 class BagRecorder(Node):
-    """Records the topics that are wanted and have a publisher, from its construction on.
+    """Records the wanted topics that have a publisher, beginning in its constructor.
 
-    To be created before the other nodes of a process: within a participant, publishers and
-    subscriptions match as they are created, so that what those nodes publish while they are being
-    set up on `/rosout` and `/parameter_events` is recorded, too.
+    Create it before the other nodes of a process: publishers and subscriptions of one participant
+    match at their creation, so that `/rosout` and `/parameter_events` are recorded from the other
+    nodes' constructors on.
 
-    Messages are written by a thread of its own; it is spun to find topics, and for its services:
+    A thread of its own writes the messages. Spinning the node finds topics, and serves Trigger
+    under rosbag2's names (rosbag2_interfaces is not among the common interfaces):
     `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `stop` and, for another bag in the
     folder, `record`.
 
@@ -52,15 +55,15 @@ class BagRecorder(Node):
     ----------
     directory
         Folder in which to make the bag's directory, `<date>_<time>`; the parameter `bag_dir`
-        goes before it.
+        overrides it.
     recording
         What to record, and how.
     path
-        The directory of the first bag itself, to be made; goes before the folder.
+        The directory of the first bag itself, to be made; overrides the folder.
     metadata
-        What the run says of itself, kept in the bag.
+        The run's metadata, kept in the bag.
     attachments
-        Files, by name, that each bag begins with.
+        Files, by name, to attach to each bag.
     options
         Those of `rclpy.node.Node`.
 
@@ -83,29 +86,35 @@ class BagRecorder(Node):
         super().__init__('bag_recorder', **options)
         #: Done when writing has failed, where that is to stop the run.
         self.finished: Future = Future()
-        self.failure: str | None = None  #: what went wrong first, in a sentence
+        self.failure: str | None = None  #: the first failure to write, in a sentence
         self._recording = recording or Recording()
         self._use_sim_time = self._recording.use_sim_time
         self._metadata = dict(metadata or {})
         self._attachments = dict(attachments or {})
-        self._listen()  # before the parameters are declared, to record their events
+        self._subscribe()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [_BAG_DIR._replace(default=default)])['bag_dir'])
         self.start(path)
-        self.create_timer(
-            _LOOK_PERIOD,
-            self.discover,
-            QuickCallbackGroup(),
-            Clock(clock_type=ClockType.STEADY_TIME),
-        )
-        serve(self)
 
-    def _listen(self) -> None:
-        self._listener = Listener(self, self._recording.wants)
+        # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
+        for name, action in (
+            ('pause', self._pause),
+            ('resume', self._resume),
+            ('is_paused', lambda: str(self.paused).lower()),
+            ('split_bagfile', self._split_bagfile),
+            ('stop', self._stop),
+            ('record', self._record),
+        ):
+            self.create_service(Trigger, f'bag_recorder/{name}', partial(_respond, action))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DISCOVERY_PERIOD, self.discover, QuickCallbackGroup(), steady)
+
+    def _subscribe(self) -> None:
+        self._topics = TopicSubscriptions(self, self._recording.wants, self._recording.depth)
         self.discover()
 
     def start(self, path: Path | None = None) -> None:
-        """Begin a bag, in the directory `path`; without it, in the folder for bags.
+        """Begin a bag in the directory `path`; without it, in a new one of the folder for bags.
 
         Raises
         ------
@@ -113,19 +122,19 @@ class BagRecorder(Node):
             The bag cannot be made.
         """
         reserve = self._recording.reserve
-        disk_space.check(path or self._root, reserve)
+        check_space(path or self._root, reserve)
         self.path = make_directory(path) if path else new_directory(self._root)
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
         self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
-        self._pump = Pump(self._writer, self._listener.take, reserve, self._on_failure)
-        self._pump.attach(self._attachments)
-        self._pump.use_sim_time = self.use_sim_time
-        self._pump.start()
+        self._thread = WriterThread(self._writer, self._topics.take, reserve, self._on_failure)
+        self._thread.attach(self._attachments)
+        self._thread.use_sim_time = self.use_sim_time
+        self._thread.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
 
     def _on_failure(self, failure: str | None) -> None:
         if failure is None:
-            self.get_logger().warning(f'recording to {str(self.path)!r} goes on')
+            self.get_logger().warning(f'recording to {str(self.path)!r} continues')
             return
         self.failure = self.failure or failure
         self.get_logger().error(failure)
@@ -139,26 +148,26 @@ class BagRecorder(Node):
 
     @property
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Messages lost, by topic and publishing node; None for a topic where that is unknown."""
-        return self._listener.lost()
+        """Number of messages lost, by topic and publishing node; None where that is unknown."""
+        return self._topics.lost()
 
     @property
     def paused(self) -> bool:
-        """Whether messages are left out of the bag for now."""
-        return self._pump.paused
+        """Whether messages are dropped for now."""
+        return self._thread.paused
 
     @paused.setter
     def paused(self, paused: bool) -> None:
-        self._pump.paused = paused
+        self._thread.paused = paused
 
     @property
     def use_sim_time(self) -> bool:
-        """Whether the bag's time is that of `/clock`, as soon as it is heard."""
+        """Whether messages are stamped with `/clock`, once there is one."""
         return self._use_sim_time
 
     @use_sim_time.setter
     def use_sim_time(self, use: bool) -> None:
-        self._use_sim_time = self._pump.use_sim_time = use
+        self._use_sim_time = self._thread.use_sim_time = use
 
     @property
     def stopped(self) -> bool:
@@ -166,39 +175,39 @@ class BagRecorder(Node):
         return self._writer.closed
 
     def split(self) -> None:
-        """Go on in the bag's next file."""
-        self._pump.split()
+        """Continue in the bag's next file."""
+        self._thread.split()
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
-        """Keep in the bag what the run says of itself; replaces entries of the same name."""
+        """Add metadata of the run to the bag; an entry replaces one of the same name."""
         self._metadata.update(entries)
-        self._pump.add_metadata(entries)
+        self._thread.add_metadata(entries)
 
     def discover(self) -> None:
-        """Listen to every wanted topic that has a publisher by now, as far as not done yet."""
-        for name, publishers in self._listener.discover():
-            self._ask(name, publishers)
+        """Subscribe to each wanted topic that has got a publisher since the last call."""
+        for name, publishers in self._topics.discover():
+            self._request_definition(name, publishers)
 
-    def _ask(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Ask for a definition that is missing; warn where none is to be had."""
+    def _request_definition(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+        """Ask for a missing definition; warn where there is none."""
 
-        def answered(definition: str | None) -> None:
+        def on_answer(definition: str | None) -> None:
             if definition:
-                self._listener.define(publishers[0].topic_type, definition)
-            if not (definition and self._listener.hear(name, publishers)):
-                why = self._listener.unknown[name]
+                self._topics.define(publishers[0].topic_type, definition)
+            if not (definition and self._topics.subscribe(name, publishers)):
+                why = self._topics.unknown[name]
                 self.get_logger().warning(f'{name} is not recorded: {why}')
 
-        describing.ask(self, publishers, answered)
+        request_definition(self, publishers, on_answer)
 
     def close(self) -> None:
-        """Record what is waiting and finish the bag; a second call does nothing."""
-        while not self.stopped and self._listener.expects_latched:
+        """Record the waiting messages and finish the bag; a second call does nothing."""
+        while not self.stopped and self._topics.expects_latched:
             time.sleep(0.01)
-        self._pump.close(self._last_words)
+        self._thread.close(self._final_metadata)
 
-    def _last_words(self) -> dict[str, str]:
-        unknown = self._listener.unknown
+    def _final_metadata(self) -> dict[str, str]:
+        unknown = self._topics.unknown
         return {
             **{f'not recorded {name}': why for name, why in unknown.items()},
             **losses.as_metadata(self.lost),
@@ -212,19 +221,55 @@ class BagRecorder(Node):
         UserError
             It cannot be made.
         """
-        self._listener.close()
-        self._listen()  # latched messages come again
+        self._topics.close()
+        self._subscribe()  # latched messages come again
         self.start()
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""
         self.close()
-        self._listener.close()
+        self._topics.close()
         super().destroy_node()
+
+    def _pause(self) -> str:
+        self.paused = True
+        return 'paused'
+
+    def _resume(self) -> str:
+        self.paused = False
+        return 'recording'
+
+    def _split_bagfile(self) -> str:
+        if self.stopped:
+            raise UserError('nothing is being recorded: call record first')
+        self.split()
+        return str(self.path)
+
+    def _stop(self) -> str:
+        self.close()
+        return str(self.path)
+
+    def _record(self) -> str:
+        if not self.stopped:
+            raise UserError(f'{str(self.path)!r} is being recorded: call stop first')
+        self.restart()
+        return str(self.path)
+
+
+def _respond(
+    action: Callable[[], str], _: Trigger.Request, response: Trigger.Response
+) -> Trigger.Response:
+    """Respond with the message that `action` returns, or with the reason why it cannot be done."""
+    try:
+        response.message = action()
+        response.success = True
+    except UserError as error:
+        response.message = str(error)
+    return response
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it is told to stop."""
+    """Run the node alone, until a signal stops it."""
     return call('bag_recorder', lambda: spin(BagRecorder, args))
 
 

@@ -1,4 +1,4 @@
-"""Moves messages into a bag, in a thread of its own."""
+"""The thread that writes messages into a bag."""
 
 from __future__ import annotations
 
@@ -9,38 +9,39 @@ from collections import deque
 from math import inf
 from typing import TYPE_CHECKING
 
-from barc_sim.nodes.recorder import disk_space
-from barc_sim.nodes.recorder.sim_time import SimulatedTime
+from barc_sim.bags.directory import free_space, short_of_space
+from barc_sim.ros import names
+from barc_sim.ros.conversions import leading_time
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from barc_sim.bags.writer import BagWriter
     from barc_sim.ros.topic_subscriptions import Message
 
-#: [s] between two turns, each of which takes what has come meanwhile.
+#: [s] between two polls of the source.
 _PERIOD = 0.05
-#: [s] between the ends of two chunks: a kill loses what came since the last, and up to a turn.
+#: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
 
 
-class Pump:
-    """A thread that writes what a source has, until it is closed.
+class WriterThread:
+    """Polls a source and writes its messages into a bag, until it is closed.
 
-    A disk that is slow or full holds up nothing but this thread. What the disk refuses waits here,
-    and the rest in the source, while each turn tries again: nothing is lost as long as that holds.
+    A slow or full disk blocks only this thread. A message that the disk refuses waits here, and the
+    later ones in the source, while each poll tries again; so nothing is lost while they have room.
 
     Parameters
     ----------
     writer
-        Of the bag; the pump's own from now on.
+        The bag's writer; only the thread uses it from now on.
     source
-        Returns the messages that wait; called in the thread.
+        Returns the waiting messages; called in the thread.
     reserve
         Space to leave free [B].
     on_failure
-        Is told, in the thread, what is wrong, when writing fails for the first time; then, when
-        it goes on, None.
+        Called in the thread: with a sentence at the first failure to write, and with None when
+        writing works again.
     """
 
     def __init__(
@@ -52,8 +53,8 @@ class Pump:
     ) -> None:
         self._lock = threading.Lock()
         self.paused = False
-        self.use_sim_time = False  #: whether the bag's time is `/clock`'s, as soon as it is heard
-        self._clock = SimulatedTime()
+        self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
+        self._clock = SimulatedClock()
         self._late: list[Message] = []
         self.failure: str | None = None  #: the first one
         self._writer = writer
@@ -61,28 +62,28 @@ class Pump:
         self._reserve = reserve
         self._on_failure = on_failure
         self._waiting: deque[Message] = deque()
-        self._stuck = False  # until the disk takes again what it has refused
-        self._broken = False  # for good: the source has failed
+        self._stuck = False  # until the disk accepts what it refused
+        self._broken = False  # for good, as the source has failed
         self._chunk_due = time.monotonic()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
 
     def start(self) -> None:
-        """Begin."""
+        """Start the thread."""
         self._thread.start()
 
     def _run(self) -> None:
         while not self._closing.wait(_PERIOD):
             with self._lock:
-                self._turn()
+                self._run_once()
 
-    def _turn(self) -> None:
+    def _run_once(self) -> None:
         try:
             if not self._stuck and not self._broken:
-                self._move()
+                self._drain()
             if time.monotonic() >= self._chunk_due:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
-                self._check()
+                self._check_disk()
                 self._writer.flush()
                 if self._stuck and not self._broken:
                     self._stuck = False
@@ -93,42 +94,42 @@ class Pump:
             self._broken = True
             self._fail(error)
 
-    def _move(self) -> None:
+    def _drain(self) -> None:
         if not self._waiting:
             messages = self._take_simulated() if self.use_sim_time else self._source()
             if self.paused:
                 return
-            # In order of reception, as they would be read.
+            # In order of reception, as readers expect.
             self._waiting.extend(sorted(messages, key=_received))
         while self._waiting:
             topic, data, received, published, number = self._waiting.popleft()
             self._writer.write(topic, data, received=received, published=published, sequence=number)
 
     def _take_simulated(self) -> Iterable[Message]:
-        """Return what waits, as received at the simulated time.
+        """Return the waiting messages, stamped with the simulated time.
 
-        Topics are taken one by one: what came since the first was begun with waits for the next
-        turn, as a clock that came before it may.
+        The source takes one topic after the other, so that a `/clock` older than a message may come
+        with the next poll: messages received since this poll began wait for the next.
         """
         begun = inf if self._closing.is_set() else time.time_ns()
         messages, self._late = [*self._late], []
         for message in self._source():
             (messages if message.received < begun else self._late).append(message)
-        return self._clock.stamped(sorted(messages, key=_received))
+        return self._clock.stamp(sorted(messages, key=_received))
 
-    def _check(self) -> None:
-        """Notice what the system would not tell, or too late.
+    def _check_disk(self) -> None:
+        """Check what the system does not report, or reports too late.
 
         Raises
         ------
         OSError
-            The bag was removed, and is there again; or space gets short.
+            The bag was removed, and has been made anew; or the disk is short of space.
         """
         if self._writer.restore():
-            raise OSError(errno.ENOENT, 'it was removed under the recording, and is written anew')
-        free = disk_space.free(self._writer.directory)
+            raise OSError(errno.ENOENT, 'it was removed while recording, and is written anew')
+        free = free_space(self._writer.directory)
         if free < self._reserve:
-            raise OSError(errno.ENOSPC, disk_space.short(free, self._reserve))
+            raise OSError(errno.ENOSPC, short_of_space(free, self._reserve))
 
     def _fail(self, error: Exception) -> None:
         if not self._stuck:
@@ -139,17 +140,17 @@ class Pump:
             self._on_failure(failure)
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
-        """Keep in the bag what the run says of itself."""
+        """Add metadata to the bag."""
         with self._lock:
             self._try(lambda: self._writer.add_metadata(entries))
 
     def attach(self, files: Mapping[str, bytes]) -> None:
-        """Keep files, by name, in the bag."""
+        """Attach files, by name, to the bag."""
         with self._lock:
             self._try(lambda: self._writer.attach(files))
 
     def split(self) -> None:
-        """Go on in the bag's next file."""
+        """Continue in the bag's next file."""
         with self._lock:
             self._try(self._writer.split)
 
@@ -159,13 +160,13 @@ class Pump:
         except OSError as error:
             self._fail(error)
 
-    def close(self, last_words: Callable[[], Mapping[str, str]] = dict) -> None:
-        """Write what waits and finish the bag; a second call does nothing.
+    def close(self, final_metadata: Callable[[], Mapping[str, str]] = dict) -> None:
+        """Write the waiting messages and finish the bag; a second call does nothing.
 
         Parameters
         ----------
-        last_words
-            Returns metadata; called when the last message was taken.
+        final_metadata
+            Returns metadata to add; called after the last message was taken.
         """
         if self._closing.is_set():
             return
@@ -173,14 +174,33 @@ class Pump:
         if self._thread.is_alive():
             self._thread.join()
         with self._lock:
-            self._reserve = 0  # it was kept for this
+            self._reserve = 0  # space was kept free for this
             self._chunk_due = 0.0
-            self._turn()  # makes it write again, where it could not
+            self._run_once()  # resumes writing, where it was blocked
             self._chunk_due = 0.0
-            self._turn()
+            self._run_once()
             if not self._stuck:
-                self._try(lambda: self._writer.add_metadata(last_words()))
+                self._try(lambda: self._writer.add_metadata(final_metadata()))
             self._try(self._writer.close)
+
+
+class SimulatedClock:
+    """Stamps messages with the latest `/clock` received before them.
+
+    Messages before the first `/clock` keep their time. `ros2 bag record --use-sim-time` does the
+    same, but in the order of its executor; here the order is that of reception. A clock that jumps
+    back is followed.
+    """
+
+    def __init__(self) -> None:
+        self._now: int | None = None
+
+    def stamp(self, messages: Iterable[Message]) -> Iterator[Message]:
+        """Yield messages, given in order of reception, as received at the simulated time."""
+        for message in messages:
+            if message.topic.name == names.CLOCK:
+                self._now = leading_time(message.data)
+            yield message if self._now is None else message._replace(received=self._now)
 
 
 def _received(message: Message) -> int:

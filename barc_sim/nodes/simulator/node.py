@@ -15,7 +15,6 @@ from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim.bags.cdr import leading_time
 from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.simulator.commands import Commands
@@ -24,7 +23,7 @@ from barc_sim.nodes.simulator.peer_watch import PeerWatch
 from barc_sim.nodes.simulator.publishers import StateOutlet
 from barc_sim.nodes.simulator.start_gate import Gate
 from barc_sim.ros import names
-from barc_sim.ros.conversions import NANOSECONDS, to_input, to_state_at_rest
+from barc_sim.ros.conversions import NANOSECONDS, leading_time, to_input, to_state_at_rest
 from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare

@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from barc_sim.bags.losses import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.offers import fits, request
+from barc_sim.ros.offered_qos import matches, request
 from barc_sim.ros.polled import PolledCallbackGroup
 from barc_sim.ros.serialized import Taker
 
@@ -89,7 +89,7 @@ def quality(
         profile.reliability = ReliabilityPolicy.get_from_short_key(reliability)
     if durability:
         profile.durability = DurabilityPolicy.get_from_short_key(durability)
-    if publishers and not any(fits(publisher, profile) for publisher in publishers):
+    if publishers and not any(matches(publisher, profile) for publisher in publishers):
         offered = request(publishers, depth)
         raise UserError(
             f'nobody offers {topic} as {_in_words(profile)}: ask for {_in_words(offered)} at most'

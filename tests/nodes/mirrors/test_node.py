@@ -25,9 +25,9 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.mirrors import node as module
 from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
 from barc_sim.nodes.mirrors.diagnosis import Facts
+from barc_sim.nodes.mirrors.kinds import MIRRORS
 from barc_sim.nodes.mirrors.messages import JOINTS
 from barc_sim.nodes.mirrors.node import MirrorNode
-from barc_sim.nodes.mirrors.options import MIRRORS
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road

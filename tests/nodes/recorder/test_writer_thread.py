@@ -1,9 +1,10 @@
-"""The thread that writes: in order, in time, and again when it was refused."""
+"""The thread that writes: in order, in time, and again after a failure."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import struct
 import time
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,7 @@ from mcap.records import Message as Record
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.records import records
 from barc_sim.bags.writer import BagWriter
-from barc_sim.nodes.recorder import disk_space
-from barc_sim.nodes.recorder.writer_thread import Pump
+from barc_sim.nodes.recorder.writer_thread import SimulatedClock, WriterThread
 from barc_sim.ros.topic_subscriptions import Message
 
 if TYPE_CHECKING:
@@ -26,17 +26,22 @@ TOPIC = Topic(
     name='/value', type='std_msgs/msg/Float64', definition='float64 data', type_hash='',
     offered_qos=[],
 )  # fmt: skip
+SECOND = 1_000_000_000
 
 
 class Source(list[Message]):
-    """Messages that wait."""
+    """Waiting messages."""
+
+    error: Exception | None = None
 
     def put(self, *numbers: int) -> None:
-        """Let messages wait."""
+        """Add messages."""
         self.extend(Message(TOPIC, bytes(12), 1000 + n, 900 + n, n) for n in numbers)
 
     def take(self) -> list[Message]:
-        """Return what waits."""
+        """Return and remove the waiting messages, or raise the error."""
+        if self.error:
+            raise self.error
         taken = self.copy()
         del self[: len(taken)]
         return taken
@@ -48,20 +53,28 @@ def source() -> Source:
 
 
 @pytest.fixture
-def said() -> list[str | None]:
+def failures() -> list[str | None]:
     return []
 
 
 @pytest.fixture
-def pump(tmp_path: Path, source: Source, said: list[str | None]) -> Iterator[Pump]:
+def reserve(request: pytest.FixtureRequest) -> int:
+    """Return the space to leave free [B]."""
+    return getattr(request, 'param', 0)
+
+
+@pytest.fixture
+def thread(
+    tmp_path: Path, source: Source, failures: list[str | None], reserve: int
+) -> Iterator[WriterThread]:
     (tmp_path / 'run').mkdir()
-    pump = Pump(BagWriter(tmp_path / 'run'), source.take, 0, said.append)
-    pump.start()
-    yield pump
-    pump.close()
+    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, reserve, failures.append)
+    thread.start()
+    yield thread
+    thread.close()
 
 
-def kept(tmp_path: Path) -> list[int]:
+def recorded(tmp_path: Path) -> list[int]:
     file = tmp_path / 'run' / 'run_0.mcap'
     return [record.sequence for record in records(file) if isinstance(record, Record)]
 
@@ -73,49 +86,45 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def test_what_waits_is_written_in_order_of_its_reception(
-    pump: Pump, source: Source, tmp_path: Path
+def test_messages_are_written_in_order_of_reception(
+    thread: WriterThread, source: Source, tmp_path: Path
 ) -> None:
     source.put(3, 1, 2)
-    pump.close()
-    assert kept(tmp_path) == [1, 2, 3]
+    wait_for(lambda: recorded(tmp_path) == [1, 2, 3])  # before it is closed
+    thread.close()
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
-@pytest.mark.usefixtures('pump')
-def test_it_reaches_the_file_without_being_closed(source: Source, tmp_path: Path) -> None:
-    source.put(1)
-    wait_for(lambda: kept(tmp_path) == [1])
-
-
-def test_what_comes_during_a_pause_is_left_out(pump: Pump, source: Source, tmp_path: Path) -> None:
-    pump.paused = True
+def test_messages_during_a_pause_are_dropped(
+    thread: WriterThread, source: Source, tmp_path: Path
+) -> None:
+    thread.paused = True
     source.put(1)
     wait_for(lambda: not source)
-    pump.paused = False
+    thread.paused = False
     source.put(2)
-    pump.close()
-    assert kept(tmp_path) == [2]
+    thread.close()
+    assert recorded(tmp_path) == [2]
 
 
-def test_last_words_are_asked_for_after_the_last_message_was_taken(
-    pump: Pump, source: Source
+def test_final_metadata_is_requested_after_the_last_message(
+    thread: WriterThread, source: Source
 ) -> None:
     waiting: list[int] = []
 
-    def last_words() -> dict[str, str]:
+    def final_metadata() -> dict[str, str]:
         waiting.append(len(source))
         return {'lost': '0'}
 
     source.put(1)
-    pump.close(last_words)
+    thread.close(final_metadata)
     assert waiting == [0]
 
 
-def test_what_was_refused_is_written_as_soon_as_it_can_be(
-    pump: Pump,
+def test_refused_messages_are_written_once_the_disk_accepts_them(
+    thread: WriterThread,
     source: Source,
-    said: list[str | None],
+    failures: list[str | None],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -123,82 +132,91 @@ def test_what_was_refused_is_written_as_soon_as_it_can_be(
         raise OSError(5, 'Input/output error')
 
     source.put(1)
-    wait_for(lambda: kept(tmp_path) == [1])
+    wait_for(lambda: recorded(tmp_path) == [1])
     with monkeypatch.context() as patch:
         patch.setattr(os, 'pwrite', refuse)
         source.put(2)
-        wait_for(lambda: bool(said))
+        wait_for(lambda: bool(failures))
         source.put(3)
-        assert pump.failure == f"writing to '{tmp_path / 'run'}' failed: Input/output error"
-    wait_for(lambda: kept(tmp_path) == [1, 2, 3])
-    assert said == [pump.failure, None]
-    pump.close()
+        assert thread.failure == f"writing to '{tmp_path / 'run'}' failed: Input/output error"
+    wait_for(lambda: recorded(tmp_path) == [1, 2, 3])
+    assert failures == [thread.failure, None]
+    thread.close()
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
-def test_what_could_not_be_finished_stays_readable(
-    pump: Pump, source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_bag_that_cannot_be_finished_stays_readable(
+    thread: WriterThread, source: Source, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> int:
         raise OSError(28, 'No space left on device')
 
     source.put(1, 2)
-    wait_for(lambda: kept(tmp_path) == [1, 2])
+    wait_for(lambda: recorded(tmp_path) == [1, 2])
     monkeypatch.setattr(os, 'pwrite', refuse)
     source.put(3)
-    pump.close()
-    assert kept(tmp_path) == [1, 2]
-    assert pump.failure
-    assert pump.failure.endswith('No space left on device')
+    thread.close()
+    assert recorded(tmp_path) == [1, 2]
+    assert thread.failure
+    assert thread.failure.endswith('No space left on device')
 
 
-def test_a_bag_that_is_removed_is_written_anew(
-    pump: Pump, source: Source, said: list[str | None], tmp_path: Path
+def test_removed_bag_is_written_anew(
+    thread: WriterThread, source: Source, failures: list[str | None], tmp_path: Path
 ) -> None:
     source.put(1, 2)
-    wait_for(lambda: kept(tmp_path) == [1, 2])
+    wait_for(lambda: recorded(tmp_path) == [1, 2])
     shutil.rmtree(tmp_path / 'run')
-    wait_for(lambda: bool(said))
+    wait_for(lambda: bool(failures))
     source.put(3)
-    pump.close()
-    assert kept(tmp_path) == [1, 2, 3]
-    assert pump.failure
-    assert 'it was removed under the recording, and is written anew' in pump.failure
+    thread.close()
+    assert recorded(tmp_path) == [1, 2, 3]
+    assert thread.failure
+    assert 'it was removed while recording, and is written anew' in thread.failure
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
-def test_little_space_is_noticed_while_there_is_enough_to_finish(
-    pump: Pump,
-    source: Source,
-    said: list[str | None],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize('reserve', [2**70], indirect=True)
+def test_shortage_of_space_is_reported_while_there_is_enough_to_finish(
+    thread: WriterThread, source: Source, failures: list[str | None], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(pump, '_reserve', 2**20)
-    monkeypatch.setattr(disk_space, 'free', lambda _: 2**19)
-    wait_for(lambda: bool(said))
+    wait_for(lambda: bool(failures))
     source.put(1)
-    assert said[0]
-    assert said[0].endswith('only 0.5 MiB are free, and 1 MiB are to stay free')
-    pump.close()
-    assert kept(tmp_path) == [1]
+    assert failures[0]
+    assert failures[0].endswith('MiB are free, and 1.1259e+15 MiB must stay free')
+    thread.close()
+    assert recorded(tmp_path) == [1]
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
-def test_a_source_that_fails_is_said_once_and_the_bag_is_finished(
-    pump: Pump,
-    source: Source,
-    said: list[str | None],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+def test_failing_source_is_reported_once_and_the_bag_is_finished(
+    thread: WriterThread, source: Source, failures: list[str | None], tmp_path: Path
 ) -> None:
-    def fail() -> list[Message]:
-        raise RuntimeError('rcl has failed')
-
     source.put(1)
-    wait_for(lambda: kept(tmp_path) == [1])
-    monkeypatch.setattr(pump, '_source', fail)
-    wait_for(lambda: bool(said))
-    pump.close()
-    assert said == [f"writing to '{tmp_path / 'run'}' failed: RuntimeError('rcl has failed')"]
+    wait_for(lambda: recorded(tmp_path) == [1])
+    source.error = RuntimeError('rcl has failed')
+    wait_for(lambda: bool(failures))
+    thread.close()
+    assert failures == [f"writing to '{tmp_path / 'run'}' failed: RuntimeError('rcl has failed')"]
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
+
+
+def message(received: int) -> Message:
+    return Message(TOPIC, b'', received, received, 1)
+
+
+def clock(received: int, sec: int, nanosec: int = 0) -> Message:
+    topic = Topic(name='/clock', type='a/msg/B', definition='', type_hash='', offered_qos=())
+    data = bytes([0, 1, 0, 0]) + struct.pack('<iI', sec, nanosec)
+    return Message(topic, data, received, received, 1)
+
+
+def test_simulated_clock_stamps_messages_with_the_latest_clock() -> None:
+    clocks = SimulatedClock()
+    stamped = [*clocks.stamp([message(1), clock(2, 7), message(3), clock(4, 8, 5), message(9)])]
+    assert [each.received for each in stamped] == [
+        *(1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5)
+    ]
+    assert [each.published for each in stamped] == [1, 2, 3, 4, 9]
+    (later,) = clocks.stamp([message(10)])
+    assert later.received == 8 * SECOND + 5

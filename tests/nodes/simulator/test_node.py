@@ -333,7 +333,7 @@ def test_publisher_that_cannot_be_heard_is_named_once(
     # Ten looks' time at least, as many as there are steps.
     world.until(lambda: simulator.steps >= 10)
     log = capfd.readouterr().err
-    assert log.count('vehicle_simulator cannot hear joystick on /ecu') == 1
+    assert log.count('vehicle_simulator cannot receive /ecu from joystick') == 1
 
 
 # Parameters, and the place of its own

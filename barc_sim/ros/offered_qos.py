@@ -1,4 +1,4 @@
-"""What the publishers of a topic offer: what to ask of them, and what a bag says of it."""
+"""The QoS that publishers offer: what a subscription requests, and what a bag records of it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def request(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
-    """Return the most that all publishers offer, as rosbag2 asks for it."""
+    """Return the strongest QoS that all publishers offer, as rosbag2 requests it."""
     profiles = [publisher.qos_profile for publisher in publishers]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
     latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
@@ -34,8 +34,8 @@ def request(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
     )
 
 
-def fits(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
-    """Return whether a subscription that asked for this hears the publisher."""
+def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
+    """Return whether a subscription that requests this QoS gets the publisher's messages."""
     compatibility, _ = qos_check_compatible(publisher.qos_profile, requested)
     return bool(compatibility != QoSCompatibility.ERROR)
 
@@ -43,12 +43,14 @@ def fits(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
 def describe(
     name: str, publishers: Sequence[TopicEndpointInfo], definitions: Mapping[str, str]
 ) -> Topic:
-    """Return what a bag says of the topic; `definitions` has those of types that are not installed.
+    """Return a bag's record of the topic.
+
+    `definitions` has the `ros2msg` schemas of types that are installed without theirs.
 
     Raises
     ------
     LookupError
-        The definition of its type is neither there nor installed.
+        The definition of the topic's type is neither given nor installed.
     """
     type_name = publishers[0].topic_type
     return Topic(
@@ -56,11 +58,11 @@ def describe(
         type=type_name,
         definition=definitions.get(type_name) or definition(type_name),
         type_hash=str(publishers[0].topic_type_hash),
-        offered_qos=[_in_words(publisher.qos_profile) for publisher in publishers],
+        offered_qos=[_as_metadata(publisher.qos_profile) for publisher in publishers],
     )
 
 
-def _in_words(profile: QoSProfile) -> dict[str, Any]:
+def _as_metadata(profile: QoSProfile) -> dict[str, Any]:
     return {
         'history': profile.history.name.lower(),
         'depth': profile.depth,

@@ -7,13 +7,14 @@ from math import inf
 
 import pytest
 
-from barc_sim.nodes.recorder.options import Recording, add_arguments, from_options
+from barc_sim.nodes.recorder.recording import Recording
+from barc_sim.runs.recording_options import add_recording_options, recording
 
 
 def parse(*arguments: str) -> Recording:
     parser = ArgumentParser()
-    add_arguments(parser)
-    return from_options(parser.parse_args(arguments))
+    add_recording_options(parser)
+    return recording(parser.parse_args(arguments))
 
 
 @pytest.mark.parametrize(
@@ -38,7 +39,7 @@ def test_topics_are_chosen_by_regular_expressions(
 
 
 def test_without_options_everything_is_recorded_into_one_file() -> None:
-    assert parse() == Recording() == from_options(Namespace(speed=8.0))
+    assert parse() == Recording() == recording(Namespace(speed=8.0))
     assert (Recording().max_bag_size, Recording().max_bag_duration) == (inf, inf)
 
 

@@ -1,4 +1,4 @@
-"""Asks publishers for the descriptions of types that are installed without their definitions."""
+"""Asks publishers for the definitions of types that are installed without theirs."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-#: [s] A publisher's node that has not answered by then never will.
-_PATIENCE = 5.0
+#: [s] to wait for a node's answer.
+_TIMEOUT = 5.0
 
 
-def ask(
+def request_definition(
     node: Node,
     publishers: Sequence[TopicEndpointInfo],
-    answered: Callable[[str | None], None],
+    on_answer: Callable[[str | None], None],
 ) -> None:
     """Ask the node of a topic's first publisher for the definition of its type.
 
     Parameters
     ----------
     node
-        Who asks; it must be spun.
+        The client, which must be spun.
     publishers
-        Of the topic.
-    answered
-        Is called once, with the `ros2msg` schema, or None where there is none to be had.
+        Those of the topic.
+    on_answer
+        Called once, with the `ros2msg` schema, or None where there is none.
     """
     publisher = publishers[0]
     namespace = publisher.node_namespace.rstrip('/')
@@ -46,15 +46,15 @@ def ask(
     )
     response = client.call_async(request)
 
-    def end() -> None:
+    def finish() -> None:
         timer.cancel()
         node.destroy_timer(timer)
         node.destroy_client(client)
         found = response.result() if response.done() else None
-        answered(_definition(publisher.topic_type, found))
+        on_answer(_definition(publisher.topic_type, found))
 
-    timer = node.create_timer(_PATIENCE, end)
-    response.add_done_callback(lambda _: end() if not timer.is_canceled() else None)
+    timer = node.create_timer(_TIMEOUT, finish)
+    response.add_done_callback(lambda _: finish() if not timer.is_canceled() else None)
 
 
 def _definition(name: str, response: Any) -> str | None:  # noqa: ANN401 (a generated class)

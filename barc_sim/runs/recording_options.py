@@ -1,0 +1,88 @@
+"""Options of a recording: those of a run, and of `barc record`."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from dataclasses import fields
+from math import inf
+from typing import TYPE_CHECKING
+
+from barc_sim.nodes.recorder.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a recording, in a group of their own."""
+    group = parser.add_argument_group('recording')
+    group.add_argument(
+        '--topics',
+        type=_pattern,
+        metavar='REGEX',
+        help='record only topics whose name contains it',
+    )
+    group.add_argument(
+        '--exclude', type=_pattern, metavar='REGEX', help='record no topic whose name contains it'
+    )
+    group.add_argument(
+        '--include-hidden-topics',
+        action='store_true',
+        help="record topics with a name part that begins with '_', such as services' events",
+    )
+    group.add_argument(
+        '--max-bag-size',
+        type=_positive('bytes'),
+        default=inf,
+        metavar='BYTES',
+        help='begin a new file of the bag at this size',
+    )
+    group.add_argument(
+        '--max-bag-duration',
+        type=_positive('seconds'),
+        default=inf,
+        metavar='S',
+        help='begin a new file of the bag after this time',
+    )
+    group.add_argument(
+        '--on-write-error',
+        choices=('stop', 'continue'),
+        default='stop',
+        help='when the bag cannot be written: stop, or continue and write again when it can be '
+        '(stop); the exit code is 1 either way',
+    )
+    group.add_argument(
+        '--min-free-space',
+        type=_positive('MiB', zero=True),
+        default=Recording.min_free_space,
+        metavar='MIB',
+        help=f'space to leave free on the disk ({Recording.min_free_space:g})',
+    )
+
+
+def recording(options: argparse.Namespace) -> Recording:
+    """Return the settings on the command line; an option that it does not have is the default."""
+    given = vars(options)
+    names = {field.name for field in fields(Recording)}
+    return Recording(**{name: value for name, value in given.items() if name in names})
+
+
+def _pattern(text: str) -> re.Pattern[str]:
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a regular expression: {error}') from None
+
+
+def _positive(unit: str, *, zero: bool = False) -> Callable[[str], float]:
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = -1.0
+        if not (0.0 <= value < inf if zero else 0.0 < value < inf):
+            raise argparse.ArgumentTypeError(f'{text!r} is not a positive number of {unit}')
+        return value
+
+    return convert

@@ -1,0 +1,84 @@
+"""Options that show a run: the live page, and the mirrors for ROS's own tools."""
+
+from __future__ import annotations
+
+import argparse
+
+from barc_sim.cli.option_types import FOXGLOVE_PORT, GREATEST_PORT, whole
+from barc_sim.nodes.mirrors.kinds import MIRRORS
+
+
+def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
+    """Add `--view`, `--view-port` and `--view-host`; `on` is the meaning of `auto`."""
+    default = 'web' if on else 'none'
+    parser.add_argument(
+        '--view',
+        choices=('auto', 'web', 'none'),
+        default='auto',
+        help=f'the live picture: a web page, or none (auto: {default})',
+    )
+    add_address_options(parser)
+    parser.set_defaults(view_auto=default)
+
+
+def add_address_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--view-port` and `--view-host`."""
+    parser.add_argument(
+        '--view-port',
+        type=whole(0, GREATEST_PORT),
+        default=0,
+        metavar='PORT',
+        help='port of the page (any that is free)',
+    )
+    parser.add_argument(
+        '--view-host',
+        default='127.0.0.1',
+        metavar='ADDRESS',
+        help='address to serve the page at; 0.0.0.0 for a phone in the same network: whoever has '
+        'the whole address can drive (127.0.0.1)',
+    )
+
+
+def wants_page(options: argparse.Namespace) -> bool:
+    """Return whether to serve the live page; False for a program without these options."""
+    choice = getattr(options, 'view', 'none')
+    return bool((options.view_auto if choice == 'auto' else choice) == 'web')
+
+
+def add_mirror_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--mirrors` and `--foxglove`."""
+    parser.add_argument(
+        '--mirrors',
+        type=_mirrors,
+        metavar='NAMES',
+        help='standard messages for RViz, Foxglove and PlotJuggler: all, none, or some of '
+        f'{",".join(MIRRORS)} (none)',
+    )
+    parser.add_argument(
+        '--foxglove',
+        type=whole(0, GREATEST_PORT),
+        nargs='?',
+        const=FOXGLOVE_PORT,
+        metavar='PORT',
+        help='serve every topic live to the Foxglove app on this machine, with all mirrors unless '
+        f'--mirrors names others ({FOXGLOVE_PORT})',
+    )
+
+
+def wanted_mirrors(options: argparse.Namespace) -> frozenset[str]:
+    """Return the mirrors named on the command line; without names, all for Foxglove, else none."""
+    chosen = getattr(options, 'mirrors', None)
+    if chosen is None:
+        return frozenset(() if getattr(options, 'foxglove', None) is None else MIRRORS)
+    return frozenset(chosen)
+
+
+def _mirrors(text: str) -> frozenset[str]:
+    if text in ('all', 'none'):
+        return frozenset(MIRRORS if text == 'all' else ())
+    names = frozenset(text.split(','))
+    if not names <= set(MIRRORS):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither 'all', 'none' nor some of {','.join(MIRRORS)}"
+        )
+    return names
