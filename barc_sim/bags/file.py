@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import IO
 
-# A chunk is what is lost if the process is killed. Compressing 64 KiB takes 0.2 ms; zstd costs
-# 0.6 us a message more than none and writes 40 % of the bytes.
+# A kill loses one chunk. Compressing 64 KiB takes 0.2 ms; zstd costs 0.6 us a message more than
+# none, and writes 40 % of the bytes.
 _CHUNK_SIZE = 64 * 1024
 
 
 class BagFile:
-    """An MCAP file that is being written, chunk by chunk, each with a checksum.
+    """An MCAP file that is being written in chunks, each with a checksum.
 
-    Nothing that `commit` could not write is gone: it waits for the next `commit`.
+    What `commit` cannot write is kept for the next `commit`.
 
     Raises
     ------
@@ -52,15 +52,15 @@ class BagFile:
         return self.pieces.tell()
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
-        """Say something of the run."""
+        """Add metadata of the run."""
         self._writer.add_metadata(METADATA_NAME, dict(entries))
 
     def attach(self, name: str, media_type: str, data: bytes, modified: int = 0) -> None:
-        """Attach a file as it was `modified` [ns] since the epoch; 0: nobody knows when."""
+        """Attach a file with its time `modified` [ns] since the epoch; 0: unknown."""
         self._writer.add_attachment(modified, time.time_ns(), name, media_type, data)
 
     def add(self, topic: Topic, data: bytes, received: int, published: int, sequence: int) -> bool:
-        """Append a message; return whether there is something to commit now."""
+        """Append a message; return whether there is anything to commit."""
         channel = self._channels.get(topic.name)
         if channel is None:
             channel = self._channels[topic.name] = self._register(topic)
@@ -83,17 +83,17 @@ class BagFile:
         )
 
     def end_chunk(self) -> None:
-        """End the chunk in progress, to be committed."""
+        """End the chunk in progress, so that it can be committed."""
         if not self.finished:
             self._writer.flush()  # type: ignore[no-untyped-call]
 
     def commit(self) -> None:
-        """Hand what waits to the operating system, and close a file that is finished.
+        """Write the finished chunks, and close the file if it is finished.
 
         Raises
         ------
         OSError
-            It was refused; the file is whole up to what was committed before.
+            The system refused; the file is whole up to the last commit.
         """
         if self.pieces.waiting:
             self.pieces.commit()
@@ -101,7 +101,7 @@ class BagFile:
             self.pieces.close()
 
     def finish(self, information: Mapping[str, Any]) -> None:
-        """Add the bag's metadata, with which rosbag2 reads a file alone, and the summary."""
+        """Add the summary, and the bag's metadata, so that rosbag2 can read the file alone."""
         if not self.finished:
             self._writer.add_metadata('rosbag2', {'serialized_metadata': to_yaml(information)})
             self._writer.finish()  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""Counts the messages that a subscription missed, by the numbers that publishers give them."""
+"""Counts lost messages, by the sequence numbers that publishers give them."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-#: Of a message that the middleware has not numbered.
+#: The number of a message that the middleware does not number.
 UNNUMBERED = 2**64 - 1
 
 
 class Losses:
-    """Of one topic, for each publisher: what is missing between messages that were received.
+    """The lost messages of one topic, for each publisher.
 
     A publisher numbers its messages one by one, so that a gap is a loss, wherever it happened: in
-    the subscription, on the way, or in a publisher whose queue was too short. What came before a
-    publisher's first message and after its last one cannot be told.
+    the subscription, on the way, or in a publisher whose queue was too short. Losses before the
+    first received message of a publisher, or after its last one, are not counted.
     """
 
     def __init__(self) -> None:
-        """Nothing was received."""
+        """Begin with no messages."""
         self._last: dict[bytes, int] = {}
         self.by_publisher: dict[bytes, int] = {}  #: where any were lost, by the publisher's GID
-        self.unnumbered = False  #: whether a message had no number, so that nothing can be told
+        self.unnumbered = False  #: whether a message had no number, so that losses are unknown
 
     def count(self, publisher: bytes, number: int) -> None:
-        """Take note of a message that was received."""
+        """Count a received message, by its publisher's GID and its number."""
         last = self._last.get(publisher, number - 1)
         self._last[publisher] = number
         if number == UNNUMBERED:
@@ -36,13 +36,13 @@ class Losses:
 
 
 def as_metadata(lost: Mapping[str, Mapping[str, int] | None]) -> dict[str, str]:
-    """Return what a bag says of losses.
+    """Return the metadata entries of a bag about lost messages.
 
     Parameters
     ----------
     lost
-        By topic, the messages lost of each publisher's node that lost any; None where the
-        middleware does not number messages.
+        By topic, the number of lost messages by the publisher's node; None where the middleware
+        does not number messages.
     """
     total = sum(sum(by_node.values()) for by_node in lost.values() if by_node)
     entries = {'lost_messages': str(total)}
@@ -55,8 +55,8 @@ def as_metadata(lost: Mapping[str, Mapping[str, int] | None]) -> dict[str, str]:
     return entries
 
 
-def in_words(counts: Mapping[str, int], lost: Mapping[str, Mapping[str, int] | None]) -> str:
-    """Return in lines how many messages were recorded and lost; `lost` as for `as_metadata`."""
+def summary(counts: Mapping[str, int], lost: Mapping[str, Mapping[str, int] | None]) -> str:
+    """Return lines with the numbers of recorded and lost messages; `lost` as in `as_metadata`."""
     entries = as_metadata(lost)
     total = entries.pop('lost_messages')
     first = f'recorded {sum(counts.values())} messages, lost {total}'

@@ -1,4 +1,4 @@
-"""What a bag says of itself: rosbag2's metadata, in version 9."""
+"""A bag's metadata, in rosbag2's version 9."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FILE = 'metadata.yaml'
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """What a bag says of a topic."""
+    """A bag's record of a topic."""
 
     name: str
     type: str  #: as in `std_msgs/msg/Header`
@@ -29,14 +29,14 @@ class Topic:
 
 @dataclass
 class Span:
-    """When the messages of a file or of a bag were received, and how many there are."""
+    """The time span and number of the messages in a file or a bag."""
 
     start: int | None = None  #: [ns] since the epoch; None without messages
     end: int = 0  #: [ns]
     count: int = 0
 
     def add(self, received: int) -> None:
-        """Count a message."""
+        """Add a message, by its time of reception [ns]."""
         if self.start is None:
             self.start = self.end = received
         elif received < self.start:
@@ -46,15 +46,15 @@ class Span:
         self.count += 1
 
     def __add__(self, other: Span) -> Span:
-        """Return what covers both."""
+        """Return the span that covers both."""
         if self.start is None or other.start is None:
             return other if self.start is None else self
         return Span(
             min(self.start, other.start), max(self.end, other.end), self.count + other.count
         )
 
-    def in_words(self) -> dict[str, Any]:
-        """Return it as metadata has it."""
+    def as_metadata(self) -> dict[str, Any]:
+        """Return the entries of the metadata."""
         return {
             'duration': {'nanoseconds': self.end - (self.start or 0)},
             'starting_time': {'nanoseconds_since_epoch': self.start or 0},
@@ -70,16 +70,16 @@ def information(
     Parameters
     ----------
     files
-        By their names.
+        The span of each file, by its name.
     topics
-        With the number of their messages.
+        The topics, each with the number of its messages.
     custom
-        What the run says of itself.
+        The run's own metadata.
     """
     return {
         'version': 9,
         'storage_identifier': 'mcap',
-        **sum(files.values(), Span()).in_words(),
+        **sum(files.values(), Span()).as_metadata(),
         'topics_with_message_count': [
             {
                 'topic_metadata': {
@@ -96,7 +96,7 @@ def information(
         'compression_format': '',
         'compression_mode': '',
         'relative_file_paths': list(files),
-        'files': [{'path': name, **span.in_words()} for name, span in files.items()],
+        'files': [{'path': name, **span.as_metadata()} for name, span in files.items()],
         'custom_data': dict(custom),
         'ros_distro': 'jazzy',
     }
@@ -116,12 +116,12 @@ def write(directory: Path, information: Mapping[str, Any]) -> None:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes equal values out each time: rosbag2's files have no anchors."""
+    """Writes equal values out each time, as rosbag2's files have no anchors."""
 
     def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002
         return True
 
 
 def to_yaml(value: object) -> str:
-    """Return it as rosbag2's YAML looks."""
+    """Return `value` as YAML in the style of rosbag2."""
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=2**31)

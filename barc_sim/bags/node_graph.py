@@ -1,4 +1,4 @@
-"""Which node publishes and hears what: as a record, as JSON, and as a table with what each does."""
+"""The graph of nodes and topics: as a record, as JSON, and as a table of the nodes' purposes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-#: Topics of ROS's own machinery, which every node publishes; named, but not drawn.
+#: ROS's own topics, which every node publishes; figures name them, but do not draw them.
 EVERYONES = ('/rosout', '/parameter_events')
 
 Link = tuple[str, str]
@@ -30,7 +30,7 @@ class NodeGraph:
 
     @classmethod
     def from_json(cls, text: str) -> NodeGraph:
-        """Return the graph that `to_json` made `text` of."""
+        """Return the graph from the JSON of `to_json`."""
         values = json.loads(text)
         return cls(
             nodes=tuple(values['nodes']),
@@ -41,7 +41,7 @@ class NodeGraph:
 
 
 class Part(NamedTuple):
-    """A node as the table tells it; source and purpose are empty where it is not one of ours."""
+    """A row of the table; source and purpose are empty for a node that is not ours."""
 
     name: str
     source: str
@@ -55,7 +55,7 @@ def table(graph: NodeGraph) -> list[Part]:
 
 
 def _known() -> dict[str, tuple[str, str]]:
-    """Return source and purpose of our own nodes, by name, from their modules' text."""
+    """Return source and purpose of our own nodes, by name, from their modules' docstrings."""
     package = Path(__file__).parents[1]
     known = {}
     for path in sorted((package / 'nodes').rglob('*.py')):

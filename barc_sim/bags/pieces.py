@@ -1,4 +1,4 @@
-"""A new file that grows by whole pieces, whatever becomes of its disk or its folder."""
+"""A file that grows by whole pieces, even if its disk fills up or its folder is removed."""
 
 from __future__ import annotations
 
@@ -14,10 +14,9 @@ _COPIED_AT_ONCE = 1 << 20
 
 
 class Pieces:
-    """A stream to write to, of which the file gets all that waits, or nothing.
+    """A stream that collects a piece in memory, and appends it to a file, whole or not at all.
 
-    What is written waits in memory until `commit`. Where that fails, the file is as it was before,
-    the piece goes on waiting, and `commit` may be tried again.
+    If `commit` fails, the file is as before, the piece is kept, and `commit` can be tried again.
 
     Parameters
     ----------
@@ -40,7 +39,7 @@ class Pieces:
     def _open(self) -> int:
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
         descriptor = os.open(self._path, flags, 0o666)
-        with suppress(OSError):  # not every file system can
+        with suppress(OSError):  # some file systems cannot
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return descriptor
 
@@ -51,11 +50,11 @@ class Pieces:
         return len(data)
 
     def tell(self) -> int:
-        """Return how much was written [B]."""
+        """Return the length of all that was written to the stream [B]."""
         return self._position
 
     def flush(self) -> None:
-        """Do nothing: a piece ends where its writer says so, with `commit`."""
+        """Do nothing: only `commit` ends a piece."""
 
     @property
     def waiting(self) -> bool:
@@ -63,12 +62,12 @@ class Pieces:
         return bool(self._waiting)
 
     def commit(self) -> None:
-        """Hand the piece to the operating system.
+        """Append the piece to the file.
 
         Raises
         ------
         OSError
-            It was refused.
+            The system refused.
         """
         piece = memoryview(b''.join(self._waiting))
         self._waiting = [bytes(piece)] if len(self._waiting) > 1 else self._waiting
@@ -98,12 +97,12 @@ class Pieces:
         return (found.st_dev, found.st_ino) == (own.st_dev, own.st_ino)
 
     def restore(self) -> None:
-        """Make the file anew, and its folder, after somebody has removed them.
+        """Make the file and its folder anew, after they were removed.
 
         Raises
         ------
         OSError
-            They cannot be made, or something else is there now.
+            They cannot be made, or another file has taken the name.
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
         removed, self._descriptor = self._descriptor, self._open()
@@ -115,14 +114,14 @@ class Pieces:
         os.close(removed)
 
     def close(self) -> None:
-        """Close the file as it is; what still waits is dropped."""
+        """Close the file; a piece that was not committed is dropped."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
 
 def is_being_written(path: Path) -> bool:
-    """Return whether a file grows by pieces now, in whichever process."""
+    """Return whether any process is writing the file by pieces now."""
     try:
         with path.open('rb') as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -24,7 +24,7 @@ _logger = logging.getLogger(__name__)
 
 
 def newest(root: Path | str = 'bags') -> Path:
-    """Return the bag in the folder `root` whose file was written to last.
+    """Return the bag in the folder `root` that was written to last.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def info(path: Path | str) -> dict[str, str]:
 
 
 def attachments(path: Path | str) -> dict[str, bytes]:
-    """Return the files that are attached to the bag, by name.
+    """Return the files attached to the bag, by name.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def attachments(path: Path | str) -> dict[str, bytes]:
 
 
 def counts(path: Path | str) -> dict[str, int]:
-    """Return how many messages the bag has, by topic, without namespaces.
+    """Return the number of messages by topic, without namespaces.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def counts(path: Path | str) -> dict[str, int]:
 def read(path: Path | str, namespace: str | None = None) -> Log:
     """Read the run of a car.
 
-    A bag whose run was killed is read as far as it goes, with a warning in the log.
+    A bag whose run was killed is read up to its last whole record, with a warning in the log.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     Raises
     ------
     UserError
-        There is no bag at `path`, no car in it, or not one but several.
+        There is no bag at `path`, or it has no such car, or several.
     """
     samples = _samples(Path(path))
     wanted = None if namespace is None else '/' + namespace.strip('/')
@@ -127,7 +127,7 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
 
 
 def _in_order(namespace: str) -> tuple[int, str]:
-    """Sort /car10 behind /car2."""
+    """Return a key that sorts /car10 after /car2."""
     return len(namespace), namespace
 
 
@@ -135,7 +135,7 @@ class _Decoder:
     """Decodes the messages of the topics that a log is made of, the records of one file."""
 
     def __init__(self) -> None:
-        self.meaningless = 0  # records
+        self.undecodable = 0  # records
         self._types = get_typestore(Stores.EMPTY)
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, tuple[str, str]] = {}  # namespace and topic
@@ -151,7 +151,7 @@ class _Decoder:
                 namespace, _ = self._channels[record.channel_id]
                 return (namespace, *self._sample(record))
         except Exception:  # noqa: BLE001 (damage may raise anything)
-            self.meaningless += 1
+            self.undecodable += 1
         return None
 
     def _add(self, channel: Channel) -> None:
@@ -190,8 +190,8 @@ def _samples(path: Path) -> dict[str, dict[str, list[Sample]]]:
             if decoded := decoder.decode(record):
                 namespace, topic, sample = decoded
                 samples[namespace][topic].append(sample)
-        if decoder.meaningless:
+        if decoder.undecodable:
             _logger.warning(
-                '%s has %d records that mean nothing: left out', file, decoder.meaningless
+                '%s has %d records that cannot be decoded: left out', file, decoder.undecodable
             )
     return samples

@@ -1,4 +1,4 @@
-"""Reads the records of a bag's files, as far as they are whole."""
+"""Reads the records of a bag's files, up to the last whole one."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _logger = logging.getLogger(__name__)
 
 @dataclass
 class Damage:
-    """What was found while a file was read."""
+    """The damage found in a file."""
 
     unreadable_chunks: int = 0
     unfinished: bool = False  #: its end is missing
-    unread: int = 0  #: [B] behind the last whole record
+    unread: int = 0  #: [B] after the last whole record
 
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
@@ -36,7 +36,7 @@ class Damage:
 
 
 def files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag, which `path` is the directory of, or one of.
+    """Return the MCAP files of a bag; `path` is its directory, or one of the files.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def files(path: Path) -> list[Path]:
 
 
 def _order(file: Path) -> tuple[int, str]:
-    """Return what sorts `run_10.mcap` behind `run_9.mcap`."""
+    """Return a key that sorts `run_10.mcap` after `run_9.mcap`."""
     number = re.search(r'_(\d+)\.mcap$', file.name)
     return int(number[1]) if number else -1, file.name
 
@@ -62,23 +62,21 @@ def _order(file: Path) -> tuple[int, str]:
 def records(
     file: Path, *, messages: bool = True, damage: Damage | None = None
 ) -> Iterator[McapRecord]:
-    """Yield a file's records as far as it is whole.
-
-    A chunk that has no whole messages is left out.
+    """Yield a file's records up to the last whole one, without the chunks that are damaged.
 
     Parameters
     ----------
     file
         The file.
     messages
-        False for only what is outside of the chunks.
+        False to skip the chunks, and with them the messages.
     damage
-        Takes what is wrong with the file; without it, that is a warning in the log.
+        Filled with the damage found; without it, damage is a warning in the log.
 
     Raises
     ------
     UserError
-        It cannot be read, or is no MCAP file.
+        It cannot be read, or is not an MCAP file.
     """
     found = Damage() if damage is None else damage
     try:
@@ -95,7 +93,7 @@ def records(
         if messages:
             yield from _described(stream)
         stream.seek(0)
-        # A length beyond the file's is damage, and nothing to allocate memory for.
+        # A length greater than the file's is damage: no memory is allocated for it.
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         whole = 0
         try:
@@ -109,11 +107,11 @@ def records(
             found.unfinished = True
             found.unread = size - whole
     if damage is None and messages and found:
-        _logger.warning('%s is unfinished or damaged: read as far as it is whole', file)
+        _logger.warning('%s is unfinished or damaged: read up to the last whole record', file)
 
 
 def _described(stream: IO[bytes]) -> list[McapRecord]:
-    """Return the schemas and channels of the summary, as those in a chunk may be lost with it."""
+    """Return the schemas and channels of the summary, as a damaged chunk may hold the others."""
     try:
         summary = SeekingReader(stream, validate_crcs=True).get_summary()
         return [*summary.schemas.values(), *summary.channels.values()] if summary else []

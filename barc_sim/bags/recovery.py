@@ -1,4 +1,4 @@
-"""Makes a whole bag of one whose run was killed, or whose file was damaged."""
+"""Recovers a bag whose run was killed, or whose files are damaged."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-#: [B] What a kill may leave of a chunk; a damaged file has more behind its last whole record.
+#: [B] The most that a kill leaves of a chunk; more after the last whole record is damage.
 _CHUNK_AT_MOST = 128 * 1024
 
 
 @dataclass
 class Recovered:
-    """What there was in a bag."""
+    """What was recovered of a bag."""
 
     spans: dict[str, Span] = field(default_factory=dict)  #: by the files' names
     topics: dict[str, Topic] = field(default_factory=dict)
     counts: dict[str, int] = field(default_factory=dict)  #: of messages, by topic
-    metadata: dict[str, str] = field(default_factory=dict)  #: what the run said of itself
+    metadata: dict[str, str] = field(default_factory=dict)  #: the run's own
     damages: dict[str, Damage] = field(default_factory=dict)  #: by the damaged files' names
     kept: list[Path] = field(default_factory=list)  #: damaged files as they were
 
     @property
     def span(self) -> Span:
-        """From the first to the last message."""
+        """The span of all messages."""
         return sum(self.spans.values(), Span())
 
 
 def recover(path: Path) -> Recovered:
-    """Write what is damaged of a bag's files anew, with summary, and metadata.yaml beside them.
+    """Rewrite the damaged files of a bag, with their summaries, and its metadata.yaml.
 
-    A damaged file is replaced when its successor is whole. Where only its last chunk was not,
-    nothing is left of the old one; where more of it was unreadable, it is kept as `<name>.damaged`.
+    A damaged file is replaced once its successor is whole. If more than its last chunk was
+    unreadable, the old one is kept as `<name>.damaged`.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def recover(path: Path) -> Recovered:
     ------
     UserError
         There is no bag, it is still being recorded, nothing in it can be read, or the files cannot
-        be written; the bag is as it was then.
+        be written; the bag is unchanged then.
     """
     directory = path if path.is_dir() else path.parent
     found = Recovered()
@@ -74,7 +74,7 @@ def recover(path: Path) -> Recovered:
 
 def _recover_file(file: Path, found: Recovered) -> None:
     if is_being_written(file):
-        raise UserError(f'{str(file)!r} is being recorded: end that first')
+        raise UserError(f'{str(file)!r} is being recorded: end the recording first')
     part = file.with_name(f'.{file.name}.part')
     part.unlink(missing_ok=True)
     damage = Damage()
@@ -104,7 +104,7 @@ def _unused(file: Path) -> Path:
 
 
 class _Copy:
-    """Copies a file's records."""
+    """Copies the records of a file."""
 
     def __init__(self, file: BagFile, found: Recovered) -> None:
         self.file = file

@@ -1,4 +1,4 @@
-"""The text of a message type's definition, from what is installed beside its package."""
+"""The definition of a message type, from the files installed with its package."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _DELIMITER = '=' * 80
 def definition(type_name: str) -> str:
     """Return the `ros2msg` schema of a type: its definition and those of all that it refers to.
 
-    Those of a message are the texts of `.msg` files; a type that belongs to a service or an action
-    has none, so that its text is made from its description. The layout is rosbag2's: the type's
-    own text first; then, depth first and by name, each dependency once, under a line of 80 `=` and
-    its name as `MSG: std_msgs/Header`.
+    A message's definition is the text of its `.msg` file; a type of a service or an action has no
+    such file, so that its definition is made from its type description. The layout is rosbag2's:
+    the type's own text first; then, depth first and by name, each dependency once, under a line of
+    80 `=` and its name as `MSG: std_msgs/Header`.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def _parts(type_name: str) -> tuple[str, str, str]:
 
 
 def _described(package: str, kind: str, base: str) -> str:
-    """Return the schema of `std_srvs/srv/SetBool_Event`, which `SetBool.json` describes."""
+    """Return the schema of a type such as `std_srvs/srv/SetBool_Event`, from `SetBool.json`."""
     file = _share(package) / kind / f'{base.partition("_")[0]}.json'
     if not file.is_file():
         raise LookupError(f'{package}/{kind}/{base} has no description at {str(file)!r}')
@@ -77,17 +77,17 @@ def _described(package: str, kind: str, base: str) -> str:
 
 
 def _dependencies(text: str, package: str) -> set[str]:
-    """Name the types of a definition's fields that are messages, as in `std_msgs/Header`."""
+    """Return the message types among a definition's fields, as in `std_msgs/Header`."""
     names = set(_FIELD_TYPE.findall(text)) - _PRIMITIVES
     return {name if '/' in name else f'{package}/{name}' for name in names}
 
 
 @cache
 def _share(package: str) -> Path:
-    """Find a package's share folder: `share/<package>` in a folder above its Python module.
+    """Return a package's share folder: `share/<package>` in a folder above its Python module.
 
-    So it is found without AMENT_PREFIX_PATH, which ROS from wheels does not set: in a virtual
-    environment, in /opt/ros and in a colcon workspace alike.
+    This works without AMENT_PREFIX_PATH, which ROS from wheels does not set: in a virtual
+    environment, in /opt/ros and in a colcon workspace.
     """
     spec = importlib.util.find_spec(package) if package.isidentifier() else None
     if spec is None or spec.origin is None:

@@ -1,4 +1,4 @@
-"""Type descriptions, as `get_type_description` and installed packages have them -> `ros2msg`."""
+"""Converts type descriptions, from services or installed packages, to `ros2msg` schemas."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ if TYPE_CHECKING:
 
 _DELIMITER = '=' * 80
 _NESTED = 1
-# type_description_interfaces/msg/FieldType: below 48 the plain types, then arrays, bounded and
-# unbounded sequences of them, in steps of 48.
+# type_description_interfaces/msg/FieldType: the plain types below 48; in steps of 48, arrays,
+# bounded and unbounded sequences of them.
 _PLAIN = {
     2: 'int8',
     3: 'uint8',
@@ -41,7 +41,7 @@ def definition(name: str, descriptions: Iterable[Mapping[str, Any]]) -> str:
     name
         As in `std_srvs/srv/SetBool_Event`.
     descriptions
-        Of the type and of those that it refers to, as JSON of
+        The descriptions of the type and of those that it refers to, as JSON of
         type_description_interfaces/msg/IndividualTypeDescription.
 
     Raises
@@ -79,5 +79,5 @@ def _type(field_type: Mapping[str, Any]) -> str:
 
 
 def _short(name: str) -> str:
-    """Return `std_msgs/Header` for `std_msgs/msg/Header`; of a service or action, all of it."""
+    """Return `std_msgs/Header` for `std_msgs/msg/Header`; a service's or action's name is kept."""
     return name.replace('/msg/', '/')

@@ -17,29 +17,28 @@ if TYPE_CHECKING:
 
 
 class FileLimits(NamedTuple):
-    """How much a file of a bag holds: the next begins after the message that reaches it."""
+    """The limits of a bag's file: a new file begins after the message that reaches one."""
 
     size: float = inf  #: [B]
     duration: float = inf  #: [s]
 
 
 class BagWriter:
-    """A bag that is being written to an empty directory; not to be shared among threads.
+    """Writes a bag into an empty directory; not to be shared among threads.
 
-    Messages reach the file in chunks, when 64 KiB are together and at `flush`. `close` writes
-    metadata.yaml: a directory without it holds a bag whose run was killed, of which all but the
-    last chunk is there.
+    Messages reach the file in chunks of 64 KiB, and at `flush`. `close` writes metadata.yaml: a
+    directory without it holds a bag whose run was killed, whole but for the last chunk.
 
-    Whatever raises OSError has lost nothing: what was refused waits, and `flush` tries again.
+    A method that raises OSError loses nothing: the data is kept, and `flush` tries again.
 
     Parameters
     ----------
     directory
         Where to write; the files in it are named after it, as rosbag2 does.
     metadata
-        What the run says of itself, kept in the files and in `custom_data` of metadata.yaml.
+        The run's own, kept in the files and in `custom_data` of metadata.yaml.
     limits
-        Of each file.
+        Those of each file.
 
     Raises
     ------
@@ -76,7 +75,7 @@ class BagWriter:
         return self._files[-1].path
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
-        """Keep what the run says of itself; an entry of the same name replaces the earlier one."""
+        """Add metadata of the run; an entry replaces one of the same name."""
         self._metadata.update(entries)
         if entries:
             self._files[-1].end_chunk()
@@ -84,12 +83,12 @@ class BagWriter:
         self.flush()
 
     def attach(self, files: Mapping[str, bytes], media_type: str = 'text/plain') -> None:
-        """Keep files, by name, in the bag's present one.
+        """Attach files, by name, to the bag's current file.
 
         Raises
         ------
         OSError
-            The file takes no more; they are kept for the next `flush`.
+            The file cannot be written; they are kept for the next `flush`.
         """
         self._files[-1].end_chunk()
         for name, data in files.items():
@@ -115,7 +114,7 @@ class BagWriter:
         Raises
         ------
         OSError
-            The file takes no more; the message is kept for the next `flush`.
+            The file cannot be written; the message is kept for the next `flush`.
         """
         try:
             if self._full:
@@ -135,12 +134,12 @@ class BagWriter:
         return file.size >= self._limits.size or span >= self._limits.duration * 1e9
 
     def split(self) -> None:
-        """Go on in the next file.
+        """Continue in the next file.
 
         Raises
         ------
         OSError
-            It cannot be made, and the last one goes on; or this one could not be finished yet.
+            It cannot be made, and the current one continues; or that could not be finished yet.
         """
         self._begin_file()
         self._files[-2].finish(self._information())
@@ -152,12 +151,12 @@ class BagWriter:
         self._files.append(BagFile(self.directory / name))
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system: killing the process loses nothing.
+        """Hand all data to the operating system: a kill of the process loses nothing then.
 
         Raises
         ------
         OSError
-            It was refused.
+            The system refused.
         """
         self._files[-1].end_chunk()
         self._commit()
@@ -167,7 +166,7 @@ class BagWriter:
             file.commit()
 
     def restore(self) -> bool:
-        """Return whether the current file had been removed; it is there again now.
+        """Make the current file anew if it was removed; return whether it was.
 
         Raises
         ------
@@ -186,7 +185,7 @@ class BagWriter:
         Raises
         ------
         OSError
-            Something was refused; what had been written stays readable.
+            Something cannot be written; the rest stays readable.
         """
         if self.closed:
             return

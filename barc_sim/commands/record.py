@@ -79,11 +79,11 @@ def record(options: Namespace, argv: Sequence[str], ros_args: list[str]) -> int:
 
 def report(recorder: BagRecorder) -> str:
     """Return what was recorded, topic by topic, and lost; and where it is."""
-    from barc_sim.bags.losses import in_words  # noqa: PLC0415
+    from barc_sim.bags.losses import summary  # noqa: PLC0415
 
     counts = recorder.counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
-    return '\n'.join([*lines, in_words(counts, recorder.lost), f'bag {recorder.path}'])
+    return '\n'.join([*lines, summary(counts, recorder.lost), f'bag {recorder.path}'])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from barc_sim.bags.directory import check_root
-from barc_sim.bags.losses import in_words
+from barc_sim.bags.losses import summary
 from barc_sim.cli.parser import report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import attachments
@@ -274,7 +274,7 @@ class Run(ABC):
         """Print the bag's path, and what to do with it."""
         if self.recorder:
             python = shlex.quote(_short(sys.executable))
-            print(in_words(self.recorder.counts, self.recorder.lost))  # noqa: T201
+            print(summary(self.recorder.counts, self.recorder.lost))  # noqa: T201
             path = shlex.quote(str(self.recorder.path))
             print(f'bag     {path}')  # noqa: T201
             print(f'plot    {python} -m barc_sim plot {path}')  # noqa: T201

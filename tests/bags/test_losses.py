@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from barc_sim.bags.losses import UNNUMBERED, Losses, as_metadata, in_words
+from barc_sim.bags.losses import UNNUMBERED, Losses, as_metadata, summary
 
 A, B = b'a' * 16, b'b' * 16
 
@@ -39,11 +39,11 @@ def test_a_bag_says_of_each_topic_what_was_lost_of_whom() -> None:
 
 
 def test_no_loss_is_said_too() -> None:
-    assert in_words({'/a': 3, '/b': 4}, {'/a': {}}) == 'recorded 7 messages, lost 0'
+    assert summary({'/a': 3, '/b': 4}, {'/a': {}}) == 'recorded 7 messages, lost 0'
 
 
 def test_loss_is_said_in_a_line_of_its_own() -> None:
-    assert in_words({'/a': 3}, {'/a': {'talker': 1}}).splitlines() == [
+    assert summary({'/a': 3}, {'/a': {'talker': 1}}).splitlines() == [
         'recorded 3 messages, lost 1',
         'lost /a: 1 (1 of talker)',
     ]

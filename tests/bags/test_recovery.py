@@ -135,7 +135,7 @@ def test_a_bag_of_several_files_becomes_whole(tmp_path: Path) -> None:
 
 def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
     writer = write(tmp_path / 'run')
-    with pytest.raises(UserError, match=r"run_0.mcap' is being recorded: end that first"):
+    with pytest.raises(UserError, match=r"run_0.mcap' is being recorded: end the recording first"):
         make_whole(tmp_path / 'run')
     writer.close()
     make_whole(tmp_path / 'run')
