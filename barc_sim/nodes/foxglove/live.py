@@ -1,10 +1,11 @@
-"""Serves messages as they are to the Foxglove app, by its SDK, which is optional (pure)."""
+"""Serves serialized messages to the Foxglove app, through its optional SDK."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
+from barc_sim.ros import names
 from barc_sim.ros.conversions import leading_time
 
 try:
@@ -22,19 +23,18 @@ if TYPE_CHECKING:
     from barc_sim.ros.topic_subscriptions import Message
 
 _HOST = '127.0.0.1'
-_CLOCK = '/clock'
 
 
 class LiveServer:
     """A WebSocket server of the Foxglove app, for this machine only.
 
-    Messages bear the simulated time, where `/clock` tells it; else that of their reception. What
-    is latched is sent again to who comes late.
+    Messages bear the simulated time where there is a `/clock`, else the time of their reception.
+    Latched messages are sent again to late clients.
 
     Attributes
     ----------
     url
-        What the app is to open.
+        The address to open in the app.
     """
 
     def __init__(self, port: int) -> None:
@@ -43,7 +43,7 @@ class LiveServer:
         Raises
         ------
         UserError
-            where the SDK is not installed, or the port can't be had.
+            The SDK is not installed, or the port cannot be had.
         """
         if foxglove is None:
             raise UserError(
@@ -57,7 +57,7 @@ class LiveServer:
                 host=_HOST,
                 port=port,
                 capabilities=[Capability.Time],
-                server_listener=_Newcomers(self._on_subscribe),
+                server_listener=_SubscribeListener(self._on_subscribe),
                 context=self._context,
             )
         except RuntimeError as error:
@@ -74,7 +74,7 @@ class LiveServer:
         return any(channel.has_sinks() for channel in self._channels.values())
 
     def offer(self, topic: Topic) -> None:
-        """Let clients know of a topic."""
+        """Advertise a topic to clients."""
         if topic.name not in self._channels:
             self._channels[topic.name] = foxglove.Channel(
                 topic.name,
@@ -86,7 +86,7 @@ class LiveServer:
             )
 
     def send(self, messages: Iterable[Message]) -> None:
-        """Send messages, in order, to those who subscribe to their topics."""
+        """Send messages, in order, to the clients that subscribe to their topics."""
         while self._asked:
             name = self._asked.pop()
             if name in self._latched:
@@ -94,7 +94,7 @@ class LiveServer:
         for message in messages:
             topic = message.topic
             self.offer(topic)
-            if topic.name == _CLOCK:
+            if topic.name == names.CLOCK:
                 self._clock = leading_time(message.data)
                 self._server.broadcast_time(self._clock)
             if any(profile['durability'] == 'transient_local' for profile in topic.offered_qos):
@@ -107,16 +107,16 @@ class LiveServer:
         self._server.stop()
 
     def _on_subscribe(self, name: str) -> None:
-        # In a thread of the SDK's: what is latched follows with the next messages.
+        # Runs in a thread of the SDK: the latched message follows with the next messages.
         self._asked.append(name)
 
 
-class _Newcomers(ServerListener):
-    """Hears of new subscriptions."""
+class _SubscribeListener(ServerListener):
+    """Passes the topics of new subscriptions to a callback."""
 
-    def __init__(self, tell: Callable[[str], None]) -> None:
-        self._tell = tell
+    def __init__(self, callback: Callable[[str], None]) -> None:
+        self._callback = callback
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
-        """Tell the topic's name."""
-        self._tell(channel.topic)
+        """Pass on the topic's name."""
+        self._callback(channel.topic)

@@ -1,4 +1,4 @@
-"""The car in space: where it is on the hills, how its wheels stand and roll (pure).
+"""The car in space: its pose on the hills, and the angles and speeds of its wheels (without ROS).
 
 Frames are those of REP-103 and REP-105, x forward, y to the left, z up. `odom` is level, and has
 its origin where the road's distance is zero. `base_link` lies on the road's surface under the
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Motion, Vehicle
     from barc_sim.vehicle.road import Road
 
-# Of the wheels, as they are drawn (barc_sim.figures).
-HALF_TRACK = 0.86  #: [m] from the car's middle to a wheel
+# The wheels as barc_sim.figures draws them.
+HALF_TRACK = 0.86  #: [m] from the car's centre line to a wheel
 WHEEL_RADIUS = 0.36  #: [m]
 WHEEL_WIDTH = 0.26  #: [m]
-#: Front left, front right, rear left, rear right: which axle (front is true) and side (left is 1).
+#: Front left, front right, rear left, rear right: whether at the front, and the side (left is 1).
 WHEELS = ((True, 1.0), (True, -1.0), (False, 1.0), (False, -1.0))
 
 
 class Quaternion(NamedTuple):
-    """A rotation; of length one."""
+    """A rotation, of length one."""
 
     x: float
     y: float
@@ -33,17 +33,17 @@ class Quaternion(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Of `base_link` in `odom`."""
+    """The pose of `base_link` in `odom`."""
 
     x: float  #: [m] on the map, not along the surface
     y: float  #: [m]
     z: float  #: [m]
     theta: float  #: [rad] the grade there
     psi: float  #: [rad] heading, in the road's surface
-    orientation: Quaternion  #: made from the two
+    orientation: Quaternion  #: from theta and psi
 
-    def carry(self, x: float, y: float, z: float) -> tuple[float, float, float]:
-        """Return where in `odom` a point of `base_link` is [m]."""
+    def to_odom(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        """Return the coordinates in `odom` of a point of `base_link` [m]."""
         c_psi, s_psi = cos(self.psi), sin(self.psi)
         c_theta, s_theta = cos(self.theta), sin(self.theta)
         along, across = x * c_psi - y * s_psi, x * s_psi + y * c_psi
@@ -55,16 +55,16 @@ class Pose(NamedTuple):
 
 
 class Wheel(NamedTuple):
-    """How one of the `WHEELS` stands and rolls."""
+    """The place, angle and speed of one of the `WHEELS`."""
 
-    x: float  #: [m] its middle, from the centre of mass
+    x: float  #: [m] of its centre, from the centre of mass
     y: float  #: [m]
     steering: float  #: [rad] to the left
     speed: float  #: [rad/s] about its axle, positive forward
 
 
 class Acceleration(NamedTuple):
-    """Of the centre of mass, in the vehicle's frame."""
+    """The acceleration of the centre of mass, in the vehicle's frame."""
 
     x: float = 0.0  #: [m/s²]
     y: float = 0.0  #: [m/s²]
@@ -72,9 +72,9 @@ class Acceleration(NamedTuple):
 
 
 def orientation(theta: float, psi: float) -> Quaternion:
-    """Return how a car of heading `psi` [rad] lies on a road of grade `theta` [rad].
+    """Return the orientation of a car with heading `psi` [rad] on a road of grade `theta` [rad].
 
-    It is the product of a turn by -theta about y and one by psi about the z so turned.
+    It is a rotation by -theta about y, then one by psi about the rotated z.
     """
     c_theta, s_theta = cos(theta / 2.0), sin(theta / 2.0)
     c_psi, s_psi = cos(psi / 2.0), sin(psi / 2.0)
@@ -82,7 +82,7 @@ def orientation(theta: float, psi: float) -> Quaternion:
 
 
 def pose(motion: Motion, road: Road) -> Pose:
-    """Return where a car is whose `x` runs along the surface of `road`."""
+    """Return the pose of a car, whose `x` is the distance along the surface of `road`."""
     theta = radians(road.grade_deg(motion.x))
     return Pose(
         x=road.horizontal(motion.x),
@@ -95,10 +95,10 @@ def pose(motion: Motion, road: Road) -> Pose:
 
 
 def wheels(motion: Motion, servo: float, vehicle: Vehicle) -> tuple[Wheel, ...]:
-    """Return the `WHEELS` of a car that is steered by `servo` [rad].
+    """Return the `WHEELS` of a car with the steering angle `servo` [rad].
 
-    The bicycle's one front wheel stands for two that are turned about the same centre: the inner
-    one by more (Ackermann). Each rolls with the velocity that the ground has under it.
+    The bicycle's front wheel stands for two that turn about the same centre, the inner one by more
+    (Ackermann). Each wheel rolls without slip along its own direction.
     """
     base = vehicle.l_f + vehicle.l_r
     found = []
@@ -115,10 +115,10 @@ def wheels(motion: Motion, servo: float, vehicle: Vehicle) -> tuple[Wheel, ...]:
 
 
 def acceleration(before: Motion, now: Motion, dt: float) -> Acceleration:
-    """Return what has led from one state to the next, `dt` seconds later; without gravity's share.
+    """Return the acceleration over the ground between two states, `dt` seconds apart.
 
-    It is that of the centre of mass over the ground: in the vehicle's frame, which turns, the
-    change of velocity and psi_dot times the velocity across.
+    In the vehicle's frame, which rotates, it is the change of velocity plus the cross product of
+    psi_dot and the velocity. Gravity is not part of it.
     """
     return Acceleration(
         x=(now.v_x - before.v_x) / dt - now.psi_dot * now.v_y,
@@ -127,10 +127,10 @@ def acceleration(before: Motion, now: Motion, dt: float) -> Acceleration:
     )
 
 
-def goes_on(before: Motion, now: Motion, dt: float) -> bool:
-    """Return whether a car can have got from one state to the other in `dt` seconds.
+def is_continuous(before: Motion, now: Motion, dt: float) -> bool:
+    """Return whether a car can move from one state to the next in `dt` seconds.
 
-    If not, it was put back to the start. The margins leave room for measurement noise.
+    If not, it was reset. The margins leave room for measurement noise.
     """
     way = hypot(now.x - before.x, now.y - before.y)
     fastest = max(abs(before.v_x), abs(now.v_x), abs(before.v_y), abs(now.v_y))

@@ -1,4 +1,4 @@
-"""What there is to say of a run's health, once a second (pure)."""
+"""Diagnoses of a run's health (without ROS)."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.sensor import Deviation
 
-#: Share of the wanted real-time factor below which a run is called slow.
+#: Share of the requested real-time factor below which a run is slow.
 _SLOW = 0.9
 
 
 class Level(IntEnum):
-    """How well it is, as diagnostic_msgs/DiagnosticStatus has it."""
+    """The levels of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -23,22 +23,22 @@ class Level(IntEnum):
 
 
 class Facts(NamedTuple):
-    """What the composition knows of a run and no topic tells; None for what it doesn't."""
+    """Facts of a run that no topic carries; None where unknown."""
 
-    missed: int | None = None  #: commands that were not there when they were due
+    missed: int | None = None  #: commands that missed their deadline
     slipped: int | None = None  #: periods by which time has fallen behind the wall clock
     paused: bool | None = None
-    wanted_factor: float | None = None  #: simulated seconds per second; 0: as fast as it goes
+    requested_factor: float | None = None  #: simulated seconds per second; 0: as fast as possible
     noise: Deviation | None = None  #: standard deviations
     recorded: int | None = None  #: messages in the bag
-    lost: int | None = None  #: messages that it lacks
+    lost: int | None = None  #: messages lost
     failure: str | None = None  #: why the bag could not be written
 
 
-class Heard(NamedTuple):
-    """What the topics tell; None where nothing was heard yet."""
+class Measured(NamedTuple):
+    """Values measured on the topics; None before the first message."""
 
-    factor: float | None = None  #: simulated seconds per second since the last look
+    factor: float | None = None  #: simulated seconds per second since the last diagnosis
     command_age: float | None = None  #: [s] since the latest command arrived, by the wall clock
 
 
@@ -51,11 +51,11 @@ class Diagnosis(NamedTuple):
     values: dict[str, str]
 
 
-def diagnose(facts: Facts, before: Facts, heard: Heard) -> list[Diagnosis]:
-    """Return what there is to say; `before` is what was known at the last look."""
-    found = [_timing(facts, before, heard)]
-    if heard.command_age is not None:
-        age = heard.command_age
+def diagnose(facts: Facts, before: Facts, measured: Measured) -> list[Diagnosis]:
+    """Return the diagnoses; `before` has the facts of the last call."""
+    found = [_timing(facts, before, measured)]
+    if measured.command_age is not None:
+        age = measured.command_age
         found.append(Diagnosis('command', Level.OK, f'{age:.3f} s old', {'age [s]': f'{age:.6f}'}))
     if facts.noise is not None:
         noisy = ', '.join(name for name, value in facts.noise._asdict().items() if value)
@@ -66,25 +66,25 @@ def diagnose(facts: Facts, before: Facts, heard: Heard) -> list[Diagnosis]:
     return found
 
 
-def _timing(facts: Facts, before: Facts, heard: Heard) -> Diagnosis:
+def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
     missed = (facts.missed or 0) - (before.missed or 0)
     slipped = (facts.slipped or 0) - (before.slipped or 0)
-    wanted = facts.wanted_factor or 0.0
+    requested = facts.requested_factor or 0.0
     level, message = Level.WARN, 'in time'
     if facts.paused:
         level, message = Level.OK, 'paused'
     elif missed > 0:
-        message = f'{missed} commands were not there when they were due'
+        message = f'{missed} commands missed their deadline'
     elif slipped > 0:
         message = f'simulated time has fallen behind by {slipped} periods'
-    elif heard.factor is not None and heard.factor < _SLOW * wanted:
-        message = f'simulated time runs at {heard.factor:.2f}, not at {wanted:g}'
+    elif measured.factor is not None and measured.factor < _SLOW * requested:
+        message = f'simulated time runs at {measured.factor:.2f}, not at {requested:g}'
     else:
         level = Level.OK
     values = {
         'missed deadlines': facts.missed,
         'slipped periods': facts.slipped,
-        'real-time factor': None if heard.factor is None else f'{heard.factor:.3f}',
+        'real-time factor': None if measured.factor is None else f'{measured.factor:.3f}',
     }
     return Diagnosis('timing', level, message, _known(values))
 

@@ -15,7 +15,7 @@ from barc_sim.nodes.mirrors.messages import ODOM, stamp
 from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:
-    from barc_sim.nodes.mirrors.ride import Seen
+    from barc_sim.nodes.mirrors.ride import MirroredState
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.road import Road
 
@@ -24,11 +24,11 @@ _INK, _SURFACE, _PAINT = (0.133, 0.133, 0.133), (0.49, 0.467, 0.416), (0.9, 0.9,
 _OVERHANG = 0.7  #: [m] from an axle to the bumper
 _ROAD_WIDTH = 6.0  #: [m]
 _LINE_WIDTH = 0.12  #: [m]
-_MARGIN = 200.0  #: [m] of road before its first stretch's end and behind its last one's start
+_MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
 
 
 class _Box(NamedTuple):
-    """A part of the body."""
+    """A box of the body."""
 
     centre: tuple[float, float, float]  #: [m] in `base_link`
     size: tuple[float, float, float]  #: [m]
@@ -36,10 +36,10 @@ class _Box(NamedTuple):
 
 
 class CarMirror:
-    """A body, a cabin, and four wheels that are turned."""
+    """The car as a body, a cabin and four wheels that steer."""
 
     def __init__(self, prefix: str, vehicle: Vehicle) -> None:
-        """Put `prefix` before the frame's name; the axles are the vehicle's."""
+        """Draw `vehicle`, in the frame with `prefix` before its name."""
         middle = (vehicle.l_f - vehicle.l_r) / 2.0
         length = vehicle.l_f + vehicle.l_r + 2.0 * _OVERHANG
         self._boxes = (
@@ -53,19 +53,19 @@ class CarMirror:
         self._bodies, self._tyres = bodies, tyres
         self._message = MarkerArray(markers=_numbered('car', [*bodies, *tyres]))
 
-    def of(self, seen: Seen) -> MarkerArray:
-        """Return a state's message, to be published before the next is asked for."""
-        pose = seen.pose
+    def of(self, state: MirroredState) -> MarkerArray:
+        """Return the message of a state; the next call fills it anew."""
+        pose = state.pose
         for marker, box in zip(self._bodies, self._boxes, strict=True):
-            _place(marker, seen, box.centre, pose.orientation)
-        for marker, wheel in zip(self._tyres, seen.wheels, strict=True):
+            _place(marker, state, box.centre, pose.orientation)
+        for marker, wheel in zip(self._tyres, state.wheels, strict=True):
             turned = orientation(pose.theta, pose.psi + wheel.steering)
-            _place(marker, seen, (wheel.x, wheel.y, WHEEL_RADIUS), _lying(turned))
+            _place(marker, state, (wheel.x, wheel.y, WHEEL_RADIUS), _lying(turned))
         return self._message
 
 
 def to_road(road: Road, prefix: str) -> MarkerArray:
-    """Return the road's surface, and a line along its middle."""
+    """Return the road's surface, and its centre line."""
     frame = prefix + ODOM
     surface = _marker(frame, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0), _SURFACE)
     line = _marker(frame, Marker.LINE_STRIP, (_LINE_WIDTH, 0.0, 0.0), _PAINT)
@@ -100,15 +100,15 @@ def _numbered(namespace: str, markers: list[Marker]) -> list[Marker]:
 
 
 def _place(
-    marker: Marker, seen: Seen, centre: tuple[float, float, float], turn: Quaternion
+    marker: Marker, state: MirroredState, centre: tuple[float, float, float], turn: Quaternion
 ) -> None:
-    stamp(marker.header, seen.stamp)
+    stamp(marker.header, state.stamp)
     there, turned = marker.pose.position, marker.pose.orientation
-    there.x, there.y, there.z = seen.pose.carry(*centre)
+    there.x, there.y, there.z = state.pose.to_odom(*centre)
     turned.x, turned.y, turned.z, turned.w = turn
 
 
 def _lying(turn: Quaternion) -> Quaternion:
-    """Return `turn` behind a quarter turn about x: a cylinder's axis, which is z, lies along y."""
+    """Return `turn` after a quarter turn about x: a cylinder's axis, z, then lies along y."""
     x, y, z, w = (part / sqrt(2.0) for part in turn)
     return Quaternion(x=x + w, y=y + z, z=z - y, w=w - x)

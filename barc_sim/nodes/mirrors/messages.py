@@ -1,4 +1,4 @@
-"""The mirrors' messages; each is made once, and filled again for every state."""
+"""The mirrors' messages: each is made once, and filled anew for every state."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from math import pi
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import AccelStamped, Point, PoseStamped, TransformStamped
+from geometry_msgs.msg import AccelStamped, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from barc_sim.nodes.mirrors.car import Pose
     from barc_sim.nodes.mirrors.diagnosis import Diagnosis
-    from barc_sim.nodes.mirrors.ride import Seen
+    from barc_sim.nodes.mirrors.ride import MirroredState
 
 ODOM, BASE = 'odom', 'base_link'
 _WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
@@ -28,24 +28,24 @@ JOINTS = (
     'front_right_steering',
     *(f'{wheel}_wheel' for wheel in _WHEELS),
 )
-_TURN = 2.0 * pi
+_FULL_TURN = 2.0 * pi
 
 
 class OdometryMirror:
-    """The pose in `odom` and the velocity in `base_link`, as measured; covariances are not told."""
+    """The pose in `odom` and the velocity in `base_link`, as measured, without covariances."""
 
     def __init__(self, prefix: str) -> None:
         """Put `prefix` before the frames' names."""
         self._message = Odometry(header=to_header(0, prefix + ODOM), child_frame_id=prefix + BASE)
 
-    def of(self, seen: Seen) -> Odometry:
-        """Return a state's message, to be published before the next is asked for."""
+    def of(self, state: MirroredState) -> Odometry:
+        """Return the message of a state; the next call fills it anew."""
         message = self._message
-        stamp(message.header, seen.stamp)
-        put(message.pose.pose, seen.pose)
+        stamp(message.header, state.stamp)
+        fill(message.pose.pose, state.pose)
         twist = message.twist.twist
-        twist.linear.x, twist.linear.y = seen.motion.v_x, seen.motion.v_y
-        twist.angular.z = seen.motion.psi_dot
+        twist.linear.x, twist.linear.y = state.motion.v_x, state.motion.v_y
+        twist.angular.z = state.motion.psi_dot
         return message
 
 
@@ -59,63 +59,64 @@ class TransformMirror:
         )
         self._message = kind(transforms=[self._transform])
 
-    def of(self, seen: Seen) -> Any:  # noqa: ANN401 (tf2_msgs may be missing)
-        """Return a state's message, to be published before the next is asked for."""
-        stamp(self._transform.header, seen.stamp)
+    def of(self, state: MirroredState) -> Any:  # noqa: ANN401 (tf2_msgs may be missing)
+        """Return the message of a state; the next call fills it anew."""
+        stamp(self._transform.header, state.stamp)
         transform = self._transform.transform
         there = transform.translation
-        there.x, there.y, there.z = seen.pose[:3]
+        there.x, there.y, there.z = state.pose[:3]
         turn = transform.rotation
-        turn.x, turn.y, turn.z, turn.w = seen.pose.orientation
+        turn.x, turn.y, turn.z, turn.w = state.pose.orientation
         return self._message
 
 
 class AccelerationMirror:
-    """The acceleration over the ground, in `base_link`: gravity has no part in it."""
+    """The acceleration over the ground, in `base_link`, without gravity."""
 
     def __init__(self, prefix: str) -> None:
         """Put `prefix` before the frame's name."""
         self._message = AccelStamped(header=to_header(0, prefix + BASE))
 
-    def of(self, seen: Seen) -> AccelStamped:
-        """Return a state's message, to be published before the next is asked for."""
-        stamp(self._message.header, seen.stamp)
+    def of(self, state: MirroredState) -> AccelStamped:
+        """Return the message of a state; the next call fills it anew."""
+        stamp(self._message.header, state.stamp)
         accel = self._message.accel
-        accel.linear.x, accel.linear.y, accel.angular.z = seen.acceleration
+        accel.linear.x, accel.linear.y, accel.angular.z = state.acceleration
         return self._message
 
 
 class JointMirror:
-    """The front wheels' steering, and how far each wheel has turned and how fast it does.
+    """The steering angles of the front wheels, and the rolling angle and speed of each wheel.
 
-    The velocity of the steering is not told.
+    The steering's velocity is always 0.
     """
 
     def __init__(self, prefix: str) -> None:
         """Put `prefix` before the joints' names."""
         self._message = JointState(header=to_header(0), name=[prefix + joint for joint in JOINTS])
 
-    def of(self, seen: Seen) -> JointState:
-        """Return a state's message, to be published before the next is asked for."""
-        stamp(self._message.header, seen.stamp)
-        left, right = (wheel.steering for wheel in seen.wheels[:2])
-        self._message.position = [left, right, *(angle % _TURN for angle in seen.rolled)]
-        self._message.velocity = [0.0, 0.0, *(wheel.speed for wheel in seen.wheels)]
+    def of(self, state: MirroredState) -> JointState:
+        """Return the message of a state; the next call fills it anew."""
+        stamp(self._message.header, state.stamp)
+        left, right = (wheel.steering for wheel in state.wheels[:2])
+        self._message.position = [left, right, *(angle % _FULL_TURN for angle in state.rolled)]
+        self._message.velocity = [0.0, 0.0, *(wheel.speed for wheel in state.wheels)]
         return self._message
 
 
 def to_path(poses: Iterable[tuple[int, Pose]], prefix: str) -> Path:
-    """Return the way so far, poses with their stamps [ns], stamped as the last of them."""
+    """Return the path of poses with their stamps [ns]; its stamp is the last one's."""
     message = Path()
     for at, pose in poses:
-        header = to_header(at, prefix + ODOM)
-        message.poses.append(put_stamped(PoseStamped(header=header), pose))
-        message.header = header
+        stamped = PoseStamped(header=to_header(at, prefix + ODOM))
+        fill(stamped.pose, pose)
+        message.poses.append(stamped)
+        message.header = stamped.header
     return message
 
 
-def to_diagnostics(found: Sequence[Diagnosis], stamp_ns: int, source: str) -> DiagnosticArray:
-    """Return `found`, each under the name of its `source`."""
+def to_diagnostics(diagnoses: Sequence[Diagnosis], stamp_ns: int, source: str) -> DiagnosticArray:
+    """Return the diagnoses of the node `source`."""
     return DiagnosticArray(
         header=to_header(stamp_ns),
         status=[
@@ -126,29 +127,18 @@ def to_diagnostics(found: Sequence[Diagnosis], stamp_ns: int, source: str) -> Di
                 hardware_id='barc_sim',
                 values=[KeyValue(key=key, value=value) for key, value in diagnosis.values.items()],
             )
-            for diagnosis in found
+            for diagnosis in diagnoses
         ],
     )
 
 
 def stamp(header: Header, stamp_ns: int) -> None:
-    """Stamp `header` anew."""
+    """Set the stamp of `header` [ns]."""
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
 
 
-def put(message: Any, pose: Pose) -> None:  # noqa: ANN401 (geometry_msgs/Pose)
+def fill(message: Any, pose: Pose) -> None:  # noqa: ANN401 (geometry_msgs/Pose)
     """Fill a message with `pose`."""
     there, turn = message.position, message.orientation
     there.x, there.y, there.z = pose.x, pose.y, pose.z
     turn.x, turn.y, turn.z, turn.w = pose.orientation
-
-
-def put_stamped(message: PoseStamped, pose: Pose) -> PoseStamped:
-    """Return the message, filled with `pose`."""
-    put(message.pose, pose)
-    return message
-
-
-def point(x: float, y: float, z: float) -> Point:
-    """Return a point [m]."""
-    return Point(x=x, y=y, z=z)

@@ -1,4 +1,4 @@
-"""A ride, state by state: what the mirrors show of the present one, and the way so far (pure)."""
+"""A ride, state by state: the quantities to mirror, and the path so far (without ROS)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from barc_sim.nodes.mirrors.car import (
     Pose,
     Wheel,
     acceleration,
-    goes_on,
+    is_continuous,
     pose,
     wheels,
 )
@@ -23,54 +23,54 @@ if TYPE_CHECKING:
 _NANOSECONDS = 1e9
 
 
-class Seen(NamedTuple):
-    """What there is to show of one state."""
+class MirroredState(NamedTuple):
+    """The quantities of one state that mirrors publish."""
 
     stamp: int  #: [ns]
     pose: Pose
     motion: Motion
     acceleration: Acceleration
     wheels: tuple[Wheel, ...]
-    rolled: tuple[float, ...]  #: [rad] by which each wheel has turned since the start
-    begins: bool  #: whether the car starts here
+    rolled: tuple[float, ...]  #: [rad] rolling angle of each wheel since the start
+    is_first: bool  #: whether the ride starts here
 
 
 class Ride:
-    """Follows a car from state to state; where it jumps, a new ride begins."""
+    """Follows a car from state to state; a jump of the car starts a new ride."""
 
     def __init__(self, road: Road, vehicle: Vehicle) -> None:
-        """Follow nothing yet, on `road`, of whose `vehicle` the axles count."""
+        """Follow a car with the axles of `vehicle` on `road`."""
         self._road = road
         self._vehicle = vehicle
-        self._last: Seen | None = None
+        self._last: MirroredState | None = None
 
-    def see(self, stamp: int, motion: Motion, servo: float) -> Seen:
-        """Return what there is to show of a state, steered by `servo` [rad], at `stamp` [ns]."""
+    def update(self, stamp: int, motion: Motion, servo: float) -> MirroredState:
+        """Return the quantities of the next state, at `stamp` [ns], steered by `servo` [rad]."""
         last = self._last
         dt = (stamp - last.stamp) / _NANOSECONDS if last else 0.0
-        if last and not goes_on(last.motion, motion, dt):
+        if last and not is_continuous(last.motion, motion, dt):
             last = None
-        self._last = Seen(
+        self._last = MirroredState(
             stamp=stamp,
             pose=pose(motion, self._road),
             motion=motion,
             acceleration=acceleration(last.motion, motion, dt) if last else Acceleration(),
             wheels=wheels(motion, servo, self._vehicle),
             rolled=_roll(last, dt) if last else (0.0,) * len(WHEELS),
-            begins=last is None,
+            is_first=last is None,
         )
         return self._last
 
 
-def _roll(last: Seen, dt: float) -> tuple[float, ...]:
-    """Return the wheels' turns after `dt` seconds; each is rolled by the speed at its start."""
+def _roll(last: MirroredState, dt: float) -> tuple[float, ...]:
+    """Return the rolling angles `dt` seconds later; each wheel keeps its speed meanwhile."""
     return tuple(
         rolled + wheel.speed * dt for rolled, wheel in zip(last.rolled, last.wheels, strict=True)
     )
 
 
 class Trail:
-    """The way so far, in at most `limit` poses: where it is full, every other one goes.
+    """The path so far, in at most `limit` poses: when it is full, every other pose is dropped.
 
     Attributes
     ----------
@@ -86,18 +86,17 @@ class Trail:
         self.spacing = self._finest = spacing
         self._limit = limit
 
-    def follow(self, seen: Seen) -> bool:
-        """Take a state's pose, where it is far enough from the last; return whether it was."""
-        if seen.begins:
+    def add(self, state: MirroredState) -> None:
+        """Add the pose of a state, unless it is too close to the last one."""
+        if state.is_first:
             self.poses.clear()
             self.spacing = self._finest
-        here = seen.pose
+        here = state.pose
         if self.poses:
             last = self.poses[-1][1]
             if hypot(here.x - last.x, here.y - last.y, here.z - last.z) < self.spacing:
-                return False
+                return
         if len(self.poses) == self._limit:
             del self.poses[1::2]
             self.spacing *= 2.0
-        self.poses.append((seen.stamp, here))
-        return True
+        self.poses.append((state.stamp, here))

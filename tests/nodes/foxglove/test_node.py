@@ -1,4 +1,4 @@
-"""The server of the Foxglove app, as a client of its protocol sees it."""
+"""The server of the Foxglove app, through a client of its protocol."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import re
 import struct
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -41,16 +41,16 @@ MESSAGE, TIME = 1, 2
 
 
 class Client:
-    """A client that subscribes to all there is.
+    """A client that subscribes to every channel.
 
     Attributes
     ----------
     channels
-        As they were advertised, by topic.
+        The advertised channels, by topic.
     messages
         Log time [ns] and data, by topic.
     times
-        [ns] that the server has told.
+        [ns] that the server has sent.
     """
 
     def __init__(self, connection: ClientConnection) -> None:
@@ -61,30 +61,33 @@ class Client:
         self.times: list[int] = []
 
     def until(self, condition: Callable[[], bool]) -> None:
-        """Receive until a condition holds, which is looked at again and again, or fail."""
+        """Receive until a condition holds, checked each time that nothing waits, or fail."""
         end = time.monotonic() + DEADLINE
         while not condition():
             assert time.monotonic() < end
-            try:
-                received = self._connection.recv(timeout=0.02)
-            except TimeoutError:
-                continue
-            if isinstance(received, str):
-                self._hear(json.loads(received))
-            elif received[0] == MESSAGE:
-                number, at = struct.unpack_from('<IQ', received, 1)
-                self.messages[self._names[number]].append((at, received[13:]))
-            elif received[0] == TIME:
-                self.times += struct.unpack_from('<Q', received, 1)
+            timeout = 0.02
+            with suppress(TimeoutError):
+                while True:
+                    self._receive(self._connection.recv(timeout))
+                    timeout = 0.0
 
-    def _hear(self, told: dict[str, Any]) -> None:
-        if told['op'] == 'advertise':
-            for channel in told['channels']:
+    def _receive(self, received: str | bytes) -> None:
+        if isinstance(received, str):
+            self._receive_text(json.loads(received))
+        elif received[0] == MESSAGE:
+            number, at = struct.unpack_from('<IQ', received, 1)
+            self.messages[self._names[number]].append((at, received[13:]))
+        elif received[0] == TIME:
+            self.times += struct.unpack_from('<Q', received, 1)
+
+    def _receive_text(self, message: dict[str, Any]) -> None:
+        if message['op'] == 'advertise':
+            for channel in message['channels']:
                 self.channels[channel['topic']] = channel
                 self._names[channel['id']] = channel['topic']
                 self.messages.setdefault(channel['topic'], [])
-            self._subscribe([channel['id'] for channel in told['channels']])
-        elif unknown := re.match(r'Unknown channel ID: (\d+)', told.get('message', '')):
+            self._subscribe([channel['id'] for channel in message['channels']])
+        elif unknown := re.match(r'Unknown channel ID: (\d+)', message.get('message', '')):
             # The SDK advertises a channel a moment before it takes subscriptions to it.
             self._subscribe([int(unknown[1])])
 
@@ -100,7 +103,7 @@ class Client:
 
 @pytest.fixture
 def source(ros: Context) -> Iterator[Node]:
-    """Return a node beside a server that looks for topics; it publishes."""
+    """Return a node that publishes."""
     node = Node('source', context=ros)
     yield node
     node.destroy_node()
@@ -127,9 +130,7 @@ def client_of(server: FoxgloveServer) -> Iterator[Client]:
         yield Client(connection)
 
 
-def test_channels_are_cdr_with_the_schemas_that_bags_have(
-    server: FoxgloveServer, source: Node
-) -> None:
+def test_channels_are_cdr_with_the_schemas_of_bags(server: FoxgloveServer, source: Node) -> None:
     publisher = source.create_publisher(Header, 'header', LATCHED)
     publisher.publish(Header())
     with client_of(server) as client:
@@ -160,7 +161,7 @@ def test_messages_arrive_as_they_were_published(server: FoxgloveServer, source: 
         assert all(abs(before - at) < 60e9 for at, _ in client.messages['/header'])
 
 
-def test_latched_message_is_there_for_who_comes_late(server: FoxgloveServer, source: Node) -> None:
+def test_latched_message_is_sent_to_late_clients(server: FoxgloveServer, source: Node) -> None:
     publisher = source.create_publisher(Header, 'latched', LATCHED)
     publisher.publish(to_header(7))
     for _ in range(2):
@@ -169,7 +170,7 @@ def test_latched_message_is_there_for_who_comes_late(server: FoxgloveServer, sou
             assert deserialize_message(data, Header) == to_header(7)
 
 
-def test_time_is_the_simulated_one_where_a_clock_tells_it(
+def test_messages_bear_simulated_time_where_there_is_a_clock(
     server: FoxgloveServer, source: Node
 ) -> None:
     clock = source.create_publisher(Clock, '/clock', 10)
@@ -185,7 +186,7 @@ def test_time_is_the_simulated_one_where_a_clock_tells_it(
         assert set(client.times) == {5_000_000_001}
 
 
-def test_port_that_is_taken_is_refused_in_one_line(server: FoxgloveServer, ros: Context) -> None:
+def test_taken_port_is_refused_in_one_line(server: FoxgloveServer, ros: Context) -> None:
     port = int(server.url.rpartition(':')[2])
     with pytest.raises(UserError, match=f'^port {port} cannot be had for Foxglove: .*in use') as no:
         FoxgloveServer(port, context=ros)

@@ -17,7 +17,7 @@ from barc_sim.nodes.mirrors.car import (
     Pose,
     Quaternion,
     acceleration,
-    goes_on,
+    is_continuous,
     orientation,
     pose,
     wheels,
@@ -92,7 +92,7 @@ def test_points_of_the_car_are_carried_as_its_orientation_says(
 ) -> None:
     here = at(5.0, 1.0, psi, Road(starts=(0.0,), grades_deg=(grade,)))
     there = here[:3] + rotated(here.orientation, offset)
-    assert here.carry(*offset) == pytest.approx(tuple(there), abs=1e-9)
+    assert here.to_odom(*offset) == pytest.approx(tuple(there), abs=1e-9)
 
 
 @properties
@@ -151,12 +151,12 @@ def test_acceleration_on_a_circle_points_to_its_centre() -> None:
 
 @properties
 @given(v=speeds, motor=st.floats(-8.0, 8.0), servo=servos, theta=grades)
-def test_every_step_of_the_model_goes_on(
+def test_every_step_of_the_model_is_continuous(
     v: float, motor: float, servo: float, theta: float
 ) -> None:
     state = State(x=50.0, v=v)
     after = step(state, Input(motor, servo), theta, VEHICLE, 0.02)
-    assert goes_on(motion(state, servo, VEHICLE), motion(after, servo, VEHICLE), 0.02)
+    assert is_continuous(motion(state, servo, VEHICLE), motion(after, servo, VEHICLE), 0.02)
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_every_step_of_the_model_goes_on(
 )
 def test_back_at_the_start_a_new_ride_begins(before: State, dt: float) -> None:
     start = motion(State(), 0.0, VEHICLE)
-    assert not goes_on(motion(before, 0.0, VEHICLE), start, dt)
+    assert not is_continuous(motion(before, 0.0, VEHICLE), start, dt)
 
 
 def test_wheels_are_as_they_are_drawn() -> None:

@@ -1,14 +1,14 @@
-"""What is said of a run's health."""
+"""Diagnoses of a run's health."""
 
 from __future__ import annotations
 
 import pytest
 
-from barc_sim.nodes.mirrors.diagnosis import Diagnosis, Facts, Heard, Level, diagnose
+from barc_sim.nodes.mirrors.diagnosis import Diagnosis, Facts, Level, Measured, diagnose
 from barc_sim.vehicle.sensor import Deviation
 
 WELL = Facts(0, 0, False, 1.0, Deviation(), 100, 0)
-REAL = Heard(factor=1.0, command_age=0.01)
+REAL = Measured(factor=1.0, command_age=0.01)
 
 
 def named(found: list[Diagnosis]) -> dict[str, Diagnosis]:
@@ -21,7 +21,7 @@ def test_run_that_is_well_is_ok_in_everything() -> None:
     assert {diagnosis.level for diagnosis in found} == {Level.OK}
 
 
-def test_figures_are_told() -> None:
+def test_figures_are_among_the_values() -> None:
     found = named(diagnose(WELL, WELL, REAL))
     assert found['timing'].values == {
         'missed deadlines': '0',
@@ -33,12 +33,12 @@ def test_figures_are_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ('facts', 'heard', 'message'),
+    ('facts', 'measured', 'message'),
     [
         (
             WELL._replace(missed=2),
             REAL,
-            '2 commands were not there when they were due',
+            '2 commands missed their deadline',
         ),
         (
             WELL._replace(slipped=3),
@@ -46,14 +46,14 @@ def test_figures_are_told() -> None:
             'simulated time has fallen behind by 3 periods',
         ),
         (
-            WELL._replace(wanted_factor=5.0),
-            Heard(factor=3.0),
+            WELL._replace(requested_factor=5.0),
+            Measured(factor=3.0),
             'simulated time runs at 3.00, not at 5',
         ),
     ],
 )
-def test_run_that_is_late_is_warned_of(facts: Facts, heard: Heard, message: str) -> None:
-    timing = named(diagnose(facts, WELL, heard))['timing']
+def test_late_run_is_a_warning(facts: Facts, measured: Measured, message: str) -> None:
+    timing = named(diagnose(facts, WELL, measured))['timing']
     assert (timing.level, timing.message) == (Level.WARN, message)
 
 
@@ -64,12 +64,14 @@ def test_deadline_that_was_missed_long_ago_is_only_counted() -> None:
 
 
 def test_time_that_stands_still_on_purpose_is_ok() -> None:
-    timing = named(diagnose(WELL._replace(paused=True), WELL, Heard(factor=0.0)))['timing']
+    timing = named(diagnose(WELL._replace(paused=True), WELL, Measured(factor=0.0)))['timing']
     assert (timing.level, timing.message) == (Level.OK, 'paused')
 
 
 def test_as_fast_as_it_goes_is_never_too_slow() -> None:
-    timing = named(diagnose(WELL._replace(wanted_factor=0.0), WELL, Heard(factor=0.1)))['timing']
+    timing = named(diagnose(WELL._replace(requested_factor=0.0), WELL, Measured(factor=0.1)))[
+        'timing'
+    ]
     assert timing.level == Level.OK
 
 
@@ -87,6 +89,6 @@ def test_loss_is_a_warning_and_a_bag_that_cannot_be_written_an_error() -> None:
     assert (broken.level, broken.message) == (Level.ERROR, 'disk full')
 
 
-def test_nothing_is_said_of_what_is_not_known() -> None:
-    (timing,) = diagnose(Facts(), Facts(), Heard())
+def test_unknown_facts_have_no_diagnosis() -> None:
+    (timing,) = diagnose(Facts(), Facts(), Measured())
     assert (timing.level, timing.values) == (Level.OK, {})

@@ -16,9 +16,9 @@ from barc_sim.vehicle.road import Road
 
 
 def test_transform_is_the_pose_of_odom() -> None:
-    seen = Ride(Road.lab(), Vehicle()).see(7, Motion(110.0, 1.0, 0.3, 8.0, 0.0, 0.0), 0.0)
-    (transform,) = TransformMirror('car2/', SimpleNamespace).of(seen).transforms
-    odom = OdometryMirror('car2/').of(seen)
+    state = Ride(Road.lab(), Vehicle()).update(7, Motion(110.0, 1.0, 0.3, 8.0, 0.0, 0.0), 0.0)
+    (transform,) = TransformMirror('car2/', SimpleNamespace).of(state).transforms
+    odom = OdometryMirror('car2/').of(state)
     there, turn = transform.transform.translation, transform.transform.rotation
     position = odom.pose.pose.position
     assert (there.x, there.y, there.z) == (position.x, position.y, position.z)

@@ -1,4 +1,4 @@
-"""The mirrors alone: what they make of states and commands, and that each can be off."""
+"""The mirrors: the messages of states and commands, and that each can be off."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.errors import UserError
-from barc_sim.nodes.mirrors import node as module
 from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
 from barc_sim.nodes.mirrors.diagnosis import Facts
 from barc_sim.nodes.mirrors.kinds import MIRRORS
@@ -50,7 +49,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Bench:
-    """A mirror, and a node that sends it states and commands and hears what it publishes."""
+    """A mirror, and a node that publishes states and commands and subscribes to the mirrors."""
 
     def __init__(
         self,
@@ -59,20 +58,25 @@ class Bench:
         *,
         namespace: str = '',
         facts: Callable[[], Facts] = Facts,
+        period: float = 1.0,
         **parameters: float | str | bool,
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.mirror = MirrorNode(
-            facts=facts, context=context, namespace=namespace, parameter_overrides=overrides
+            facts=facts,
+            period=period,
+            context=context,
+            namespace=namespace,
+            parameter_overrides=overrides,
         )
         self.peer = Node('peer', context=context, namespace=namespace)
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.mirror)
         self.executor.add_node(self.peer)
         self.until = partial(spin_until, self.executor)
-        self.heard: dict[str, list[Any]] = {topic: [] for topic in TYPES}
+        self.received: dict[str, list[Any]] = {topic: [] for topic in TYPES}
         for topic, kind in TYPES.items():
-            self.peer.create_subscription(kind, topic, self.heard[topic].append, names.QOS)
+            self.peer.create_subscription(kind, topic, self.received[topic].append, names.QOS)
         self.states = self.peer.create_publisher(ZDynBkMdl, 'z_vhcl', names.QOS)
         self.commands = self.peer.create_publisher(ECU, 'ecu', names.QOS)
         self.sent = 0
@@ -84,7 +88,7 @@ class Bench:
 
     def answer(self, topic: str, **state: float) -> Any:  # noqa: ANN401 (as the topic has it)
         """Return what is published on a topic when a state is."""
-        messages = self.heard[topic]
+        messages = self.received[topic]
         before = len(messages)
         self.send(**state)
         self.until(lambda: len(messages) > before)
@@ -129,8 +133,8 @@ def test_every_state_has_its_message_with_its_stamp(bench: Callable[..., Bench])
     for k in range(20):
         world.send(x=0.16 * k, v_x=8.0)
     for topic in ('odom', 'accel', 'joint_states'):
-        world.until(lambda topic=topic: len(world.heard[topic]) == 20)
-        found = [to_nanoseconds(message.header.stamp) for message in world.heard[topic]]
+        world.until(lambda topic=topic: len(world.received[topic]) == 20)
+        found = [to_nanoseconds(message.header.stamp) for message in world.received[topic]]
         assert found == [STEP * (k + 1) for k in range(20)]
 
 
@@ -151,7 +155,7 @@ def test_joints_are_the_steering_and_the_wheels(bench: Callable[..., Bench]) -> 
             > 0.3
         )
     )
-    joints = world.heard['joint_states'][-1]
+    joints = world.received['joint_states'][-1]
     assert tuple(joints.name) == JOINTS
     found = dict(zip(joints.name, joints.velocity, strict=True))
     assert found['rear_left_wheel'] == found['rear_right_wheel'] == 3.6 / WHEEL_RADIUS
@@ -164,7 +168,7 @@ def test_command_that_is_not_finite_turns_no_wheel(bench: Callable[..., Bench]) 
     world.commands.publish(ECU(servo=0.1))
     world.until(lambda: world.answer('joint_states').position[0] > 0.1)
     assert not [
-        each for each in world.heard['joint_states'] if each.position[0] != each.position[0]
+        each for each in world.received['joint_states'] if each.position[0] != each.position[0]
     ]
 
 
@@ -172,7 +176,7 @@ def test_state_that_is_not_finite_is_left_out(bench: Callable[..., Bench]) -> No
     world = bench()
     world.send(x=nan)
     odom = world.answer('odom', x=1.0)
-    assert [odom] == world.heard['odom']
+    assert [odom] == world.received['odom']
     assert odom.pose.pose.position.x == 1.0
 
 
@@ -199,7 +203,7 @@ def test_cylinders_lie_on_their_axles(bench: Callable[..., Bench]) -> None:
     assert [abs(part) for part in axis] == pytest.approx([0.479426, 0.877583, 0.0], abs=1e-6)
 
 
-def test_road_is_there_for_who_comes_late(bench: Callable[..., Bench]) -> None:
+def test_road_is_latched(bench: Callable[..., Bench]) -> None:
     world = bench()
     roads: list[MarkerArray] = []
     world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
@@ -212,11 +216,8 @@ def test_road_is_there_for_who_comes_late(bench: Callable[..., Bench]) -> None:
     assert [point.y for point in line.points] == [0.0] * 10
 
 
-def test_path_is_the_way_so_far(
-    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, '_SLOW_PERIOD', 0.0)
-    world = bench()
+def test_path_has_the_places_so_far(bench: Callable[..., Bench]) -> None:
+    world = bench(period=0.0, diagnostics=False)
     for k in range(10):
         path = world.answer('path', x=1.0 * k, v_x=50.0)
     assert [pose.pose.position.x for pose in path.poses] == [1.0 * k for k in range(10)]
@@ -232,30 +233,27 @@ def test_frames_and_joints_bear_the_namespace(bench: Callable[..., Bench]) -> No
     assert world.answer('markers').markers[0].header.frame_id == 'car2/odom'
 
 
-def test_diagnostics_tell_what_the_composition_and_the_topics_know(
-    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(module, '_SLOW_PERIOD', 0.02)
+def test_diagnostics_combine_facts_and_topics(bench: Callable[..., Bench]) -> None:
     known = Facts(missed=3, slipped=1, recorded=100, lost=0)
-    world = bench(namespace='/car2', facts=lambda: known)
-    told: dict[str, Any] = {}
+    world = bench(namespace='/car2', facts=lambda: known, period=0.02)
+    diagnosed: dict[str, Any] = {}
 
-    def is_told() -> bool:
+    def is_diagnosed() -> bool:
         world.send()
         world.commands.publish(ECU())
-        for message in world.heard['/diagnostics']:
-            told.update({status.name: status for status in message.status})
-        return '/car2/mirror: command' in told and len(world.heard['/diagnostics']) > 2
+        for message in world.received['/diagnostics']:
+            diagnosed.update({status.name: status for status in message.status})
+        return '/car2/mirror: command' in diagnosed and len(world.received['/diagnostics']) > 2
 
-    world.until(is_told)
-    first = world.heard['/diagnostics'][0].status[0]
+    world.until(is_diagnosed)
+    first = world.received['/diagnostics'][0].status[0]
     assert (first.level, first.name) == (b'\x01', '/car2/mirror: timing')
-    timing = {entry.key: entry.value for entry in told['/car2/mirror: timing'].values}
+    timing = {entry.key: entry.value for entry in diagnosed['/car2/mirror: timing'].values}
     assert (timing['missed deadlines'], timing['slipped periods']) == ('3', '1')
     assert float(timing['real-time factor']) >= 0.0
-    (age,) = told['/car2/mirror: command'].values
+    (age,) = diagnosed['/car2/mirror: command'].values
     assert 0.0 <= float(age.value) < 60.0
-    assert told['/car2/mirror: bag'].level == b'\x00'
+    assert diagnosed['/car2/mirror: bag'].level == b'\x00'
 
 
 @pytest.mark.parametrize(
@@ -277,16 +275,16 @@ def test_mirror_that_is_off_has_no_publisher(
     assert bench(**{off: False}).mirrored() == every - topics
 
 
-def test_topics_that_no_mirror_needs_are_not_heard(bench: Callable[..., Bench]) -> None:
-    def heard(**on: bool) -> set[str]:
+def test_topics_that_no_mirror_needs_have_no_subscription(bench: Callable[..., Bench]) -> None:
+    def subscribed(**on: bool) -> set[str]:
         mirror = bench(**({name: name in on for name in MIRRORS})).mirror
         return {end.topic_name for end in mirror.subscriptions}
 
-    assert heard() == set()
-    assert heard(odom=True) == heard(path=True) == heard(accel=True) == {'/z_vhcl'}
-    assert heard(joint_states=True) == heard(markers=True) == {'/z_vhcl', '/ecu'}
+    assert subscribed() == set()
+    assert subscribed(odom=True) == subscribed(path=True) == subscribed(accel=True) == {'/z_vhcl'}
+    assert subscribed(joint_states=True) == subscribed(markers=True) == {'/z_vhcl', '/ecu'}
 
 
-def test_road_that_is_none_is_refused(ros: Context) -> None:
+def test_unknown_road_is_refused(ros: Context) -> None:
     with pytest.raises(UserError, match="road 'nowhere' is neither"):
         MirrorNode(context=ros, parameter_overrides=[Parameter('road', value='nowhere')])

@@ -1,4 +1,4 @@
-"""A ride from state to state, and the way so far."""
+"""A ride from state to state, and the path so far."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
-from barc_sim.nodes.mirrors.ride import Ride, Seen, Trail
+from barc_sim.nodes.mirrors.ride import MirroredState, Ride, Trail
 from barc_sim.vehicle.bike_model import Motion, Vehicle
 from barc_sim.vehicle.road import Road
 
@@ -22,9 +22,9 @@ def states(v: float, count: int, x: float = 0.0) -> list[Motion]:
     return [Motion(x + 0.02 * v * k, 0.0, 0.0, v, 0.0, 0.0) for k in range(count)]
 
 
-def ride(motions: list[Motion], road: Road | None = None) -> list[Seen]:
+def ride(motions: list[Motion], road: Road | None = None) -> list[MirroredState]:
     following = Ride(road or Road.flat(), Vehicle())
-    return [following.see(STEP * k, motion, 0.0) for k, motion in enumerate(motions)]
+    return [following.update(STEP * k, motion, 0.0) for k, motion in enumerate(motions)]
 
 
 def test_wheels_have_rolled_the_distance() -> None:
@@ -32,13 +32,13 @@ def test_wheels_have_rolled_the_distance() -> None:
     assert last.rolled == pytest.approx((16.0 / WHEEL_RADIUS,) * 4)
 
 
-def test_first_state_begins_a_ride_and_the_others_go_on() -> None:
-    assert [seen.begins for seen in ride(states(8.0, 3))] == [True, False, False]
+def test_only_the_first_state_starts_a_ride() -> None:
+    assert [state.is_first for state in ride(states(8.0, 3))] == [True, False, False]
 
 
-def test_car_that_is_put_back_begins_anew() -> None:
+def test_reset_starts_a_new_ride() -> None:
     *_, last = ride([*states(8.0, 5, x=30.0), *states(0.0, 1)])
-    assert last.begins
+    assert last.is_first
     assert last.rolled == (0.0,) * 4
     assert last.acceleration == (0.0, 0.0, 0.0)
 
@@ -51,8 +51,8 @@ def test_acceleration_is_the_change_of_speed() -> None:
 
 def test_trail_lies_on_the_hills() -> None:
     trail, road = Trail(), Road.lab()
-    for seen in ride(states(8.0, 400), road):
-        trail.follow(seen)
+    for state in ride(states(8.0, 400), road):
+        trail.add(state)
     assert max(pose.z for _, pose in trail.poses) == pytest.approx(road.elevation(40.0))
     assert trail.poses[0][1][:3] == (0.0, 0.0, 0.0)
 
@@ -64,8 +64,8 @@ def test_trail_is_bounded_and_leads_from_the_start_to_here(
 ) -> None:
     trail = Trail(limit=limit)
     driven = ride(states(v, count))
-    for seen in driven:
-        trail.follow(seen)
+    for state in driven:
+        trail.add(state)
     assert len(trail.poses) <= limit
     assert trail.poses[0][1] == driven[0].pose
     step = 0.02 * abs(v)
@@ -79,14 +79,13 @@ def test_trail_is_bounded_and_leads_from_the_start_to_here(
 
 def test_standing_car_leaves_one_pose() -> None:
     trail = Trail()
-    for seen in ride(states(0.0, 500)):
-        trail.follow(seen)
+    for state in ride(states(0.0, 500)):
+        trail.add(state)
     assert len(trail.poses) == 1
 
 
 def test_trail_of_a_new_ride_forgets_the_old_one() -> None:
     trail = Trail(limit=4)
-    for seen in ride([*states(8.0, 300), *states(0.0, 1)]):
-        trail.follow(seen)
+    for state in ride([*states(8.0, 300), *states(0.0, 1)]):
+        trail.add(state)
     assert [pose[:3] for _, pose in trail.poses] == [(0.0, 0.0, 0.0)]
-    assert trail.spacing == 0.5
