@@ -1,4 +1,4 @@
-"""Who drives: one page at a time, and never one that has gone."""
+"""Decides which page drives: one at a time, and never one that has closed."""
 
 from __future__ import annotations
 
@@ -10,35 +10,34 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
 IDLE = 3.0  #: [s] without a key held after which another page may drive
-STALE = 0.5  #: [s] without a word of the page after which what it held is let go
+STALE = 0.5  #: [s] without a message of the driving page after which its keys count as released
 _PERIOD = 0.05  #: [s] between two commands while a key is held
-_LEAST_PERIOD = 0.01  #: [s] between two commands, however often they change
+_LEAST_PERIOD = 0.01  #: [s] between two commands that differ
 _REST = Drive()
 _BRAKE = Drive(brake=1.0)
-_LASTING = (_REST, _BRAKE)  # whoever listens goes on with them: they are said once
+_LASTING = (_REST, _BRAKE)  # sent once: they hold until the next command
 
 
-class Wheel:
-    """Gives the wheel to the first page that presses, until it leaves or has been idle.
+class DriverArbiter:
+    """Lets the first page that presses a key drive, until it closes or has been idle.
 
-    While something is held, `due` returns a command every 50 ms; then zero once, then nothing, so
-    that others who publish `cmd_vel` are not drowned out. Where the page goes or falls silent with
-    something held, the brake comes in place of zero. Times are of a clock that never steps.
+    While a key is held, `due` returns a command every 50 ms; after its release zero once, then
+    nothing, so that other publishers of `cmd_vel` are not overridden. If the page closes or falls
+    silent with a key held, the brake takes the place of zero. Times are of a monotonic clock.
 
     Attributes
     ----------
     driver
-        The page that has the wheel, or None.
+        The page that drives, or None.
     """
 
     def __init__(self) -> None:
-        """Nobody drives."""
         self.driver: Hashable | None = None
         self._command = self._sent = _REST
-        self._heard = self._published = float('-inf')
+        self._received = self._published = float('-inf')  # [s]
 
-    def turn(self, page: Hashable, command: Drive, now: float) -> bool:
-        """Take what `page` holds at `now` [s]; return False where another page drives."""
+    def request(self, page: Hashable, command: Drive, now: float) -> bool:
+        """Take the command of `page` at `now` [s]; return False if another page drives."""
         if self.driver != page:
             if command == _REST:
                 return True
@@ -46,20 +45,20 @@ class Wheel:
                 return False
             self.driver = page
         if command != _REST or self._command != _REST:
-            self._heard = now
+            self._received = now
         self._command = command
         return True
 
     def leave(self, page: Hashable) -> None:
-        """Brake where `page` held something: it has gone."""
+        """Brake if the closed `page` held a key."""
         if self.driver == page:
             self.driver = None
-            self._let_go()
+            self._release()
 
     def due(self, now: float) -> Drive | None:
         """Return the command to publish at `now` [s], or None."""
-        if now - self._heard > STALE:
-            self._let_go()
+        if now - self._received > STALE:
+            self._release()
         if self.driver is not None and self._idle(now):
             self.driver = None
         since = now - self._published
@@ -73,9 +72,9 @@ class Wheel:
         self._published = now
         return self._command
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         if self._command != _REST:
             self._command = _BRAKE
 
     def _idle(self, now: float) -> bool:
-        return self._command in _LASTING and now - self._heard > IDLE
+        return self._command in _LASTING and now - self._received > IDLE

@@ -26,7 +26,7 @@ class Replay:
     """A recorded run, sent whole to every page that opens; the page plays it."""
 
     def __init__(self, log: Log, title: str) -> None:
-        """Of a run of at least one state."""
+        """Show a run of at least one state."""
         road = driven_road(log)
         mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
         self._hello = encode(
@@ -46,23 +46,23 @@ class Replay:
         return [self._hello, self._rows]
 
     def receive(self, page: Page, request: Request) -> None:
-        """Do nothing: what was driven was driven."""
+        """Do nothing: a recorded run cannot be driven."""
 
     def leave(self, page: Page) -> None:
         """Do nothing."""
 
     def pulse(self) -> float:
-        """Do nothing for long."""
+        """Do nothing, rarely."""
         return _LONG
 
 
 def serve(log: Log, title: str, host: str, port: int) -> None:
-    """Serve the page until Ctrl-C, its address printed, and opened where there is a desktop.
+    """Serve the page until Ctrl-C; print its address, and open it where there is a desktop.
 
     Raises
     ------
     UserError
-        where the port can't be had.
+        The port cannot be used.
     """
     server = ViewServer(Replay(log, title), host, port)
     server.start()

@@ -1,4 +1,4 @@
-"""The live page's server: a thread of its own that serves the files and the websocket."""
+"""The live page's server: a thread that serves the files and the websocket."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ _HEADERS = {
 }
 _MOST_PAGES = 16
 _LONGEST_MESSAGE = 256  #: [byte] from a page
-_MOST_WAITING = 1 << 20  #: [byte] to a page that doesn't keep up, before it misses states
-_MOST_PER_SECOND = 200  #: messages from a page: none can keep the process busy
+_MOST_WAITING = 1 << 20  #: [byte] unsent to a slow page, before it misses states
+_MOST_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
 _POLICY_VIOLATION = 1008
 _TRY_AGAIN_LATER = 1013
@@ -54,40 +54,40 @@ _QUIET.propagate = False
 
 
 class Host(Protocol):
-    """What is shown; all of it is called in the server's thread."""
+    """The source of a page's content; the server's thread calls all of it."""
 
     def greet(self) -> Iterable[str | bytes]:
-        """Return the messages for a page that has just opened."""
+        """Return the messages for a new page."""
 
     def receive(self, page: Page, request: Request) -> None:
         """Handle a request of a page."""
 
     def leave(self, page: Page) -> None:
-        """Take note that a page has gone."""
+        """Handle that a page has closed."""
 
     def pulse(self) -> float:
-        """Do what is to be done again and again; return after how many seconds."""
+        """Do the periodic work; return the time to the next call [s]."""
 
 
 class Page:
     """An open page."""
 
     def __init__(self, connection: ServerConnection) -> None:
-        """Of `connection`."""
+        """Open over `connection`."""
         self._connection = connection
         self._second = self._messages = 0
 
     def send(self, message: str) -> None:
-        """Send it without waiting."""
+        """Send a message without waiting."""
         broadcast([self._connection], message)
 
     def count(self, now: float) -> None:
-        """Take note of a message at `now` [s].
+        """Count a message at `now` [s].
 
         Raises
         ------
         RequestError
-            where there are more than a page of ours would send.
+            There are more messages than our page sends.
         """
         if int(now) != self._second:
             self._second, self._messages = int(now), 0
@@ -97,7 +97,7 @@ class Page:
 
 
 class ViewServer:
-    """Serves the page at `url` to those who know its token, until it is closed.
+    """Serves the page at `url`, which contains a secret token, until it is closed.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class ViewServer:
         Raises
         ------
         UserError
-            where that can't be.
+            The address or the port cannot be used.
         """
         self._host = host
         self._socket = _listen(address, port)
@@ -129,17 +129,17 @@ class ViewServer:
         self._thread = Thread(target=self._run, name='view server', daemon=True)
 
     def start(self) -> None:
-        """Begin to serve."""
+        """Start the thread."""
         self._thread.start()
         self._ready.wait()
 
     @property
     def pages(self) -> tuple[Page, ...]:
-        """Those that are open."""
+        """The open pages."""
         return tuple(self._pages.values())
 
     def send(self, message: str | bytes) -> None:
-        """Send it to all pages without waiting; only in the server's thread."""
+        """Send a message to all pages without waiting; call it in the server's thread only."""
         broadcast(
             [
                 connection
@@ -150,7 +150,7 @@ class ViewServer:
         )
 
     def call(self, callback: Callable[[], object]) -> None:
-        """Call it in the server's thread, from any other; not at all once that has ended."""
+        """Call `callback` in the server's thread, unless that has ended."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(callback)
 
@@ -187,11 +187,11 @@ class ViewServer:
                 task.result()
 
     async def _pulse(self) -> None:
-        while True:  # noqa: ASYNC110 (what is waited for has no event)
+        while True:  # noqa: ASYNC110 (there is no event to wait for)
             await asyncio.sleep(self._host.pulse())
 
     def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
-        """Return a file or a refusal, or None where the websocket may open."""
+        """Return a file or an error, or None for a websocket that may open."""
         token, slash, name = request.path.partition('?')[0][1:].partition('/')
         if not compare_digest(token.encode(), self._token.encode()):
             return _refuse(
@@ -242,12 +242,12 @@ def _listen(address: str, port: int) -> socket.socket:
 
 
 def _reachable(address: str) -> str:
-    """Return `address`, or, for one that stands for all, that of the outward interface."""
-    if address not in ('', '0.0.0.0', '::'):  # noqa: S104 (not bound, but told apart)
+    """Return `address`; for a wildcard, that of the outward interface."""
+    if address not in ('', '0.0.0.0', '::'):  # noqa: S104 (compared, not bound)
         return address
     with socket.socket(type=socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(('192.0.2.1', 9))  # an address of nobody's; a datagram socket sends none
+            probe.connect(('192.0.2.1', 9))  # an unused address; no packet is sent
             return str(probe.getsockname()[0])
         except OSError:
             return '127.0.0.1'

@@ -1,4 +1,4 @@
-"""What rclpy lacks: the executor, endpoints, conversions, names, parameters, processes, the graph.
+"""Extensions of rclpy: executor, endpoints, conversions, names, parameters, processes, the graph.
 
-The only room that uses private parts of rclpy; no node lives here.
+No other room uses private parts of rclpy; the nodes themselves are in `nodes`.
 """

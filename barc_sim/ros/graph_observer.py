@@ -1,4 +1,4 @@
-"""The graph of the nodes that a node sees around it."""
+"""Observes the graph of nodes and topics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def observe(node: Node) -> NodeGraph:
-    """Return the graph of all nodes and topics but hidden ones, as `node` sees it now."""
+    """Return the present graph of all visible nodes and topics, through `node`."""
     nodes: list[str] = []
     topics: dict[str, str] = {}
     publications: set[tuple[str, str]] = set()

@@ -1,4 +1,4 @@
-"""Declares a node's parameters from one table: name, default, range and description."""
+"""Declares a node's parameters from a table: name, default, range and description."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     Raises
     ------
     UserError
-        where an override has the wrong type or lies out of range.
+        An override has the wrong type or is out of range.
     """
     return {parameter.name: _declare(node, parameter) for parameter in parameters}
 

@@ -1,4 +1,4 @@
-"""What every process with nodes in it does: start ROS, spin, and end in order."""
+"""Starts ROS in a process, spins a node, and ends in order."""
 
 from __future__ import annotations
 
@@ -26,31 +26,29 @@ if TYPE_CHECKING:
 
 #: Threads for callbacks that may block; the quick ones need none.
 NUM_THREADS = 2
-
-
-#: rcutils' own format, on a line that is cleared first: a live line may stand there.
+#: rcutils' own format, on a cleared line: the status line of a run may stand there.
 _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
 
 @contextmanager
 def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
-    """Initialise ROS with `args`, seen on this machine only unless the user has set it otherwise.
+    """Initialise ROS with `args`, visible on this machine only unless the environment differs.
 
-    With `network` it is seen in its whole subnet. What killed processes have left is cleared away.
+    With `network` it is visible in the whole subnet. Segments of dead processes are removed.
 
     Raises
     ------
     UserError
-        where what follows `--ros-args` is not for ROS, or DDS security is asked for and can't be
-        had.
+        The arguments after `--ros-args` are not ROS's, or DDS security is requested and not
+        available.
     """
     secure = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
     keystore = Path(os.environ.get('ROS_SECURITY_KEYSTORE', ''))
     if secure and not (keystore / 'enclaves').is_dir():
-        # Unless ROS_SECURITY_STRATEGY is Enforce, rcl would go on without security.
+        # Unless ROS_SECURITY_STRATEGY is Enforce, rcl would continue without security.
         raise UserError(
             f'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE, {str(keystore)!r}, is no '
-            'keystore: set it to one that `ros2 security create_keystore` has made, or unset both'
+            'keystore: set it to one made by `ros2 security create_keystore`, or unset both'
         )
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
@@ -59,7 +57,7 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     sweep()
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
-    # What rcl logs of its arguments is what it raises, too.
+    # rcl raises what it logs about its arguments.
     set_logger_level('rcl', LoggingSeverity.FATAL)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -76,7 +74,7 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
 
 
 def _check_security() -> None:
-    """Make a node, and with it what takes part in DDS: here an error is still a sentence."""
+    """Create a DDS participant, so that an error of DDS security is one sentence."""
     options = {'enable_rosout': False, 'start_parameter_services': False}
     try:
         rclpy.create_node('_security', **options).destroy_node()
@@ -88,17 +86,17 @@ def _check_security() -> None:
 
 
 def _reason(error: Exception) -> str:
-    """Return what rcl says went wrong, without where its source says so."""
+    """Return rcl's error without the line of its source."""
     return re.sub(r',? at /\S+:\d+', '', str(error))
 
 
 def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
-    """Spin the node that `create` returns until it has `finished` or a signal asks to stop.
+    """Spin the node that `create` returns until it is `finished` or a signal stops it.
 
     Returns
     -------
     int
-        The exit code: 1 where the node has a `failure`.
+        The exit code: 1 if the node has a `failure`.
     """
     with StopSignals() as stop, ros(args):
         node: Any = create()

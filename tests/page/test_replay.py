@@ -47,16 +47,19 @@ def url(log: Log) -> Iterator[str]:
     server.close()
 
 
-def test_a_page_is_told_the_whole_run(log: Log) -> None:
+def test_page_receives_the_whole_run(log: Log) -> None:
     hello, rows = Replay(replace(log, missed=log.t > log.t[-4]), 'my run').greet()
-    told = json.loads(hello)
-    assert (told['mode'], told['replay']) == ('acc', {'title': 'my run', 'missed': 3})
-    assert told['road']['grades_deg'][:2] == [0.0, 10.0]
+    hello_fields = json.loads(hello)
+    assert (hello_fields['mode'], hello_fields['replay']) == (
+        'acc',
+        {'title': 'my run', 'missed': 3},
+    )
+    assert hello_fields['road']['grades_deg'][:2] == [0.0, 10.0]
     assert isinstance(rows, bytes)
     assert len(rows) == 8 * len(COLUMNS) * len(log)
 
 
-def test_a_run_without_controller_is_seen_from_above(log: Log) -> None:
+def test_run_without_controller_is_shown_from_above(log: Log) -> None:
     hello, _ = Replay(replace(log, reference=np.full(len(log), np.nan)), '').greet()
     assert json.loads(hello)['mode'] == 'teleop'
 
@@ -75,9 +78,7 @@ def test_serves_until_ctrl_c() -> None:
         assert process.wait(30) == 0
 
 
-def test_the_command_serves_the_bag(
-    log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     served: list[object] = []
     monkeypatch.setattr(bag, 'read', lambda *_: log)
     monkeypatch.setattr(page_replay, 'serve', lambda *given: served.extend(given))
@@ -87,7 +88,7 @@ def test_the_command_serves_the_bag(
 
 @pytest.mark.timeout(120)
 @pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
-def test_the_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
+def test_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
     with Browser() as browser:
         tab = browser.open(url)
         wait_until(lambda: tab.number('#time') > 0.5)

@@ -19,8 +19,8 @@ from barc_sim.cli.parser import call
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
 from barc_sim.errors import UserError
-from barc_sim.nodes.view.node_clients import Peers
-from barc_sim.page.driver_arbiter import Wheel
+from barc_sim.nodes.view.node_clients import NodeClients
+from barc_sim.page.driver_arbiter import DriverArbiter
 from barc_sim.page.facts import SIMULATOR, facts
 from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, encode
 from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
@@ -113,7 +113,7 @@ class ViewNode(Node):
         self._status = status
         self.seen = 0
         self._rows = Rows()
-        self._wheel = Wheel()
+        self._arbiter = DriverArbiter()
         self._simulator: dict[str, Any] = {}
         self._controller: dict[str, Any] = {}
         self._kind: type[Controller] | None = None  # the controller's, once it is known
@@ -125,7 +125,7 @@ class ViewNode(Node):
         self._newest: tuple[int, int] | None = None
 
         self._cmd_vel_pub = publisher(self, Twist, names.CMD_VEL)
-        self._peers = Peers(self, self._server.call)
+        self._node_clients = NodeClients(self, self._server.call)
         group = PolledCallbackGroup()
         self._states = polled(self, ZDynBkMdl, names.STATE, _DEPTH, group)
         self._others = {
@@ -160,20 +160,20 @@ class ViewNode(Node):
         """Do what a page asks for."""
         if isinstance(request, Drive):
             now = time.monotonic()
-            if self._wheel.turn(page, request, now):
+            if self._arbiter.request(page, request, now):
                 self._publish(now)
             else:
                 page.send(encode('refused', what='drive', why='another page is driving'))
         elif isinstance(request, Tune):
-            self._peers.tune(*request, answer=partial(self._on_tuned, page, request))
+            self._node_clients.tune(*request, on_done=partial(self._on_tuned, page, request))
         elif isinstance(request, Pause):
-            self._peers.pause(request.on, answer=partial(self._on_paused, page, request))
+            self._node_clients.pause(request.on, on_done=partial(self._on_paused, page, request))
         elif isinstance(request, Reset):
-            self._peers.reset(answer=partial(self._on_reset, page))
+            self._node_clients.reset(on_done=partial(self._on_reset, page))
 
     def leave(self, page: Page) -> None:
         """Let go what a page held that has gone."""
-        self._wheel.leave(page)
+        self._arbiter.leave(page)
         self._publish(time.monotonic())
 
     def pulse(self) -> float:
@@ -217,7 +217,7 @@ class ViewNode(Node):
         return min(max(_PERIOD + _AFTER - age, 0.5 * _PERIOD), 1.5 * _PERIOD)
 
     def _publish(self, now: float) -> None:
-        if command := self._wheel.due(now):
+        if command := self._arbiter.due(now):
             twist = Twist()
             twist.linear.x, twist.angular.z, brake = command
             twist.linear.z = -brake
@@ -226,7 +226,7 @@ class ViewNode(Node):
     def _send_status(self) -> None:
         missed, slipped, paused = self._status() if self._newest else Status()
         for page in self._server.pages:
-            driver = self._wheel.driver
+            driver = self._arbiter.driver
             page.send(
                 encode(
                     'status',
@@ -270,7 +270,7 @@ class ViewNode(Node):
     ) -> None:
         """Ask a node for parameters, unless it was asked a moment ago."""
         now = time.monotonic()
-        if now >= self._ask_at.get(node, 0.0) and self._peers.parameters(node, names, answer):
+        if now >= self._ask_at.get(node, 0.0) and self._node_clients.parameters(node, names, answer):
             self._ask_at[node] = now + _PATIENCE
 
     def _on_controller_type(self, values: dict[str, Any]) -> None:

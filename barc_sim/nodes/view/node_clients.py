@@ -1,4 +1,4 @@
-"""What the live page asks of the other nodes: parameters, reset and pause."""
+"""Clients of the services that a page's buttons and sliders call."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.ros import names
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
@@ -17,30 +18,28 @@ if TYPE_CHECKING:
     from rclpy.client import Client
     from rclpy.node import Node
 
-    #: Told whether it was done, and if not, why.
-    Answer = Callable[[bool, str], None]
+    #: Called with whether the request succeeded, and if not, with the reason.
+    OnDone = Callable[[bool, str], None]
 
 
-_RESET = 'vehicle_simulator/reset'
-_PAUSE = 'vehicle_simulator/pause'
 _SET = 'controller/set_parameters'
 _SERVICES = {
-    _RESET: Trigger,
-    _PAUSE: SetBool,
+    names.RESET_SIMULATOR: Trigger,
+    names.PAUSE_SIMULATOR: SetBool,
     _SET: SetParameters,
     'controller/get_parameters': GetParameters,
     'vehicle_simulator/get_parameters': GetParameters,
 }
 
 
-class Peers:
-    """Calls the services of `vehicle_simulator` and `controller`, without waiting for them.
+class NodeClients:
+    """Calls services of `vehicle_simulator` and `controller` without waiting for the responses.
 
-    Answers come in whatever thread `deliver` brings them to.
+    The callback of a response runs in the thread to which `deliver` passes it.
     """
 
     def __init__(self, node: Node, deliver: Callable[[Callable[[], object]], None]) -> None:
-        """Ask as `node`."""
+        """Create the clients of `node`."""
         self._node = node
         self._deliver = deliver
         group = QuickCallbackGroup()
@@ -49,59 +48,60 @@ class Peers:
             for service, kind in _SERVICES.items()
         }
 
-    def reset(self, answer: Answer) -> None:
-        """Put the car back to the start."""
-        self._ask(_RESET, Trigger.Request(), _whether_done, answer)
+    def reset(self, on_done: OnDone) -> None:
+        """Reset the car to the start."""
+        self._request(names.RESET_SIMULATOR, Trigger.Request(), _success, on_done)
 
-    def pause(self, on: bool, answer: Answer) -> None:
-        """Stop simulated time, or let it go on."""
-        self._ask(_PAUSE, SetBool.Request(data=on), _whether_done, answer)
+    def pause(self, on: bool, on_done: OnDone) -> None:
+        """Pause or resume simulated time."""
+        self._request(names.PAUSE_SIMULATOR, SetBool.Request(data=on), _success, on_done)
 
-    def tune(self, name: str, value: float, answer: Answer) -> None:
+    def tune(self, name: str, value: float, on_done: OnDone) -> None:
         """Set a parameter of the controller."""
         parameter = Parameter(name, value=value).to_parameter_msg()
-        self._ask(_SET, SetParameters.Request(parameters=[parameter]), _whether_set, answer)
+        request = SetParameters.Request(parameters=[parameter])
+        self._request(_SET, request, _set_success, on_done)
 
     def parameters(
-        self, node: str, names: Sequence[str], answer: Callable[[dict[str, Any]], None]
+        self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
     ) -> bool:
-        """Ask `vehicle_simulator` or `controller` for parameters; False where it isn't there."""
+        """Request parameters of `vehicle_simulator` or `controller`; False if it is not there."""
         client = self._clients[f'{node}/get_parameters']
 
-        def told(response: GetParameters.Response) -> None:
-            # Where one is unknown, the node tells none.
-            known = zip(names, map(parameter_value_to_python, response.values), strict=False)
-            self._deliver(partial(answer, dict(known)))
+        def on_response(response: GetParameters.Response) -> None:
+            # A node that does not have one of the parameters sends no values at all.
+            values = zip(names, map(parameter_value_to_python, response.values), strict=False)
+            self._deliver(partial(on_values, dict(values)))
 
-        return self._call(client, GetParameters.Request(names=names), told)
+        return self._call(client, GetParameters.Request(names=names), on_response)
 
-    def _ask(
+    def _request(
         self,
         service: str,
         request: Any,  # noqa: ANN401 (the service's own)
-        verdict: Callable[[Any], tuple[bool, str]],
-        answer: Answer,
+        success: Callable[[Any], tuple[bool, str]],
+        on_done: OnDone,
     ) -> None:
-        client = self._clients[service]
-        if not self._call(
-            client, request, lambda response: self._deliver(partial(answer, *verdict(response)))
-        ):
-            name = self._node.resolve_service_name(service)
-            self._deliver(partial(answer, False, f'nobody offers {name}'))
+        def on_response(response: Any) -> None:  # noqa: ANN401 (the service's own)
+            self._deliver(partial(on_done, *success(response)))
 
-    def _call(self, client: Client, request: Any, told: Callable[[Any], None]) -> bool:  # noqa: ANN401
-        """Call a service, if it is there; `told` is called in the executor's thread."""
+        if not self._call(self._clients[service], request, on_response):
+            name = self._node.resolve_service_name(service)
+            self._deliver(partial(on_done, False, f'no node offers {name}'))
+
+    def _call(self, client: Client, request: Any, on_response: Callable[[Any], None]) -> bool:  # noqa: ANN401
+        """Call a service if it is there; `on_response` runs in the executor's thread."""
         if not client.service_is_ready():
             return False
 
-        client.call_async(request).add_done_callback(lambda future: told(future.result()))
+        client.call_async(request).add_done_callback(lambda future: on_response(future.result()))
         return True
 
 
-def _whether_done(response: Trigger.Response | SetBool.Response) -> tuple[bool, str]:
+def _success(response: Trigger.Response | SetBool.Response) -> tuple[bool, str]:
     return bool(response.success), str(response.message)
 
 
-def _whether_set(response: SetParameters.Response) -> tuple[bool, str]:
+def _set_success(response: SetParameters.Response) -> tuple[bool, str]:
     (result,) = response.results
     return bool(result.successful), str(result.reason)

@@ -8,14 +8,14 @@ const [LEFT, RIGHT, TOP, BOTTOM] = [36, 8, 8, 22];
 
 export class Chart {
   /**
-   * `lines`: {column, colour, width, dash}, the first one undermost; `span`: the least between the
-   * limits; `most`: limits beyond which nothing is of interest.
+   * `lines`: {column, colour, width, dash}, the first one at the bottom; `span`: the least
+   * difference of the limits; `widest`: the widest limits.
    */
-  constructor(surface, lines, span, most) {
+  constructor(surface, lines, span, widest) {
     this.surface = surface;
     this.lines = lines;
     this.span = span;
-    this.most = most;
+    this.widest = widest;
     this.shown = null;
   }
 
@@ -41,7 +41,7 @@ export class Chart {
     context.restore();
   }
 
-  /** Limits on whole ticks around what is seen. */
+  /** Return limits on whole ticks around the visible values. */
   #limits(history, [first, last]) {
     let [low, high] = [Infinity, -Infinity];
     const stride = Math.max(1, (last - first) >> 10);
@@ -54,8 +54,8 @@ export class Chart {
     }
     if (low > high) [low, high] = [0, 0];
     const missing = Math.max(this.span - (high - low), 0) / 2;
-    low = Math.max(low - missing, this.most[0]);
-    high = Math.min(high + missing, this.most[1]);
+    low = Math.max(low - missing, this.widest[0]);
+    high = Math.min(high + missing, this.widest[1]);
     const step = niceStep(high - low, 4);
     return [Math.floor(low / step + 0.02) * step, Math.ceil(high / step - 0.02) * step];
   }

@@ -1,7 +1,7 @@
-// Simulated time as the page shows it: even, where states arrive in bunches.
+// The simulated time to show: it runs evenly although states arrive in bunches.
 
-const DELAY = 0.06; // [s] behind the newest state, so that there is one on either side
-const LOST = 0.4; // [s] off by which it jumps
+const DELAY = 0.06; // [s] behind the newest state, to interpolate between two
+const LOST = 0.4; // [s] of error at which it jumps
 
 export class Clock {
   constructor() {
@@ -11,16 +11,16 @@ export class Clock {
   restart() {
     this.time = NaN;
     this.rate = 1;
-    this.seen = null;
+    this.measured = null;
   }
 
-  /** Return the time [s] to show at `now` [s], where the newest state is of `newest` [s]. */
+  /** Return the time [s] to show at `now` [s]; `newest` [s] is that of the newest state. */
   advance(now, newest) {
     if (Number.isNaN(newest)) { // nothing has arrived yet
       this.restart();
       return NaN;
     }
-    const passed = this.seen ? Math.min(now - this.seen.now, 0.25) : 0;
+    const passed = this.measured ? Math.min(now - this.measured.now, 0.25) : 0;
     this.#measure(now, newest);
     const goal = newest - DELAY * this.rate;
     const off = goal - this.time;
@@ -30,21 +30,21 @@ export class Clock {
       const pull = 1 - Math.exp(-passed / 0.25);
       this.time += Math.max(0, passed * this.rate + off * pull);
     }
-    // Once no more states come, it runs up to the last.
+    // After the last state it runs up to that.
     if (this.rate < 0.05) this.time = Math.max(this.time, newest);
     this.time = Math.min(this.time, newest);
     return this.time;
   }
 
-  /** Follow how fast simulated time goes. */
+  /** Measure the rate of simulated time. */
   #measure(now, newest) {
-    this.seen ??= { now, since: now, newest };
-    this.seen.now = now;
-    const span = now - this.seen.since;
+    this.measured ??= { now, since: now, newest };
+    this.measured.now = now;
+    const span = now - this.measured.since;
     if (span < 0.25) return;
-    const measured = (newest - this.seen.newest) / span;
-    this.rate = measured <= 0 ? 0 : this.rate + 0.5 * (measured - this.rate);
-    this.seen.since = now;
-    this.seen.newest = newest;
+    const rate = (newest - this.measured.newest) / span;
+    this.rate = rate <= 0 ? 0 : this.rate + 0.5 * (rate - this.rate);
+    this.measured.since = now;
+    this.measured.newest = newest;
   }
 }

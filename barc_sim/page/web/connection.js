@@ -1,11 +1,11 @@
-// The websocket: what arrives, and coming back by itself.
+// The websocket: passes messages on, and reconnects by itself.
 
-const PATIENCE = [0.25, 0.5, 1, 2, 4]; // [s] before each attempt, the last one again and again
-const REFUSED = 1008; // what this page sent was refused: it is of another version
+const RETRY_AFTER = [0.25, 0.5, 1, 2, 4]; // [s] before each attempt; the last one repeats
+const REFUSED = 1008; // the server refused a message: this page is of another version
 const FULL = 1013;
 
 export class Connection {
-  /** `on`: hello, facts, status, refused and end, by message; rows, opened, lost, shut. */
+  /** `on`: a function for each type of message, and for rows, lost and closed. */
   constructor(on) {
     this.on = on;
     this.attempts = 0;
@@ -35,7 +35,7 @@ export class Connection {
     }
     const { type, ...fields } = JSON.parse(data);
     if (type === 'hello') this.attempts = 0;
-    // A recorded run is all here, and a run that has ended answers no more.
+    // A recorded run is complete, and a run that has ended sends no more.
     if (type === 'end' || fields.replay) this.ended = true;
     this.on[type](fields);
   }
@@ -43,10 +43,10 @@ export class Connection {
   #closed(code, reason) {
     if (this.ended) return;
     if (code === REFUSED || code === FULL) {
-      this.on.shut(reason);
+      this.on.closed(reason);
       return;
     }
-    const wait = PATIENCE[Math.min(this.attempts, PATIENCE.length - 1)];
+    const wait = RETRY_AFTER[Math.min(this.attempts, RETRY_AFTER.length - 1)];
     this.attempts += 1;
     this.on.lost();
     setTimeout(() => this.#open(), 1000 * wait);

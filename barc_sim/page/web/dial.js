@@ -1,4 +1,4 @@
-// A compass and the front wheels, as they are turned.
+// A compass, and the front wheels with their steering angle.
 
 import { colours, font } from './look.js';
 
@@ -14,7 +14,7 @@ export function drawDial(surface, state) {
   drawAxle(context, (3 * width) / 4, height / 2, radius, Number.isNaN(state.servo) ? 0 : state.servo);
 }
 
-/** Up is x, left is y, as in the picture. */
+/** x points up and y to the left, as in the picture. */
 function drawCompass(context, x, y, radius, heading) {
   context.save();
   context.translate(x, y);

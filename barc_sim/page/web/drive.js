@@ -1,4 +1,4 @@
-// Keys with true press and release, and two thumb pads -> what is held.
+// Keys, by press and release, and two thumb pads, as driving commands.
 
 const KEYS = {
   ArrowUp: 'forward', KeyW: 'forward', ArrowDown: 'back', KeyS: 'back',
@@ -11,19 +11,19 @@ const DEAD = 0.12; // share of a pad's radius that counts as its middle
 const clip = (value) => Math.min(Math.max(value, -1), 1);
 
 export class Driving {
-  /** `send` is given linear and angular, from -1 to 1, and the brake, from 0 to 1. */
+  /** `send` takes linear and angular, from -1 to 1, and the brake, from 0 to 1. */
   constructor(send, commands) {
     this.send = send;
-    this.pressed = new Map(); // event code -> what it does
+    this.pressed = new Map(); // event code -> action
     this.pads = { steer: 0, throttle: 0 };
     this.moving = false;
-    this.told = 0; // when a thumb's place was sent
+    this.sent = 0; // [ms] when a thumb's place was last sent
     this.#listen(commands);
     for (const name of Object.keys(this.pads)) this.#listenToPad(name);
     setInterval(() => this.moving && this.#update(), REPEAT);
   }
 
-  /** Let go of everything; where something was held, brake by a share from 0 to 1. */
+  /** Release all keys and pads; if any was held, brake by a share from 0 to 1. */
   release(brake = 0) {
     this.pressed.clear();
     this.pads = { steer: 0, throttle: 0 };
@@ -55,7 +55,7 @@ export class Driving {
       if (this.pressed.delete(event.code)) this.#update();
     });
     addEventListener('blur', () => this.release());
-    addEventListener('pagehide', () => this.release(1)); // nobody looks any more
+    addEventListener('pagehide', () => this.release(1)); // the page is closed or hidden
     document.addEventListener('visibilitychange', () => document.hidden && this.release(1));
   }
 
@@ -73,11 +73,11 @@ export class Driving {
       const knob = pad.querySelector('i');
       knob.style.transform = name === 'steer'
         ? `translateX(${0.34 * box.width * x}px)` : `translateY(${0.34 * box.height * y}px)`;
-      if (event.timeStamp - this.told < LEAST) return; // what it is now is sent with the repeat
-      this.told = event.timeStamp;
+      if (event.timeStamp - this.sent < LEAST) return; // the repeat sends the present place
+      this.sent = event.timeStamp;
       this.#update();
     };
-    const letGo = () => {
+    const release = () => {
       this.pads[name] = 0;
       rest(pad);
       this.#update();
@@ -89,7 +89,7 @@ export class Driving {
       follow(event);
     });
     pad.addEventListener('pointermove', follow);
-    pad.addEventListener('lostpointercapture', letGo);
+    pad.addEventListener('lostpointercapture', release);
   }
 
   #update() {

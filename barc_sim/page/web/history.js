@@ -1,7 +1,7 @@
 // The states so far, and the state at any time between them.
 
 const MOST = 1 << 18; // rows
-const JUMP = 3; // [m] between two states: the car was put somewhere else
+const JUMP = 3; // [m] between two states: the car was reset
 
 export class History {
   constructor() {
@@ -21,7 +21,7 @@ export class History {
     this.clear();
   }
 
-  /** Add rows; time that goes back begins anew. */
+  /** Add rows; a time that goes back clears the history. */
   add(rows) {
     const width = this.columns.length;
     for (let from = 0; from + width <= rows.length; from += width) {
@@ -43,7 +43,7 @@ export class History {
     return this.count ? this.at(this.count - 1, name) : NaN;
   }
 
-  /** The last row at or before `t`; the first where there is none. */
+  /** Return the last row at or before `t`; the first if there is none. */
   row(t) {
     let low = 0;
     let high = this.count;
@@ -55,14 +55,14 @@ export class History {
     return low;
   }
 
-  /** Whether the car was put somewhere else between `row` and the next one. */
+  /** Return whether the car was reset between `row` and the next one. */
   jumps(row) {
     return Math.hypot(
       this.at(row + 1, 'x') - this.at(row, 'x'), this.at(row + 1, 'y') - this.at(row, 'y'),
     ) > JUMP;
   }
 
-  /** The state at `t`: motion between states, and commands that hold until the next. */
+  /** Return the state at `t`: motion is interpolated, commands hold until the next. */
   state(t) {
     if (!this.count) return null;
     const row = this.row(t);

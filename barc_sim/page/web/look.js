@@ -1,4 +1,4 @@
-// Colours, canvases that are sharp on every display, and how numbers are written.
+// Colours, sharp canvases, and the format of numbers.
 
 const names = [
   'panel', 'line', 'grid', 'ink', 'muted', 'blue', 'sky', 'green', 'orange', 'purple',
@@ -13,7 +13,7 @@ function readColours() {
   for (const name of names) colours[name] = style.getPropertyValue(`--${name}`).trim();
 }
 
-/** Read the colours now, and again, with `changed` called, when light becomes dark. */
+/** Read the colours now; when light becomes dark, read them again and call `changed`. */
 export function watchColours(changed) {
   readColours();
   matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
@@ -25,7 +25,7 @@ export function watchColours(changed) {
 export const font = (size, weight = 400) =>
   `${weight} ${size}px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans", sans-serif`;
 
-/** A canvas whose size follows its place on the page; `begin` returns its context, cleared. */
+/** A canvas whose resolution follows its size on the page; `begin` clears it. */
 export class Surface {
   constructor(canvas, changed) {
     this.canvas = canvas;
@@ -52,14 +52,14 @@ export class Surface {
   }
 }
 
-/** `value` with so many digits; a dash where it is not known, and no negative zero. */
+/** Return `value` with so many decimals; a dash if unknown, and no negative zero. */
 export function reading(value, digits) {
   if (value === null || value === undefined || Number.isNaN(value)) return '–';
   const text = value.toFixed(digits);
   return (Number(text) === 0 ? text.replace('-', '') : text).replace('-', '−');
 }
 
-/** A step for ticks, 1, 2 or 5 times a power of ten, that cuts `span` in about `count`. */
+/** Return a step of 1, 2 or 5 times a power of ten that divides `span` in about `count`. */
 export function niceStep(span, count) {
   const rough = span / count;
   const power = 10 ** Math.floor(Math.log10(rough));

@@ -1,4 +1,4 @@
-// The page: what arrives is kept, and drawn at the display's rate.
+// The page: keeps the states that arrive, and draws them at the display's rate.
 
 import { Chart } from './chart.js';
 import { Clock } from './clock.js';
@@ -24,7 +24,7 @@ const top = new TopView();
 let facts = { mode: 'acc', axles: [-1.5, 1.5], road: null };
 let road = new Road(null);
 let paused = false;
-let drawn = {}; // what was drawn last
+let drawn = {}; // the last drawing
 let message_timer = null;
 
 const stale = () => { drawn = {}; };
@@ -57,12 +57,12 @@ function setState(state, text) {
   if (element('state-text').textContent !== text) element('state-text').textContent = text;
 }
 
-/** Say what happened; for so many seconds, or until it is said otherwise. */
-function say(text, seconds = 0) {
+/** Show a message, for some seconds or until the next one. */
+function showMessage(text, seconds = 0) {
   clearTimeout(message_timer);
   element('message').textContent = text;
   element('message').hidden = !text;
-  if (text && seconds) message_timer = setTimeout(() => say(''), 1000 * seconds);
+  if (text && seconds) message_timer = setTimeout(() => showMessage(''), 1000 * seconds);
 }
 
 const player = new Player(history);
@@ -71,7 +71,7 @@ const connection = new Connection({
     history.name(fields.columns);
     clock.restart();
     road = new Road(fields.road);
-    say('');
+    showMessage('');
     setState('live', 'Live');
     this.facts(fields);
     document.body.toggleAttribute('data-replay', 'replay' in fields);
@@ -99,28 +99,28 @@ const connection = new Connection({
     element('missed').textContent = status.missed ?? '–';
     element('missed-fact').classList.toggle('bad', status.missed > 0);
     element('pause').setAttribute('aria-pressed', paused);
-    element('pause').textContent = paused ? 'Go on' : 'Pause';
+    element('pause').textContent = paused ? 'Resume' : 'Pause';
     element('driver').textContent = status.driver === 'other' ? 'Another page is driving.' : HINT;
     if (paused) setState('paused', 'Paused');
     else setState('live', 'Live');
   },
   refused({ what, why }) {
-    if (what === 'drive') say('Another page is driving. You can when it lets go for a while.', 4);
-    else if (what === 'reset' || what === 'pause') say(`It cannot ${what}: ${why}.`, 6);
+    if (what === 'drive') showMessage('Another page is driving. You can drive once it has been idle for 3 s.', 4);
+    else if (what === 'reset' || what === 'pause') showMessage(`Cannot ${what}: ${why}.`, 6);
     else tuning.refuse(what, why);
   },
   end({ reason }) {
     setState('ended', 'Ended');
-    say(reason);
+    showMessage(reason);
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
   },
   lost() {
     setState('lost', 'Reconnecting');
-    say('The connection to the run was lost. This page comes back by itself when the run answers.');
+    showMessage('The connection to the run was lost. This page reconnects by itself.');
   },
-  shut(reason) {
-    setState('refused', 'Shut out');
-    say(`The run has shut this page out (${reason}). Reload it to try again.`);
+  closed(reason) {
+    setState('refused', 'Disconnected');
+    showMessage(`The run closed this connection (${reason}). Reload the page to try again.`);
   },
 });
 const tuning = new Tuning((name, value) => connection.send('tune', { name, value }));
@@ -175,7 +175,7 @@ function draw(milliseconds) {
     commandChart.draw(history, state);
     if (state) showReadings(state);
   }
-  // The camera goes on for a while after the last state.
+  // The camera moves on for a while after the last state.
   const still = drawn.time === time ? (drawn.still ?? 0) + 1 : 0;
   drawn = {
     time, count: history.count, still, settled: still > 60 && charts, charts: charts ? now : drawn.charts,

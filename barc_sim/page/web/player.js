@@ -1,4 +1,4 @@
-// A recorded run: play, pause, and the time slider.
+// Plays a recorded run, with a time slider.
 
 import { reading } from './look.js';
 
@@ -7,7 +7,7 @@ export class Player {
     this.history = history;
     this.time = 0;
     this.playing = false;
-    this.seen = null;
+    this.last = null;
     this.button = document.getElementById('play');
     this.slider = document.getElementById('seek');
     this.text = document.getElementById('seek-time');
@@ -16,14 +16,14 @@ export class Player {
     this.slider.addEventListener('input', () => { this.time = Number(this.slider.value); });
   }
 
-  /** Play a run from its start; `facts`: title, missed. */
+  /** Prepare a run; `missed` is its count of missed deadlines. */
   begin({ missed }) {
     document.getElementById('state').hidden = true;
     document.getElementById('missed').textContent = missed;
     this.time = 0;
   }
 
-  /** The run is there. */
+  /** Play the run, once it is loaded. */
   loaded() {
     this.slider.max = this.history.last('t');
     this.#play(true);
@@ -33,8 +33,8 @@ export class Player {
   advance(now) {
     const end = this.history.last('t');
     const pace = Number(this.pace.value);
-    if (this.playing && this.seen !== null) this.time += pace * (now - this.seen);
-    this.seen = now;
+    if (this.playing && this.last !== null) this.time += pace * (now - this.last);
+    this.last = now;
     if (this.time >= end) {
       this.time = end;
       if (this.playing) this.#play(false);

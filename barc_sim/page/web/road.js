@@ -1,12 +1,12 @@
-// The road on the map: distance along its surface -> horizontal distance and elevation.
+// The road on the map: horizontal distance and elevation by the distance along its surface.
 
-const MARGIN = 400; // [m] by which it goes on at its first and last grade
-const SPACING = 0.5; // [m] between the points of a road that is known only as far as driven
+const MARGIN = 400; // [m] of road at its first and last grade beyond its ends
+const SPACING = 0.5; // [m] between the points of a road that is learnt while driving
 
 const toRadians = (degrees) => (degrees * Math.PI) / 180;
 
 export class Road {
-  /** `facts`: where stretches start [m] and their grades [deg]; null where nobody tells. */
+  /** `facts`: starts [m] and grades [deg] of the stretches; null if unknown. */
   constructor(facts) {
     this.known = facts !== null;
     this.points = []; // rising: {s, h, e}, distance, horizontal, elevation [m]
@@ -26,7 +26,7 @@ export class Road {
     }
   }
 
-  /** Learn the road from a state, where nobody tells. */
+  /** Learn an unknown road from a state. */
   learn(state) {
     if (this.known || Number.isNaN(state.x)) return;
     const theta = Number.isNaN(state.theta_deg) ? 0 : state.theta_deg;
@@ -50,17 +50,17 @@ export class Road {
     this.to = state.x;
   }
 
-  /** Horizontal distance and elevation [m] at `s` [m]. */
+  /** Return the horizontal distance and elevation [m] at `s` [m]. */
   at(s) {
     return this.#between('s', s);
   }
 
-  /** Elevation [m] at a horizontal distance [m]. */
+  /** Return the elevation [m] at a horizontal distance [m]. */
   elevation(h) {
     return this.#between('h', h).e;
   }
 
-  /** Height [m] of the centre of a wheel of `radius` [m] that stands at `h` [m]. */
+  /** Return the height [m] of the centre of a wheel of `radius` [m] at `h` [m]. */
   wheel(h, radius) {
     let height = -Infinity;
     for (let i = -8; i <= 8; i += 1) {

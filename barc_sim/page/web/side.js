@@ -1,4 +1,4 @@
-// The car from the side on its road, and the whole road below it.
+// The car from the side on its road, and an overview of the whole road.
 
 import { colours, font, niceStep, reading } from './look.js';
 
@@ -157,7 +157,7 @@ function fill(context, points, colour) {
   context.fill();
 }
 
-/** The whole road as far as it is known, heights larger than they are. */
+/** Draw the whole known road, with exaggerated heights. */
 export function drawCourse(surface, road, state) {
   const context = surface.begin();
   const { width, height } = surface;

@@ -11,7 +11,7 @@ const INK = '#222222';
 
 export class TopView {
   constructor() {
-    this.span = NaN; // [m] that the smaller side shows
+    this.span = NaN; // [m] across the shorter side
   }
 
   draw(surface, history, axles, state) {
@@ -94,7 +94,7 @@ function drawPath(context, history, state, toScreen) {
   context.globalAlpha = 1;
 }
 
-/** In metres from the centre of mass, x forward, y to the left. */
+/** Draw in metres from the centre of mass, x forward, y to the left. */
 function drawCar(context, axles, servo, scale) {
   const middle = (axles[0] + axles[1]) / 2;
   const box = (x, y, length, width, radius, colour) => {

@@ -4,7 +4,7 @@ const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
 
 export class Tuning {
-  /** `set` is given a parameter's name and its value. */
+  /** `set` takes a parameter's name and its value. */
   constructor(set) {
     this.note = document.getElementById('tuning-note');
     this.set = set;
@@ -24,7 +24,7 @@ export class Tuning {
     }
   }
 
-  /** Say why a value was refused, and show the one that holds. */
+  /** Show why a value was refused, and the present one. */
   refuse(name, why) {
     this.note.textContent = `${name} was refused: ${why}`;
     if (name in this.values) this.#place(name, this.values[name]);

@@ -1,4 +1,4 @@
-"""The view node: what reaches a page, and what a page makes the other nodes do."""
+"""The view node: what a page receives, and what it makes other nodes do."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ STEP = 20_000_000
 
 
 class Peer(Node):
-    """Publishes what a run does, notes `cmd_vel`, and offers reset and pause."""
+    """Publishes a run, records `cmd_vel`, and offers reset and pause."""
 
     def __init__(self, context: Context) -> None:
         super().__init__('peer', context=context)
@@ -63,7 +63,7 @@ class Peer(Node):
         self.create_service(SetBool, 'vehicle_simulator/pause', self._on_request)
 
     def step(self, x: float) -> None:
-        """Publish a state at `x`, and all that belongs to it."""
+        """Publish a state at `x` with its other messages."""
         header = to_header(START + self._steps * STEP)
         self._steps += 1
         self._pubs[names.ENVIRONMENT].publish(Environment(header=header, theta=10.0))
@@ -89,11 +89,11 @@ class Client:
         self._socket = socket
         self.rows = np.empty((0, len(COLUMNS)))
 
-    def ask(self, kind: str, **fields: object) -> None:
+    def request(self, kind: str, **fields: object) -> None:
         """Send a request."""
         self._socket.send(encode(kind, **fields))
 
-    def hear(self, kind: str) -> dict[str, Any]:
+    def receive(self, kind: str) -> dict[str, Any]:
         """Return the next message of a type; keep the states that come before it."""
         end = time.monotonic() + DEADLINE
         while True:
@@ -105,7 +105,7 @@ class Client:
                 return dict(message)
 
     def column(self, name: str) -> Any:  # noqa: ANN401 (an array)
-        """Return what was heard of a quantity."""
+        """Return the received values of a column."""
         return self.rows[:, COLUMNS.index(name)]
 
 
@@ -156,14 +156,14 @@ def view(ros: Context, peer: Peer) -> Iterator[ViewNode]:
         yield view
 
 
-def test_every_state_reaches_the_page_with_what_belongs_to_it(view: ViewNode, peer: Peer) -> None:
+def test_every_state_reaches_the_page_with_its_messages(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
-        client.hear('status')
+        client.receive('status')
         for k in range(100):
             peer.step(float(k))
             until(lambda: view.seen == k + 1)  # noqa: B023 (called at once)
         view.end('over')
-        client.hear('end')
+        client.receive('end')
     np.testing.assert_array_equal(client.column('x'), np.arange(100.0))
     np.testing.assert_allclose(client.column('t'), 0.02 * np.arange(100))
     np.testing.assert_array_equal(client.column('theta_deg'), 10.0)
@@ -173,18 +173,18 @@ def test_every_state_reaches_the_page_with_what_belongs_to_it(view: ViewNode, pe
 
 
 @pytest.mark.parametrize('x', [float('nan'), float('inf'), 1e308])
-def test_states_that_are_none_are_left_out(view: ViewNode, peer: Peer, x: float) -> None:
+def test_invalid_states_are_left_out(view: ViewNode, peer: Peer, x: float) -> None:
     with page(view) as client:
-        client.hear('status')
+        client.receive('status')
         for place in (1.0, x, 2.0):
             peer.step(place)
         until(lambda: view.seen == 2)
         view.end('over')
-        client.hear('end')
+        client.receive('end')
     np.testing.assert_array_equal(client.column('x'), [1.0, 2.0])
 
 
-def test_parameter_events_that_are_none_are_left_out(view: ViewNode, peer: Peer) -> None:
+def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> None:
     events = peer.create_publisher(ParameterEvent, '/parameter_events', 10)
     until(events.get_subscription_count)
     odd = [
@@ -194,102 +194,102 @@ def test_parameter_events_that_are_none_are_left_out(view: ViewNode, peer: Peer)
         ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=7.0),
     ]
     with page(view) as client:
-        client.hear('hello')
+        client.receive('hello')
         for value in odd:
             changed = [ParameterMessage(name=name, value=value) for name in ('kp', 'other')]
             events.publish(ParameterEvent(node='/controller', changed_parameters=changed))
         tuned: dict[str, float] = {}
         while not tuned:
-            tuned = client.hear('facts')['tuning']
+            tuned = client.receive('facts')['tuning']
     assert tuned == {'kp': 7.0}
 
 
-def test_a_page_that_opens_late_sees_what_was(view: ViewNode, peer: Peer) -> None:
+def test_late_page_receives_the_past(view: ViewNode, peer: Peer) -> None:
     peer.step(1.0)
     until(lambda: view.seen == 1)
     with page(view) as client:
-        client.hear('status')
+        client.receive('status')
     np.testing.assert_array_equal(client.column('x'), [1.0])
 
 
-def test_the_status_tells_what_the_composition_knows_from_the_first_state_on(
+def test_status_has_the_facts_of_the_run_from_the_first_state_on(
     view: ViewNode, peer: Peer
 ) -> None:
     with page(view) as client:
-        assert client.hear('status')['missed'] is None
+        assert client.receive('status')['missed'] is None
         peer.step(0.0)
-        while (status := client.hear('status'))['missed'] is None:
+        while (status := client.receive('status'))['missed'] is None:
             pass
     assert (status['missed'], status['paused'], status['driver']) == (3, False, None)
 
 
-def test_what_a_page_holds_is_published_until_it_lets_go(view: ViewNode, peer: Peer) -> None:
+def test_held_key_is_published_until_its_release(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
-        client.ask('drive', linear=1.0, angular=-0.5)
+        client.request('drive', linear=1.0, angular=-0.5)
         until(lambda: len(peer.twists) >= 3)
-        client.ask('drive', linear=0.0, angular=0.0)
+        client.request('drive', linear=0.0, angular=0.0)
         until(lambda: peer.twists[-1] == (0.0, 0.0))
         silent_since = len(peer.twists)
-        client.hear('status')
-        client.hear('status')
+        client.receive('status')
+        client.receive('status')
     assert set(peer.twists[:-1]) == {(1.0, -0.5)}
     assert len(peer.twists) == silent_since
 
 
-def test_a_page_that_goes_while_it_holds_a_key_brakes(view: ViewNode, peer: Peer) -> None:
+def test_page_that_closes_with_a_key_held_brakes(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
-        client.ask('drive', linear=1.0, angular=0.0)
+        client.request('drive', linear=1.0, angular=0.0)
         until(lambda: (1.0, 0.0) in peer.twists)
     until(lambda: peer.twists[-1] == (0.0, 0.0))
     assert peer.braked
 
 
-def test_one_page_drives_and_the_other_is_told(view: ViewNode, peer: Peer) -> None:
+def test_only_one_page_drives(view: ViewNode, peer: Peer) -> None:
     with page(view) as driver, page(view) as watcher:
-        driver.ask('drive', linear=1.0, angular=0.0)
+        driver.request('drive', linear=1.0, angular=0.0)
         until(lambda: peer.twists)
-        watcher.ask('drive', linear=-1.0, angular=0.0)
-        assert watcher.hear('refused')['what'] == 'drive'
-        assert watcher.hear('status')['driver'] == 'other'
+        watcher.request('drive', linear=-1.0, angular=0.0)
+        assert watcher.receive('refused')['what'] == 'drive'
+        assert watcher.receive('status')['driver'] == 'other'
         assert (-1.0, 0.0) not in peer.twists
 
 
-def test_reset_and_pause_ask_the_simulator(view: ViewNode, peer: Peer) -> None:
+def test_reset_and_pause_call_the_simulator(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
-        client.ask('reset')
+        client.request('reset')
         until(lambda: peer.done == ['reset'])
-        client.ask('pause', on=True)
+        client.request('pause', on=True)
         until(lambda: peer.done == ['reset', True])
-        while not client.hear('status')['paused']:
+        while not client.receive('status')['paused']:
             pass
-        client.ask('pause', on=False)
-        while client.hear('status')['paused']:
+        client.request('pause', on=False)
+        while client.receive('status')['paused']:
             pass
     assert peer.done == ['reset', True, False]
 
 
 @pytest.mark.parametrize('what', ['reset', 'pause'])
-def test_a_refusal_is_told_in_words(view: ViewNode, peer: Peer, what: str) -> None:
+def test_refusal_has_its_reason(view: ViewNode, peer: Peer, what: str) -> None:
     peer.refusal = 'not now'
     with page(view) as client:
-        client.ask(what, **({'on': True} if what == 'pause' else {}))
-        assert client.hear('refused') == {'what': what, 'why': 'not now'}
+        client.request(what, **({'on': True} if what == 'pause' else {}))
+        assert client.receive('refused') == {'what': what, 'why': 'not now'}
 
 
-def test_who_is_not_there_is_named(view: ViewNode) -> None:
+def test_missing_service_is_named(view: ViewNode) -> None:
     with page(view) as client:
-        client.ask('tune', name='kp', value=1.0)
-        refusal = client.hear('refused')
-    assert refusal == {'what': 'kp', 'why': 'nobody offers /controller/set_parameters'}
+        client.request('tune', name='kp', value=1.0)
+        refusal = client.receive('refused')
+    assert refusal == {'what': 'kp', 'why': 'no node offers /controller/set_parameters'}
 
 
-def test_the_end_is_told_to_those_who_are_there_and_those_who_come(view: ViewNode) -> None:
+def test_end_is_sent_to_present_and_later_pages(view: ViewNode) -> None:
     with page(view) as client:
-        client.hear('status')
+        client.receive('status')
         view.end('the distance was reached')
-        assert client.hear('end') == {'reason': 'the distance was reached'}
+        assert client.receive('end') == {'reason': 'the distance was reached'}
     with page(view) as client:
-        assert client.hear('end') == {'reason': 'the distance was reached'}
+        assert client.receive('end') == {'reason': 'the distance was reached'}
 
 
 def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
@@ -298,9 +298,9 @@ def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
     simulator = VehicleSimulator(context=ros, parameter_overrides=overrides)
     controller = CruiseController(context=ros)
     with spinning(ros, view, simulator, controller), page(view) as client:
-        facts = client.hear('hello')
+        facts = client.receive('hello')
         while not (facts['tuning'] and facts['road']):
-            facts = client.hear('facts')
+            facts = client.receive('facts')
     assert facts['mode'] == 'acc'
     assert facts['axles'] == [-1.25, 1.5]
     assert facts['road']['grades_deg'][:3] == [0.0, 10.0, 0.0]
@@ -313,13 +313,13 @@ def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
     overrides = [Parameter('controller_type', value='lqr')]
     controller = CruiseController(context=ros, parameter_overrides=overrides)
     with spinning(ros, view, simulator, controller), page(view) as client:
-        facts = client.hear('hello')
+        facts = client.receive('hello')
         while not facts['tuning']:
-            facts = client.hear('facts')
-        client.ask('tune', name='observer_gain', value=1.0)
+            facts = client.receive('facts')
+        client.request('tune', name='observer_gain', value=1.0)
         until(lambda: controller.get_parameter('observer_gain').value == 1.0)
         while not np.isfinite(client.column('feedback')).any():
-            client.hear('status')
+            client.receive('status')
     assert facts['terms'] == [*LQR.terms]
     assert facts['tuning'].keys() == facts['sliders'].keys() == {*LQR.gains, 'speed_reference'}
     shown = np.isfinite(client.column('feedback'))
@@ -329,30 +329,30 @@ def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
     assert np.isnan(client.column('proportional')).all()
 
 
-def test_a_slider_sets_the_controllers_parameter_and_all_pages_see_it(ros: Context) -> None:
+def test_slider_sets_a_parameter_on_all_pages(ros: Context) -> None:
     view = ViewNode(context=ros)
     controller = CruiseController(context=ros)
     with spinning(ros, view, controller), page(view) as client, page(view) as other:
-        known = client.hear('hello')['tuning']
+        known = client.receive('hello')['tuning']
         while not known:
-            known = client.hear('facts')['tuning']
-        client.ask('tune', name='speed_reference', value=5.5)
+            known = client.receive('facts')['tuning']
+        client.request('tune', name='speed_reference', value=5.5)
         until(lambda: controller.speed_reference == 5.5)
-        while other.hear('facts')['tuning'].get('speed_reference') != 5.5:
+        while other.receive('facts')['tuning'].get('speed_reference') != 5.5:
             pass
-        client.ask('tune', name='kp', value=-1.0)
-        refusal = client.hear('refused')
+        client.request('tune', name='kp', value=-1.0)
+        refusal = client.receive('refused')
     assert refusal['what'] == 'kp'
     assert '-1.0' in refusal['why']
     assert controller.get_parameter('kp').value == 30.0
 
 
-def test_a_namespace_moves_it(ros: Context) -> None:
+def test_namespace_applies_to_its_clients(ros: Context) -> None:
     view = ViewNode(context=ros, namespace='car2')
     controller = CruiseController(context=ros, namespace='car2')
     with spinning(ros, view, controller), page(view) as client:
-        client.ask('tune', name='kp', value=2.0)
-        while client.hear('facts')['tuning'].get('kp') != 2.0:
+        client.request('tune', name='kp', value=2.0)
+        while client.receive('facts')['tuning'].get('kp') != 2.0:
             pass
 
 
@@ -368,16 +368,16 @@ def test_the_realtime_factor_is_measured(ros: Context) -> None:
     with spinning(ros, view, simulator), page(view) as client:
         factor = None
         while factor is None:
-            factor = client.hear('status')['factor']
+            factor = client.receive('status')['factor']
     assert 0.0 < factor < 2.5  # a busy machine is slower
 
 
-def test_a_mode_that_is_none_is_named(ros: Context) -> None:
+def test_unknown_mode_is_named(ros: Context) -> None:
     with pytest.raises(UserError, match="mode 'drift' of the view"):
         ViewNode('drift', context=ros)
 
 
-def test_destroying_it_frees_the_port(ros: Context) -> None:
+def test_destroy_frees_the_port(ros: Context) -> None:
     first = ViewNode(context=ros)
     port = urlsplit(first.url).port
     first.destroy_node()

@@ -42,7 +42,7 @@ TS = 0.02
 
 
 class Car(Node):
-    """A simulator that is driven by `cmd_vel`, or by `ecu` where it has a road."""
+    """A simulator driven by `cmd_vel`, or by `ecu` where it has a road."""
 
     def __init__(self, context: Context, road: str) -> None:
         super().__init__('vehicle_simulator', context=context)
@@ -154,7 +154,7 @@ def acc(ros: Context) -> Iterator[tuple[ViewNode, Car, CruiseController]]:
 
 @pytest.fixture
 def open_(browser: Browser) -> Iterator[Callable[..., Tab]]:
-    """Return a function that opens a page that is live; none may complain on its console."""
+    """Return a function that opens a live page; its console must stay empty."""
     tabs: list[Tab] = []
 
     def open_page(url: str, **options: Any) -> Tab:  # noqa: ANN401 (Browser.open's)
@@ -174,16 +174,17 @@ SIZES = [pytest.param((1280, 800), id='1280'), pytest.param((360, 760), id='360'
 
 
 @pytest.mark.parametrize('size', SIZES)
-def test_acc_shows_the_car_as_it_goes(
+def test_acc_shows_the_car_on_its_road(
     acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab], size: tuple[int, int]
 ) -> None:
     view, car, _ = acc
+    car.state = State(x=10.0, v=5.0)
     tab = open_(view.url, width=size[0], height=size[1], touch=size[0] < 720)
-    wait_until(lambda: car.state.x > 5.0)
     canvases = ('#scene', '#course', '#speed-chart', '#command-chart')
     for canvas in canvases:
         tab.remember(canvas)
-    wait_until(lambda: car.state.x > 15.0)
+    seen = car.state.x
+    wait_until(lambda: car.state.x > seen + 6.0)
     for canvas in canvases:
         assert tab.changed(canvas) > 100, canvas
     wait_until(lambda: 20.0 < tab.number('#position') < 40.0 and tab.text('#grade') == '10')
@@ -213,7 +214,7 @@ def test_teleop_shows_the_car_from_above(
     assert tab.run('document.documentElement.scrollWidth') == size[0]
 
 
-def test_keys_drive_as_long_as_they_are_held(
+def test_keys_drive_while_they_are_held(
     teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
 ) -> None:
     view, car = teleop
@@ -247,7 +248,7 @@ def test_space_stops_and_does_not_drive_backwards(
     assert not car.paused  # the key is none that presses a button
 
 
-def test_a_page_that_is_closed_while_a_key_is_held_stops_driving(
+def test_page_that_closes_with_a_key_held_stops_the_car(
     teleop: tuple[ViewNode, Car], browser: Browser
 ) -> None:
     view, car = teleop
@@ -260,7 +261,7 @@ def test_a_page_that_is_closed_while_a_key_is_held_stops_driving(
     wait_until(lambda: car.state.v == 0.0)
 
 
-def test_a_page_that_loses_the_focus_lets_go(
+def test_page_that_loses_the_focus_releases_the_keys(
     teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
 ) -> None:
     view, car = teleop
@@ -284,7 +285,7 @@ def test_two_thumbs_drive(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab
     wait_until(lambda: car.twists[-1] == (0.0, 0.0))
 
 
-def test_another_page_watches_and_is_told_who_drives(
+def test_watching_page_shows_that_another_one_drives(
     teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
 ) -> None:
     view, car = teleop
@@ -312,7 +313,7 @@ def test_sliders_set_the_controllers_parameters_and_follow_them(
     other.until("document.querySelector('#speed_reference-slider').value === '5'")
 
 
-def test_a_value_that_the_controller_refuses_is_told_and_put_back(
+def test_refused_value_is_explained_and_replaced(
     acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
 ) -> None:
     view, _, controller = acc
@@ -327,15 +328,14 @@ def test_a_value_that_the_controller_refuses_is_told_and_put_back(
     assert controller.get_parameter('kd').value == 0.1
 
 
-def test_the_buttons_pause_and_reset(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_buttons_pause_and_reset(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
     view, car = teleop
     car.state = State(x=50.0)
     tab = open_(view.url)
     tab.click('#pause')
     wait_until(lambda: car.paused)
     wait_until(lambda: tab.text('#state') == 'Paused')
+    assert tab.text('#pause') == 'Resume'
     tab.click('#pause')
     wait_until(lambda: not car.paused)
     tab.click('#reset')
@@ -346,7 +346,7 @@ def test_the_buttons_pause_and_reset(
     wait_until(lambda: car.paused)
 
 
-def test_the_end_is_told_in_words(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
+def test_end_is_explained(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
     view, _ = teleop
     tab = open_(view.url)
     view.end('The run has ended: Ctrl-C was pressed.')
@@ -356,7 +356,7 @@ def test_the_end_is_told_in_words(teleop: tuple[ViewNode, Car], open_: Callable[
 
 
 class Wire:
-    """Passes a port on, and can be cut."""
+    """Forwards a port, and can be cut."""
 
     def __init__(self, port: int) -> None:
         self._to = port
@@ -385,14 +385,14 @@ class Wire:
                 self._ends -= {near, far}
 
     def cut(self) -> None:
-        """Cut what is connected; what comes later is passed on."""
+        """Cut the present connections; later ones are forwarded."""
         with self._lock:
             for end in self._ends:
                 with suppress(OSError):
                     end.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
-        """Pass nothing on any more."""
+        """Stop forwarding."""
         with suppress(OSError):
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
@@ -408,7 +408,7 @@ def _pass(source: socket.socket, sink: socket.socket) -> None:
         sink.shutdown(socket.SHUT_WR)
 
 
-def test_a_lost_connection_is_told_and_comes_back_by_itself(
+def test_page_reports_a_lost_connection_and_reconnects(
     teleop: tuple[ViewNode, Car], browser: Browser
 ) -> None:
     view, car = teleop
@@ -433,7 +433,7 @@ def test_a_lost_connection_is_told_and_comes_back_by_itself(
         wire.close()
 
 
-def test_a_page_of_another_origin_cannot_connect(
+def test_page_of_another_origin_cannot_connect(
     teleop: tuple[ViewNode, Car], browser: Browser
 ) -> None:
     view, _ = teleop
@@ -444,7 +444,7 @@ def test_a_page_of_another_origin_cannot_connect(
             self.end_headers()
 
         def log_message(self, *_: Any) -> None:  # noqa: ANN401 (http.server's)
-            """Say nothing."""
+            """Log nothing."""
 
     with ThreadingHTTPServer(('127.0.0.1', 0), Foreign) as server:
         Thread(target=server.serve_forever, daemon=True).start()
@@ -466,7 +466,7 @@ def either(ros: Context, request: pytest.FixtureRequest) -> Iterator[ViewNode]:
 
 
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
-def test_every_text_stands_out_from_its_ground(
+def test_every_text_has_enough_contrast(
     either: ViewNode, open_: Callable[..., Tab], dark: bool
 ) -> None:
     tab = open_(either.url)
@@ -476,7 +476,7 @@ def test_every_text_stands_out_from_its_ground(
     assert [pair for pair in ratios if pair[1] < 4.5] == []
 
 
-#: WCAG 2's contrast ratio of each text that is seen, with its element's name.
+#: WCAG 2's contrast ratio of each visible text, with its element's name.
 CONTRAST = """(() => {
   const parse = (c) => c.match(/[\\d.]+/g).map(Number);
   const light = (c) => parse(c).slice(0, 3).map((v) => v / 255)
