@@ -1,16 +1,13 @@
-"""The node `view`: the live page, and what a page that drives asks of the other nodes."""
+"""The node `view`: serves the live page, and passes its requests to the other nodes."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections import deque
 from functools import partial
-from math import isfinite, nan
-from operator import attrgetter
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rclpy.node import Node
@@ -20,13 +17,12 @@ from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
 from barc_sim.errors import UserError
 from barc_sim.nodes.view.node_clients import NodeClients
+from barc_sim.nodes.view.state_feed import StateFeed
 from barc_sim.page.driver_arbiter import DriverArbiter
 from barc_sim.page.facts import SIMULATOR, facts
 from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, encode
-from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
 from barc_sim.page.server import ViewServer
 from barc_sim.ros import names
-from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.endpoints import publisher
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.polled import PolledCallbackGroup, polled, take
@@ -38,42 +34,41 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.page.protocol import Request
-    from barc_sim.page.rows import Sample
     from barc_sim.page.server import Page
 
 
 MODES = ('acc', 'teleop')
-_TYPES = {
-    names.STATE_ERROR: EZDynBkMdl,
-    names.ENVIRONMENT: Environment,
-    names.ECU: ECU,
-    names.PID_STATE: PidState,
-    names.CONTROLLER_STATE: ControllerState,
-}
-#: Messages of a topic that wait for the next look: a page needs no more than the newest of them.
-_DEPTH = 16
-#: [s] between two looks at the topics, while a page is open and while none is.
-_PERIOD, _SLOW_PERIOD = 0.02, 0.1
-#: [s] after a state at which to look: it has been answered by then, and the next step is far.
-_AFTER = 0.006
+_DEPTH = 16  #: of the queue of parameter events
+_SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
-_PATIENCE = 1.0  #: [s] after which what was not answered is asked again
-_GREATEST = 1e12  #: in any unit: what is beyond is none, and sums of it are not finite
-_WINDOW = 4  #: status periods over which the real-time factor is measured
+_RETRY_AFTER = 1.0  #: [s] after which an unanswered request is repeated
 
 
 class ViewNode(Node):
     """Serves the live page at `url`, and publishes `cmd_vel` while a page drives.
 
-    The executor's thread has next to nothing to do for it: the server's thread looks at the topics
-    between two steps, and does all the rest.
+    The server's thread does nearly all the work, between two steps of the simulator; the executor
+    only handles responses of services.
+
+    Parameters
+    ----------
+    mode, host, port
+        Defaults of the parameters.
+    status
+        Returns the facts that no topic carries; called in the server's thread, from the first
+        state on.
+    options
+        Those of `rclpy.node.Node`.
 
     Attributes
     ----------
     url
-        The page's address, for the user alone: who knows it may drive.
-    seen
-        How many states it has taken.
+        The page's address, for the user alone: whoever has it can drive.
+
+    Raises
+    ------
+    UserError
+        A parameter is invalid, or the port cannot be used.
     """
 
     def __init__(
@@ -85,15 +80,6 @@ class ViewNode(Node):
         status: Callable[[], Status] = Status,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Serve the page.
-
-        `status` is asked, from another thread and from the first state on, for what no topic tells.
-
-        Raises
-        ------
-        UserError
-            where a parameter can't be used, or the port can't be had.
-        """
         super().__init__('view', **options)
         values = declare(
             self,
@@ -108,35 +94,33 @@ class ViewNode(Node):
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
         self._mode = values['mode']
-        self._server = ViewServer(self, values['host'], values['port'])
-        self.url = self._server.url
         self._status = status
-        self.seen = 0
-        self._rows = Rows()
         self._arbiter = DriverArbiter()
         self._simulator: dict[str, Any] = {}
         self._controller: dict[str, Any] = {}
-        self._kind: type[Controller] | None = None  # the controller's, once it is known
-        self._ask_at: dict[str, float] = {}
+        self._kind: type[Controller] | None = None  # of the controller, once it is known
+        self._retry_at: dict[str, float] = {}
         self._paused = False
         self._ended: str | None = None
         self._next_status = 0.0
-        self._received: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
-        self._newest: tuple[int, int] | None = None
+        self._server = ViewServer(self, values['host'], values['port'])
+        self.url = self._server.url
 
         self._cmd_vel_pub = publisher(self, Twist, names.CMD_VEL)
         self._node_clients = NodeClients(self, self._server.call)
+        self._feed = StateFeed(self)
         group = PolledCallbackGroup()
-        self._states = polled(self, ZDynBkMdl, names.STATE, _DEPTH, group)
-        self._others = {
-            topic: polled(self, kind, topic, _DEPTH, group) for topic, kind in _TYPES.items()
-        }
         self._events = polled(self, ParameterEvent, '/parameter_events', _DEPTH, group)
         self._server.start()
         self.get_logger().debug(f'a page of the mode {self._mode!r} is served')
 
+    @property
+    def seen(self) -> int:
+        """Number of states taken."""
+        return self._feed.seen
+
     def end(self, reason: str) -> None:
-        """Tell the pages, in a sentence, that the run has ended; may be called from any thread."""
+        """Show the pages the end of the run and its reason; may be called from any thread."""
         self._server.call(partial(self._end, reason))
 
     def destroy_node(self) -> None:
@@ -144,12 +128,12 @@ class ViewNode(Node):
         self._server.close()
         super().destroy_node()
 
-    # What follows runs in the server's thread.
+    # The server's thread calls the methods below.
 
     def greet(self) -> Iterator[str | bytes]:
-        """Tell a page that has opened what is known."""
+        """Yield the messages for a new page."""
         yield encode('hello', **self._facts())
-        yield self._rows.history()
+        yield self._feed.history()
         if self._ended is not None:
             yield encode('end', reason=self._ended)
 
@@ -157,7 +141,7 @@ class ViewNode(Node):
         return facts(self._mode, self._simulator, self._controller, self._kind or PID)
 
     def receive(self, page: Page, request: Request) -> None:
-        """Do what a page asks for."""
+        """Handle a page's request."""
         if isinstance(request, Drive):
             now = time.monotonic()
             if self._arbiter.request(page, request, now):
@@ -165,56 +149,31 @@ class ViewNode(Node):
             else:
                 page.send(encode('refused', what='drive', why='another page is driving'))
         elif isinstance(request, Tune):
-            self._node_clients.tune(*request, on_done=partial(self._on_tuned, page, request))
+            on_done = partial(self._on_done, page, request.name)
+            self._node_clients.tune(*request, on_done=on_done)
         elif isinstance(request, Pause):
-            self._node_clients.pause(request.on, on_done=partial(self._on_paused, page, request))
+            on_done = partial(self._on_paused, page, request)
+            self._node_clients.pause(request.on, on_done=on_done)
         elif isinstance(request, Reset):
-            self._node_clients.reset(on_done=partial(self._on_reset, page))
+            self._node_clients.reset(on_done=partial(self._on_done, page, 'reset'))
 
     def leave(self, page: Page) -> None:
-        """Let go what a page held that has gone."""
+        """Release the keys of a page that has closed."""
         self._arbiter.leave(page)
         self._publish(time.monotonic())
 
     def pulse(self) -> float:
-        """Pass on what is new; return after how many seconds to look again."""
+        """Send new rows and, in turn, the status; return the time to the next call [s]."""
         now = time.monotonic()
         self._publish(now)
-        if rows := self._look():
+        if rows := self._feed.poll():
             self._server.send(rows)
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
-            self._look_at_parameters()
+            self._update_parameters()
             if self._ended is None:
                 self._send_status()
-        return self._until_next() if self._server.pages else _SLOW_PERIOD
-
-    def _look(self) -> bytes:
-        others: dict[str, list[Sample]] = {topic: [] for topic in FIELDS}
-        for topic, subscription in self._others.items():
-            of_controller = topic in _OF_CONTROLLER
-            samples = others[names.PID_STATE if of_controller else topic]
-            for message, _ in take(subscription, _DEPTH):
-                values = _controller_values(message) if of_controller else _VALUES[topic](message)
-                if of_controller or _usable(values):
-                    samples.append((to_nanoseconds(message.header.stamp), values))
-        states = []
-        for message, info in take(self._states, _DEPTH):
-            values = _STATE_VALUES(message)
-            if not _usable(values):
-                continue
-            stamp = to_nanoseconds(message.header.stamp)
-            states.append((stamp, values))
-            self._newest = info['received_timestamp'], stamp
-        self.seen += len(states)
-        return self._rows.add(states, others)
-
-    def _until_next(self) -> float:
-        """Return after how long to look again: a little after the state that is expected then."""
-        if self._newest is None:
-            return _PERIOD
-        age = (time.time_ns() - self._newest[0]) / NANOSECONDS
-        return min(max(_PERIOD + _AFTER - age, 0.5 * _PERIOD), 1.5 * _PERIOD)
+        return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
 
     def _publish(self, now: float) -> None:
         if command := self._arbiter.due(now):
@@ -224,102 +183,74 @@ class ViewNode(Node):
             self._cmd_vel_pub.publish(twist)
 
     def _send_status(self) -> None:
-        missed, slipped, paused = self._status() if self._newest else Status()
+        missed, slipped, paused = self._status() if self.seen else Status()
+        factor, driver = self._feed.realtime_factor(), self._arbiter.driver
         for page in self._server.pages:
-            driver = self._arbiter.driver
             page.send(
                 encode(
                     'status',
-                    factor=self._realtime_factor(),
+                    factor=factor,
                     missed=missed,
                     slipped=slipped,
                     paused=self._paused if paused is None else paused,
                     driver=None if driver is None else 'you' if driver is page else 'other',
                 )
             )
-        if self._newest:
-            self._received.append(self._newest)
 
-    def _realtime_factor(self) -> float | None:
-        """Return simulated seconds per second, of late; None where too little is known."""
-        if not self._newest or len(self._received) < _WINDOW:
-            return None
-        real, simulated = (
-            new - old for new, old in zip(self._newest, self._received[0], strict=True)
-        )
-        if not real:
-            return 0.0
-        return simulated / real
-
-    def _look_at_parameters(self) -> None:
+    def _update_parameters(self) -> None:
+        """Request the parameters that are unknown, and take those that have changed."""
         if not self._simulator:
-            update = partial(self._on_parameters, self._simulator)
-            self._ask('vehicle_simulator', SIMULATOR, update)
+            on_values = partial(self._on_parameters, self._simulator)
+            self._request('vehicle_simulator', SIMULATOR, on_values)
         if self._kind is None:
-            self._ask('controller', ('controller_type',), self._on_controller_type)
+            self._request('controller', ('controller_type',), self._on_controller_type)
         elif not self._controller:
-            update = partial(self._on_parameters, self._controller)
-            self._ask('controller', (*self._kind.gains, 'speed_reference'), update)
+            on_values = partial(self._on_parameters, self._controller)
+            self._request('controller', (*self._kind.gains, 'speed_reference'), on_values)
         controller = f'{self.get_namespace().rstrip("/")}/controller'
         for event, _ in take(self._events, _DEPTH):
             if event.node == controller:
                 self._on_parameters(self._controller, dict(_tuned(event)))
 
-    def _ask(
-        self, node: str, names: Sequence[str], answer: Callable[[dict[str, Any]], None]
+    def _request(
+        self, node: str, parameters: Sequence[str], on_values: Callable[[dict[str, Any]], None]
     ) -> None:
-        """Ask a node for parameters, unless it was asked a moment ago."""
+        """Request parameters of a node, unless a recent request is still unanswered."""
         now = time.monotonic()
-        if now >= self._ask_at.get(node, 0.0) and self._node_clients.parameters(node, names, answer):
-            self._ask_at[node] = now + _PATIENCE
+        if now >= self._retry_at.get(node, 0.0) and self._node_clients.parameters(
+            node, parameters, on_values
+        ):
+            self._retry_at[node] = now + _RETRY_AFTER
 
     def _on_controller_type(self, values: dict[str, Any]) -> None:
-        """Take the declaration of the controller's type, or that of the PID if it names none."""
+        """Take the declaration of the controller's type; the PID's if it names none."""
         self._kind = TYPES.get(values.get('controller_type', ''), PID)
-        self._ask_at.pop('controller', None)
-        self._look_at_parameters()
+        self._retry_at.pop('controller', None)
+        self._update_parameters()
 
     def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
         known.update(values)
         self._server.send(encode('facts', **self._facts()))
 
-    def _on_tuned(self, page: Page, request: Tune, done: bool, why: str) -> None:
+    def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
         if not done:
-            page.send(encode('refused', what=request.name, why=why))
+            page.send(encode('refused', what=what, why=why))
 
     def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
         if done:
             self._paused = request.on
             self._send_status()
-        else:
-            page.send(encode('refused', what='pause', why=why))
-
-    def _on_reset(self, page: Page, done: bool, why: str) -> None:
-        if not done:
-            page.send(encode('refused', what='reset', why=why))
+        self._on_done(page, 'pause', done, why)
 
     def _end(self, reason: str) -> None:
         self._ended = reason
-        if rows := self._look():
+        if rows := self._feed.poll():
             self._server.send(rows)
         self._server.send(encode('end', reason=reason))
 
 
-def _usable(values: tuple[float, ...]) -> bool:
-    return all(abs(value) <= _GREATEST for value in values)  # NaN is not
-
-
-def _controller_values(message: PidState | ControllerState) -> tuple[float, ...]:
-    """Return the values of `FIELDS['pid_state']`, NaN for those that are unknown or absurd."""
-    terms: dict[str, float] = {}
-    if isinstance(message, ControllerState):
-        terms = dict(zip(message.names, message.values, strict=False))
-    values = (terms.get(name, getattr(message, name, nan)) for name in FIELDS[names.PID_STATE])
-    return tuple(value if abs(value) <= _GREATEST else nan for value in values)
-
-
 def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
-    """Yield what the page can show of an event; anybody may have sent it."""
+    """Yield the valid changes of an event that the page shows; any node may have sent it."""
     for parameter in event.changed_parameters:
         value = parameter.value
         if (
@@ -330,21 +261,14 @@ def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
             yield parameter.name, value.double_value
 
 
-_STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)
-_OF_CONTROLLER = (names.PID_STATE, names.CONTROLLER_STATE)
-_VALUES: dict[str, Callable[[Any], tuple[float, ...]]] = {
-    topic: attrgetter(*fields) for topic, fields in FIELDS.items()
-}
-
-
 def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it is told to stop."""
+    """Run the node alone, until a signal stops it."""
     return call('view', lambda: spin(_announced, args))
 
 
 def _announced() -> ViewNode:
     node = ViewNode()
-    print(f'view    {node.url}', flush=True)  # noqa: T201 (not into /rosout: it holds the token)
+    print(f'view    {node.url}', flush=True)  # noqa: T201 (not into /rosout: it has the token)
     return node
 
 
