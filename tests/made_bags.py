@@ -25,6 +25,26 @@ PERIOD = 20_000_000
 TYPES = get_typestore(Stores.EMPTY)
 for _name in MESSAGE_TYPES.values():
     TYPES.register(get_types_from_msg(definition(_name), _name))
+FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+QOS = {
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': FOREVER,
+    'lifespan': FOREVER,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': FOREVER,
+    'avoid_ros_namespace_conventions': False,
+}
+#: A topic of one number.
+VALUE = Topic(
+    name='/value',
+    type='std_msgs/msg/Float64',
+    definition='float64 data\n',
+    type_hash='RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
+    offered_qos=[QOS],
+)
 GRAPH = json.dumps(
     {
         'nodes': ['/controller', '/vehicle_simulator'],

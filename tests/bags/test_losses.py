@@ -21,7 +21,7 @@ def test_gaps_add_up_for_each_publisher() -> None:
     assert losses.by_publisher == {A: 1 + 3, B: 1}
 
 
-def test_a_middleware_without_numbers_is_noticed() -> None:
+def test_middleware_without_numbers_is_detected() -> None:
     losses = Losses()
     losses.count(A, UNNUMBERED)
     losses.count(A, UNNUMBERED)
@@ -29,7 +29,7 @@ def test_a_middleware_without_numbers_is_noticed() -> None:
     assert losses.by_publisher == {}
 
 
-def test_a_bag_says_of_each_topic_what_was_lost_of_whom() -> None:
+def test_metadata_have_the_losses_by_topic_and_node() -> None:
     lost = {'/b': {'talker': 3, 'other': 2}, '/a': {}, '/c': None}
     assert as_metadata(lost) == {
         'lost_messages': '5',
@@ -38,11 +38,11 @@ def test_a_bag_says_of_each_topic_what_was_lost_of_whom() -> None:
     }
 
 
-def test_no_loss_is_said_too() -> None:
+def test_summary_without_losses() -> None:
     assert summary({'/a': 3, '/b': 4}, {'/a': {}}) == 'recorded 7 messages, lost 0'
 
 
-def test_loss_is_said_in_a_line_of_its_own() -> None:
+def test_summary_has_a_line_for_each_topic_with_losses() -> None:
     assert summary({'/a': 3}, {'/a': {'talker': 1}}).splitlines() == [
         'recorded 3 messages, lost 1',
         'lost /a: 1 (1 of talker)',

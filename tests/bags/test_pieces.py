@@ -28,9 +28,7 @@ def pieces(file: Path) -> Iterator[Pieces]:
     pieces.close()
 
 
-def test_what_waits_is_counted_and_not_written_before_it_is_committed(
-    pieces: Pieces, file: Path
-) -> None:
+def test_piece_is_counted_at_once_and_written_at_commit(pieces: Pieces, file: Path) -> None:
     pieces.write(b'abc')
     pieces.write(b'de')
     assert (pieces.tell(), file.read_bytes(), pieces.waiting) == (5, b'', True)
@@ -38,7 +36,7 @@ def test_what_waits_is_counted_and_not_written_before_it_is_committed(
     assert (pieces.tell(), file.read_bytes(), pieces.waiting) == (5, b'abcde', False)
 
 
-def test_a_piece_that_does_not_fit_leaves_the_file_as_it_was_and_can_be_tried_again(
+def test_piece_that_does_not_fit_changes_nothing_and_can_be_tried_again(
     pieces: Pieces, file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pieces.write(b'abc')

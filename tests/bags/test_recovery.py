@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import mcap_doctor
 import pytest
 import yaml
+from made_bags import VALUE
 from mcap.records import Message
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.metadata import Topic
 from barc_sim.bags.records import files, records
 from barc_sim.bags.recovery import recover as make_whole
 from barc_sim.bags.writer import BagWriter, FileLimits
@@ -21,33 +21,13 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from pathlib import Path
 
-FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-QOS = {
-    'history': 'unknown',
-    'depth': 0,
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': FOREVER,
-    'lifespan': FOREVER,
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': FOREVER,
-    'avoid_ros_namespace_conventions': False,
-}
-TOPIC = Topic(
-    name='/value',
-    type='std_msgs/msg/Float64',
-    definition='float64 data\n',
-    type_hash='RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a',
-    offered_qos=[QOS],
-)
-
 
 def write(directory: Path, *, limits: FileLimits | None = None) -> BagWriter:
     directory.mkdir()
     writer = BagWriter(directory, metadata={'command': 'acc'}, limits=limits)
     for k in range(1000):
         writer.write(
-            TOPIC, k.to_bytes(12, 'little'), received=1000 + k, published=900 + k, sequence=k
+            VALUE, k.to_bytes(12, 'little'), received=1000 + k, published=900 + k, sequence=k
         )
         if k % 100 == 99:
             writer.flush()
@@ -84,8 +64,8 @@ def test_a_killed_runs_bag_becomes_whole(killed: Path) -> None:
     mcap_doctor.check(killed / 'run_0.mcap')
     information = yaml.safe_load((killed / 'metadata.yaml').read_text())
     (topic,) = information['rosbag2_bagfile_information']['topics_with_message_count']
-    assert topic['topic_metadata']['offered_qos_profiles'] == TOPIC.offered_qos
-    assert topic['topic_metadata']['type_description_hash'] == TOPIC.type_hash
+    assert topic['topic_metadata']['offered_qos_profiles'] == VALUE.offered_qos
+    assert topic['topic_metadata']['type_description_hash'] == VALUE.type_hash
     assert bag.info(killed) == {'command': 'acc'}
     assert {file.name for file in killed.iterdir()} == {'run_0.mcap', 'metadata.yaml'}
 
@@ -141,7 +121,7 @@ def test_a_bag_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
     make_whole(tmp_path / 'run')
 
 
-def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
+def test_missing_or_foreign_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match='there is no bag'):
         make_whole(tmp_path / 'gone')
     (tmp_path / 'text.mcap').write_text('not a bag')
@@ -150,9 +130,7 @@ def test_what_is_no_bag_is_named(tmp_path: Path) -> None:
     assert (tmp_path / 'text.mcap').read_text() == 'not a bag'
 
 
-def test_a_disk_that_is_full_leaves_the_bag_as_it_was(
-    killed: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_leaves_the_bag_unchanged(killed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> int:
         raise OSError(28, 'No space left on device')
 
@@ -163,7 +141,7 @@ def test_a_disk_that_is_full_leaves_the_bag_as_it_was(
     assert {file.name: file.read_bytes() for file in killed.iterdir()} == {'run_0.mcap': before}
 
 
-def test_the_command_says_how_much_there_was(
+def test_command_prints_what_was_recovered(
     killed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert recover.main([str(killed)]) == 0
@@ -174,7 +152,7 @@ def test_the_command_says_how_much_there_was(
     ]
 
 
-def test_the_command_names_what_is_no_bag(capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_names_a_missing_bag(capsys: pytest.CaptureFixture[str]) -> None:
     assert recover.main(['/nowhere']) == 2
     assert capsys.readouterr().err == (
         "barc recover: error: there is no bag '/nowhere': name the directory of a bag\n"
@@ -186,7 +164,7 @@ def test_attached_files_are_kept(tmp_path: Path) -> None:
     directory.mkdir()
     writer = BagWriter(directory)
     writer.attach({'student/a.py': b'x = 1\n'})
-    writer.write(TOPIC, bytes(12), received=1, published=1, sequence=0)
+    writer.write(VALUE, bytes(12), received=1, published=1, sequence=0)
     writer.flush()
     for file in writer._files:  # noqa: SLF001 (what a kill would do)
         file.pieces.close()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import mcap_doctor
 import pytest
 import yaml
+from made_bags import QOS, VALUE
 from mcap.exceptions import EndOfFile
 from mcap.reader import SeekingReader
 from mcap.records import Chunk, ChunkIndex, McapRecord, Message
@@ -24,18 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-FOREVER = {'sec': 9223372036, 'nsec': 854775807}
-QOS = {
-    'history': 'unknown',
-    'depth': 0,
-    'reliability': 'reliable',
-    'durability': 'volatile',
-    'deadline': FOREVER,
-    'lifespan': FOREVER,
-    'liveliness': 'automatic',
-    'liveliness_lease_duration': FOREVER,
-    'avoid_ros_namespace_conventions': False,
-}
 QOS_AS_ROSBAG2_WRITES_IT = """\
 - history: unknown
   depth: 0
@@ -52,19 +41,12 @@ QOS_AS_ROSBAG2_WRITES_IT = """\
     sec: 9223372036
     nsec: 854775807
   avoid_ros_namespace_conventions: false"""
-NAME = 'std_msgs/msg/Float64'
+NAME = VALUE.type
 TYPES = get_typestore(Stores.EMPTY)
 TYPES.register(get_types_from_msg('float64 data', NAME))
-VALUE = Topic(
-    name='/value',
-    type=NAME,
-    definition='float64 data\n',
-    type_hash=TYPES.hash_rihs01(NAME),
-    offered_qos=[QOS],
-)
 OTHER = Topic(
     name='/car/other',
-    type=NAME,
+    type=VALUE.type,
     definition=VALUE.definition,
     type_hash=VALUE.type_hash,
     offered_qos=[QOS, {**QOS, 'durability': 'transient_local'}],
@@ -204,7 +186,7 @@ def test_metadata_is_in_the_file_too(writer: BagWriter) -> None:
 @pytest.mark.parametrize(
     'value', ['', 'null', '1.0', 'two\nlines\n', "it's: {odd} # §", 'word ' * 100]
 )
-def test_any_text_may_be_metadata(writer: BagWriter, value: str) -> None:
+def test_any_text_can_be_metadata(writer: BagWriter, value: str) -> None:
     writer.add_metadata({'text': value})
     writer.close()
     assert metadata(writer)['custom_data']['text'] == value
@@ -222,7 +204,7 @@ def test_a_bag_without_messages_is_whole(writer: BagWriter) -> None:
     assert not summary.chunk_indexes
 
 
-def test_what_was_flushed_is_in_the_file_before_it_is_closed(writer: BagWriter) -> None:
+def test_flushed_messages_are_in_the_file_before_it_is_closed(writer: BagWriter) -> None:
     for k in range(3):
         write(writer, VALUE, k)
     writer.flush()
@@ -271,13 +253,13 @@ def test_a_bag_is_never_overwritten(writer: BagWriter) -> None:
         BagWriter(writer.directory)
 
 
-def test_a_directory_that_is_gone_is_named(tmp_path: Path) -> None:
+def test_missing_directory_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"gone_0.mcap' cannot be made \(No such file"):
         BagWriter(tmp_path / 'gone')
 
 
 @pytest.mark.parametrize('count', [0, 1, 5000])
-def test_files_are_as_the_mcap_specification_wants_them(
+def test_files_follow_the_mcap_specification(
     writer: BagWriter, directory: Path, count: int
 ) -> None:
     for k in range(count):
@@ -351,7 +333,7 @@ def test_a_next_file_that_cannot_be_made_loses_nothing(tmp_path: Path) -> None:
     assert metadata(writer)['message_count'] == 10
 
 
-def test_a_clock_that_jumps_backwards_is_taken_as_it_is(writer: BagWriter, directory: Path) -> None:
+def test_clock_that_jumps_back_is_kept(writer: BagWriter, directory: Path) -> None:
     for k in (5, 6, 1, 2):
         write(writer, VALUE, k)
     writer.close()
