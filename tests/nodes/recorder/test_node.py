@@ -355,7 +355,9 @@ def test_losses_are_counted_for_each_publisher_and_kept(ros: Context, tmp_path: 
 def test_late_publisher_that_offers_less_costs_the_others_nothing(
     recorder: BagRecorder, talker: Node
 ) -> None:
-    first = talker.create_publisher(Float64, 'value', LATCHED)
+    # Deep enough for all, as DDS may complete the match only after some of them.
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    first = talker.create_publisher(Float64, 'value', latched)
     recorder.discover()
     for k in range(50):
         first.publish(Float64(data=float(k)))
