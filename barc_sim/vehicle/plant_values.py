@@ -25,8 +25,8 @@ def period_ns(values: Mapping[str, Any]) -> int:
     return round(NANOSECONDS / float(values['rate']))
 
 
-def plant(values: Mapping[str, Any], model: Model = bikeFE) -> Plant:
-    """Return the plant at the start, stepped by `model`.
+def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = None) -> Plant:
+    """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE) -> Plant:
         where the road can't be had, or what is asked for does not go together.
     """
     return Plant(
-        road=Road.named(values['road']),
+        road=road or Road.named(values['road']),
         vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
         ts=period_ns(values) / NANOSECONDS,
         noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),

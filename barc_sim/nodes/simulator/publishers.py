@@ -1,4 +1,4 @@
-"""What a simulator says of each state."""
+"""The publishers of a simulator: the state, its error, the environment, and the clock."""
 
 from __future__ import annotations
 
@@ -17,42 +17,43 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
 
-class StateOutlet:
-    """Publishes states, the one that is to be answered last; and before each the time on `/clock`.
+class StatePublishers:
+    """Publishes each state on its topics: `/clock` first, and `z_vhcl`, to be answered, last.
 
-    Parameters
+    Attributes
     ----------
-    node
-        The simulator's.
-    clock
-        Whether on `/clock`, too.
+    topic
+        The full name of the states' topic.
+    keeps_clock
+        Whether `/clock` is published.
     """
 
     def __init__(self, node: Node, *, clock: bool) -> None:
+        """Create the publishers of `node`, with `/clock` if `clock` is true."""
         self._state_error_pub = publisher(node, EZDynBkMdl, names.STATE_ERROR)
         self._environment_pub = publisher(node, Environment, names.ENVIRONMENT)
         self._state_pub = publisher(node, ZDynBkMdl, names.STATE)
-        # Reliable: who asks for the best effort hears it as well, and no bag lacks a tick.
+        # Reliable, so that no bag lacks a tick; best-effort subscriptions receive it as well.
         self._clock_pub = publisher(node, Clock, names.CLOCK) if clock else None
-        self.topic = str(self._state_pub.topic_name)  #: of the states, by its full name
+        self.topic = str(self._state_pub.topic_name)
         self.keeps_clock = clock
 
     def publish(self, seen: Observation, stamp_ns: int) -> None:
-        """Say what was `seen` at the time `stamp_ns` [ns]."""
+        """Publish what was observed at the time `stamp_ns` [ns]."""
         header = to_header(stamp_ns)
         self._now = header.stamp
-        self.tell_time()
+        self.publish_clock()
         self._environment_pub.publish(to_environment(seen, header))
         self._state = to_state_error(seen, header), to_state(seen, header)
-        self.repeat()
+        self.republish()
 
-    def repeat(self) -> None:
-        """Say the latest state again, for who has come meanwhile and is to answer it."""
+    def republish(self) -> None:
+        """Publish the latest state again, for a controller that has started since."""
         error, state = self._state
         self._state_error_pub.publish(error)
         self._state_pub.publish(state)
 
-    def tell_time(self) -> None:
-        """Say the time of the latest state on `/clock`."""
+    def publish_clock(self) -> None:
+        """Publish the time of the latest state on `/clock`."""
         if self._clock_pub:
             self._clock_pub.publish(Clock(clock=self._now))

@@ -1,4 +1,4 @@
-"""`/clock`: others keep time with the simulator, whatever its pace."""
+"""`/clock`: other nodes follow the simulator's time at any pace."""
 
 from __future__ import annotations
 
@@ -28,7 +28,6 @@ from std_srvs.srv import SetBool, Trigger
 
 import barc_sim
 from barc_sim.bags import reader as bag
-from barc_sim.nodes.simulator import node as module
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 ROOT = Path(barc_sim.__file__).parents[1]
 #: As rclpy's and rclcpp's time sources subscribe.
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-#: A plain node in a process of its own that knows the time from /clock alone.
+#: A plain node in a process of its own whose time comes from /clock alone.
 FOLLOWER = """
 import json
 import rclpy
@@ -61,13 +60,16 @@ print(json.dumps(found))
 
 
 class Bench:
-    """A simulator, a driver that answers it, and what the clock and the states tell."""
+    """A simulator, a driver that answers it, and the times of clock and states."""
 
     def __init__(
         self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
     ) -> None:
+        check_period = parameters.pop('check_period', 1.0)
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.simulator = VehicleSimulator(context=context, parameter_overrides=overrides)
+        self.simulator = VehicleSimulator(
+            check_period=check_period, context=context, parameter_overrides=overrides
+        )
         self.peer = Node('peer', context=context)
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.simulator)
@@ -120,14 +122,14 @@ def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..
         ({'realtime_factor': 0.0}, 1),
     ],
 )
-def test_clock_is_published_where_time_is_not_the_wall_clocks_or_it_is_asked_for(
+def test_clock_is_published_at_another_factor_or_on_request(
     bench: Callable[..., Bench], parameters: dict[str, float | bool], expected: int
 ) -> None:
     assert bench(**parameters).peer.count_publishers('/clock') == expected
 
 
 @pytest.mark.parametrize('parameters', [{'clock': True}, {'realtime_factor': 0.0}])
-def test_clock_tells_the_stamp_of_each_state(
+def test_clock_publishes_the_stamp_of_each_state(
     bench: Callable[..., Bench], parameters: dict[str, float | bool]
 ) -> None:
     world = bench(**parameters)
@@ -136,18 +138,17 @@ def test_clock_tells_the_stamp_of_each_state(
     assert world.times[:20] == world.stamps[:20]
 
 
-def test_clock_is_offered_to_who_asks_for_the_best_effort(bench: Callable[..., Bench]) -> None:
+def test_best_effort_subscription_receives_the_clock(bench: Callable[..., Bench]) -> None:
     world = bench(realtime_factor=0.0)
     times: list[Clock] = []
     world.peer.create_subscription(Clock, '/clock', times.append, CLOCK_QOS)
     world.until(lambda: len(times) > 5)
 
 
-def test_clock_stands_while_paused_and_is_told_to_who_comes_late(
-    bench: Callable[..., Bench], monkeypatch: pytest.MonkeyPatch
+def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(
+    bench: Callable[..., Bench],
 ) -> None:
-    monkeypatch.setattr(module, '_CHECK_PERIOD', 0.02)
-    world = bench(realtime_factor=5.0)
+    world = bench(realtime_factor=5.0, check_period=0.02)
     world.until(lambda: len(world.times) > 5)
     world.call(SetBool, 'vehicle_simulator/pause', data=True)
     late: list[Clock] = []
@@ -187,10 +188,10 @@ def test_plain_node_in_another_process_keeps_time_with_a_run(tmp_path: Path, fac
             stdout=subprocess.PIPE,
             text=True,
         ) as run:
-            told, _ = follower.communicate(timeout=60)
+            printed, _ = follower.communicate(timeout=60)
             run.send_signal(signal.SIGINT)
             path, _ = run.communicate(timeout=60)
-    followed = [time for time in json.loads(told) if time]
+    followed = [time for time in json.loads(printed) if time]
     assert followed == sorted(followed)
     stamps, times = recorded(tmp_path / path.strip())
     assert set(followed) <= set(stamps)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barc_sim.nodes.simulator.pacing import PUNCTUAL, Pace
+from barc_sim.simulation.pacing import PUNCTUAL, Pace
 
 
 @pytest.fixture

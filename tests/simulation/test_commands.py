@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barc_sim.nodes.simulator.commands import Commands
+from barc_sim.simulation.commands import Commands
 from barc_sim.vehicle.bike_model import Input
 
 GO, STOP = Input(motor=1.0), Input(motor=-1.0)
@@ -18,77 +18,77 @@ def test_nothing_holds_before_the_first_command() -> None:
 
 def test_a_command_answers_the_state_of_its_stamp_only() -> None:
     commands = Commands()
-    commands.hear(GO, stamp=10, present=20, t=0.0)
+    commands.store(GO, stamp=10, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (GO, False)
-    commands.hear(STOP, stamp=20, present=20, t=0.0)
+    commands.store(STOP, stamp=20, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (STOP, True)
-    commands.expect()
+    commands.next_step()
     assert (commands.latest, commands.answered) == (STOP, False)
 
 
 def test_a_command_without_a_stamp_answers_every_state_until_one_with_a_stamp_comes() -> None:
     commands = Commands()
-    commands.hear(GO, stamp=0, present=20, t=0.0)
-    commands.expect()
+    commands.store(GO, stamp=0, present=20, t=0.0)
+    commands.next_step()
     assert commands.answered
-    commands.hear(GO, stamp=20, present=20, t=0.0)
-    commands.expect()
+    commands.store(GO, stamp=20, present=20, t=0.0)
+    commands.next_step()
     assert not commands.answered
 
 
 def test_a_command_that_is_older_than_the_one_that_holds_is_not_usable() -> None:
     commands = Commands()
-    commands.hear(GO, stamp=20, present=20, t=0.0)
-    commands.expect()
-    assert not commands.usable(10, present=40)
-    assert commands.usable(20, present=40)  # late, but the newest
-    assert commands.usable(40, present=40)
+    commands.store(GO, stamp=20, present=20, t=0.0)
+    commands.next_step()
+    assert not commands.accepts(10, present=40)
+    assert commands.accepts(20, present=40)  # late, but the newest
+    assert commands.accepts(40, present=40)
 
 
 @pytest.mark.parametrize('stamp', [-5, 10, 19, 21, 10**18])
 def test_what_came_before_it_or_comes_after_it_cannot_keep_the_answer_out(stamp: int) -> None:
     commands = Commands()
-    commands.hear(STOP, stamp=20, present=20, t=0.0)
-    assert not commands.usable(stamp, present=20)
+    commands.store(STOP, stamp=20, present=20, t=0.0)
+    assert not commands.accepts(stamp, present=20)
     commands = Commands()
-    if commands.usable(stamp, present=20):
-        commands.hear(STOP, stamp, present=20, t=0.0)
-    assert commands.usable(20, present=20)
-    commands.hear(GO, stamp=20, present=20, t=0.0)
+    if commands.accepts(stamp, present=20):
+        commands.store(STOP, stamp, present=20, t=0.0)
+    assert commands.accepts(20, present=20)
+    commands.store(GO, stamp=20, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (GO, True)
 
 
 def test_a_command_without_a_stamp_is_usable_at_any_time() -> None:
     commands = Commands()
-    commands.hear(GO, stamp=20, present=20, t=0.0)
-    assert commands.usable(0, present=20)
+    commands.store(GO, stamp=20, present=20, t=0.0)
+    assert commands.accepts(0, present=20)
 
 
 def test_what_answers_no_state_makes_none_due_where_commands_come_as_they_please() -> None:
     commands = Commands()
-    commands.hear(GO, stamp=0, present=20, t=0.0)
-    commands.hear(STOP, stamp=99, present=20, t=0.0)
-    commands.expect()
+    commands.store(GO, stamp=0, present=20, t=0.0)
+    commands.store(STOP, stamp=99, present=20, t=0.0)
+    commands.next_step()
     assert (commands.latest, commands.answered) == (STOP, True)
 
 
 def test_with_a_timeout_no_state_waits_for_the_first_command() -> None:
     commands = Commands(timeout=0.5)
-    commands.expect()
+    commands.next_step()
     assert commands.answered
 
 
 def test_silence_beyond_the_timeout_is_a_loss_until_the_next_command() -> None:
     commands = Commands(timeout=0.5)
-    commands.wait(5.0)
-    assert not commands.lost(5.5)
-    assert commands.lost(5.6)
-    commands.hear(GO, stamp=0, present=20, t=6.0)
-    assert not commands.lost(6.5)
-    commands.wait(5.0)
-    assert not commands.lost(6.5)
-    assert commands.lost(6.51)
+    commands.start_timeout(5.0)
+    assert not commands.timed_out(5.5)
+    assert commands.timed_out(5.6)
+    commands.store(GO, stamp=0, present=20, t=6.0)
+    assert not commands.timed_out(6.5)
+    commands.start_timeout(5.0)
+    assert not commands.timed_out(6.5)
+    assert commands.timed_out(6.51)
 
 
 def test_without_a_timeout_nothing_is_lost() -> None:
-    assert not Commands().lost(1e9)
+    assert not Commands().timed_out(1e9)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-#: Share of a period by which a deadline that is judged may be late.
+#: Share of a period by which a deadline may be late and still count as punctual.
 PUNCTUAL = 0.1
 
 
 class Pace:
-    """The deadlines of a run in real time, one every `period` [s] by the wall clock.
+    """The deadlines of a run in real time, one every `period` [s] of the wall clock.
 
     Attributes
     ----------
@@ -16,19 +16,19 @@ class Pace:
     """
 
     def __init__(self, period: float) -> None:
-        """Begin with `begin`."""
+        """Set no deadline yet; `begin` does."""
         self.period = period
         self.slipped = 0
         self._due = 0.0
 
     def begin(self, now: float) -> None:
-        """Let the next deadline be a period after `now` [s]."""
+        """Set the next deadline to one period after `now` [s]."""
         self._due = now + self.period
 
     def pass_deadline(self, now: float) -> bool:
-        """Go on to the next deadline; return whether this one was kept, as far as it is ours.
+        """Set the next deadline; return whether this one was punctual.
 
-        Whole periods that have passed since are given up, as time lost is not made up.
+        Lost time is not made up: whole periods since the deadline are counted in `slipped`.
         """
         late = max(now - self._due, 0.0)
         behind = int(late / self.period)

@@ -1,0 +1,80 @@
+"""The command that holds, and whether it answers the present state."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.bike_model import Input
+
+_NANOSECONDS = 1e9
+
+
+class Commands:
+    """The commands that a simulator has received since its start.
+
+    A command answers the state with the same stamp. It replaces the command that holds, unless it
+    is older or the present state is answered already. So neither a late command nor one with a
+    stamp in the future can displace the answer.
+
+    Attributes
+    ----------
+    latest
+        The command that holds; None before the first one.
+    answered
+        Whether it is for the present state: it has the same stamp, or no stamp at all.
+    timeout
+        [s] Commands count as lost when none arrives for longer than this; inf: never.
+    """
+
+    def __init__(self, timeout: float = 0.0) -> None:
+        """Begin before the first state.
+
+        With a `timeout` [s] other than 0, commands are unsynchronised: none is due for a state
+        until one arrives with exactly its stamp.
+        """
+        self.timeout = timeout or inf
+        self.latest: Input | None = None
+        self.answered = self._unsynchronised = bool(timeout)
+        self._exact = False  # answered by a command with the present state's stamp
+        self._order = 0  # [ns] stamp of the state that `latest` belongs to
+        self._received = -inf
+
+    def accepts(self, stamp: int, present: int) -> bool:
+        """Return whether a command stamped `stamp` [ns] may hold in the state stamped `present`."""
+        if self._exact and stamp not in (0, present):
+            return False
+        return _order(stamp, present) >= self._order
+
+    def store(self, command: Input, stamp: int, present: int, t: float) -> None:
+        """Let an accepted `command` hold from now on; it arrived at `t` [s]."""
+        self.latest, self._order, self._received = command, _order(stamp, present), t
+        self._exact = stamp == present
+        if self._exact or stamp == 0:
+            self._unsynchronised = stamp == 0
+        self.answered = self._unsynchronised or self._exact
+
+    def next_step(self) -> None:
+        """Wait for the answer to the next state."""
+        self.answered = self._unsynchronised
+        self._exact = False
+
+    def start_timeout(self, t: float) -> None:
+        """Measure the timeout from `t` [s], unless a command arrived later."""
+        self._received = max(self._received, t)
+
+    def timed_out(self, t: float) -> bool:
+        """Return whether no command arrived for longer than the timeout, at `t` [s]."""
+        return t - self._received > self.timeout
+
+
+def out_of_order(stamp: int, present: int) -> str:
+    """Return why a command with this `stamp` [ns] is not accepted in the state `present` [ns]."""
+    away = (stamp - present) / _NANOSECONDS
+    return f'a command stamped {away:+g} s from the present state: a newer one or its answer holds'
+
+
+def _order(stamp: int, present: int) -> int:
+    """Return the stamp [ns] of the state that a command belongs to; at most the present one."""
+    return min(stamp, present) if stamp else present

@@ -1,0 +1,299 @@
+"""The state machine of a simulator: when it starts, steps, pauses, resets and ends.
+
+It imports no ROS and starts no thread or timer. An engine (the node `vehicle_simulator`) passes
+events to it and implements its `Outputs`.
+"""
+
+from __future__ import annotations
+
+import time
+from enum import Enum
+from math import inf
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from barc_sim.simulation.commands import Commands, out_of_order
+from barc_sim.simulation.pacing import Pace
+from barc_sim.vehicle.bike_model import Input
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.vehicle.bike_model import State
+    from barc_sim.vehicle.plant import Observation, Plant
+
+_NANOSECONDS = 1_000_000_000
+
+
+class Phase(Enum):
+    """The states of a `Stepper`."""
+
+    STARTING = 'no state is published since the start or the latest reset'
+    RUNNING = 'simulated time runs'
+    PAUSED = 'simulated time stands still until it is resumed'
+    FINISHED = 'the car is at its end'
+
+
+class _Request(Enum):
+    """What to do as soon as the present state is answered."""
+
+    STEP = 'take one step, while paused'
+    RESET = 'put the car back to the start'
+
+
+class Settings(NamedTuple):
+    """The limits and times of a `Stepper`."""
+
+    realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
+    distance: float = inf  #: [m] the run ends here
+    command_timeout: float = 0.0  #: [s] without a command, after which the car brakes; 0: never
+    timeout_braking: float = 8.0  #: [m/s²] deceleration then
+    greatest: Input = Input(100.0, 1.5)  #: a command beyond is refused
+
+
+class Outputs(Protocol):
+    """What a `Stepper` calls."""
+
+    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+        """Publish the state `t` [s] after the start, with its stamp [ns]."""
+
+    def start_deadlines(self) -> None:
+        """Call `Stepper.pass_deadline` every `Stepper.deadline_period` from now on."""
+
+    def stop_deadlines(self) -> None:
+        """Stop calling `Stepper.pass_deadline`."""
+
+    def deliver_commands(self) -> None:
+        """Pass commands that have arrived to `Stepper.take_command` at once."""
+
+    def prepare_start(self) -> None:
+        """Reset whoever commands, and call `Stepper.start` when it is ready."""
+
+    def finish(self) -> None:
+        """End the run."""
+
+    def warn_missed(self, state: int, missed: int) -> None:
+        """Warn that no command answered `state` in time."""
+
+    def warn_timeout(self, timeout: float) -> None:
+        """Warn that no command has arrived for `timeout` [s], and that the car brakes."""
+
+
+class Stepper:
+    """Steps a plant from state to state; each step takes the command that answers the state.
+
+    A state is answered once a command for it has arrived (see `Commands`). In lock-step
+    (`realtime_factor` 0) the answer triggers the step. Otherwise the deadline does, one for each
+    period; the command that holds is used if the state is unanswered, and `missed` counts it.
+
+    =========  ===================  ======================  =====================================
+    phase      event                condition               effect and next phase
+    =========  ===================  ======================  =====================================
+    STARTING   start                                        publish: RUNNING, or PAUSED
+    STARTING   pause, resume                                choose the phase after the start
+    RUNNING    command              answers, lock-step      step
+    RUNNING    deadline             answered                step
+    RUNNING    deadline             unanswered, punctual    count a missed command, step
+    RUNNING    deadline             unanswered, late        count a slipped period
+    RUNNING    pause                                        PAUSED
+    PAUSED     single step, place   answered                step
+    PAUSED     single step, place   unanswered              step when a command answers
+    PAUSED     resume               answered, lock-step     RUNNING, step
+    PAUSED     resume               otherwise               RUNNING
+    both       reset                answered                STARTING
+    both       reset                unanswered              STARTING at answer, deadline or check
+    FINISHED   reset                                        STARTING
+    =========  ===================  ======================  =====================================
+
+    A step publishes the next state; from a state at or beyond `distance` it leads to FINISHED.
+    If a place is stored, the step puts the car there; if commands are lost, it brakes. STARTING
+    begins with a new plant and no command. Stamps continue after a reset. Other events change
+    nothing in a phase, except that a command or a place is stored for the next step.
+
+    Attributes
+    ----------
+    steps
+        States published.
+    missed
+        Commands that had not arrived when they were due.
+    """
+
+    def __init__(
+        self,
+        new_plant: Callable[[], Plant],
+        outputs: Outputs,
+        settings: Settings | None = None,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """Begin in STARTING; `new_plant` returns a plant at the start of its road.
+
+        `clock` [s] paces the steps, and `wall_clock` [ns] gives the first stamp.
+        """
+        self._settings = settings or Settings()
+        self._new_plant, self._plant = new_plant, new_plant()
+        self._outputs = outputs
+        self._clock, self._wall_clock = clock, wall_clock
+        self._period_ns = round(self._plant.ts * _NANOSECONDS)
+        factor, timeout = self._settings.realtime_factor, self._settings.command_timeout
+        self._pace = Pace(self._plant.ts / factor) if factor else None
+        self._commands = Commands(timeout)
+        self.phase = Phase.STARTING
+        self.paused = False
+        self.steps = self.missed = 0
+        self._first_step = self._stamp = 0
+        self._request: _Request | None = None
+        self._place: State | None = None
+
+    @property
+    def slipped(self) -> int:
+        """Periods by which simulated time has fallen behind the wall clock."""
+        return self._pace.slipped if self._pace else 0
+
+    @property
+    def deadline_period(self) -> float | None:
+        """Time [s] between two deadlines by the wall clock; None in lock-step."""
+        return self._pace.period if self._pace else None
+
+    def start(self) -> None:
+        """Publish the first state, and let time run unless it is paused."""
+        self.phase = Phase.PAUSED if self.paused else Phase.RUNNING
+        self._stamp = max(self._wall_clock(), self._stamp + self._period_ns)
+        self._commands.start_timeout(self._clock())
+        self._publish()
+        self._start_deadlines()
+
+    def refusal(self, stamp: int) -> str | None:
+        """Return why a command with this `stamp` [ns; 0: none] is refused; None if it is not."""
+        if self._commands.accepts(stamp, self._stamp):
+            return None
+        return out_of_order(stamp, self._stamp)
+
+    def take_command(self, command: Input, stamp: int) -> str | None:
+        """Store a command, or return why it is refused; take the step that waits for it."""
+        greatest = self._settings.greatest
+        # Written so that NaN is out of range, too.
+        if not (abs(command.motor) <= greatest.motor and abs(command.servo) <= greatest.servo):
+            return (
+                f'a command beyond ±{greatest.motor:g} m/s² or ±{greatest.servo:g} rad: '
+                f'{command.motor}, {command.servo}'
+            )
+        commands = self._commands
+        commands.store(command, stamp, self._stamp, self._clock())
+        lock_step = self.phase is Phase.RUNNING and not self._pace
+        if commands.answered and (lock_step or self._request):
+            self._step()
+        return None
+
+    def pass_deadline(self) -> None:
+        """Step, as the next state is due."""
+        if not self._pace:
+            return
+        punctual = self._pace.pass_deadline(self._clock())
+        if self.phase is Phase.RUNNING and not self._commands.answered:
+            self._outputs.deliver_commands()  # the answer may have arrived, but not been delivered
+        if self.phase is not Phase.RUNNING:
+            return
+        if not self._commands.answered:
+            if not punctual:
+                # The machine held up the whole process, perhaps the controller, too: it gets
+                # another period to answer.
+                self._pace.slipped += 1
+                return
+            self.missed += 1
+            self._outputs.warn_missed(self.steps - 1, self.missed)
+        self._step()
+
+    def pause(self, *, on: bool) -> bool:
+        """Pause simulated time, or resume it; return whether that is a change."""
+        changed, self.paused = self.paused != on, on
+        if on and self.phase is Phase.RUNNING:
+            self.phase = Phase.PAUSED
+            self._outputs.stop_deadlines()
+        elif not on and self.phase is Phase.PAUSED:
+            self.phase = Phase.RUNNING
+            if self._request is _Request.STEP:
+                self._request = None
+            if not self._pace and self._commands.answered:
+                self._step()
+            self._start_deadlines()
+        return changed
+
+    def single_step(self) -> tuple[bool, str]:
+        """Take one step while paused; return whether that is possible, and a sentence."""
+        if self.phase is Phase.PAUSED:
+            if self._step_when_answered():
+                return True, f'state {self.steps - 1}'
+            return True, f'state {self.steps - 1} is not answered yet: the step follows'
+        return False, {
+            Phase.STARTING: 'not begun yet',
+            Phase.RUNNING: 'time runs: pause it first',
+        }.get(self.phase, 'the run has ended')
+
+    def place(self, state: State) -> None:
+        """Put the car at `state` in the next step, which follows at once while paused."""
+        self._place = state
+        if self.phase is Phase.PAUSED:
+            self._step_when_answered()
+
+    def reset(self) -> None:
+        """Put the car back to the start, as soon as the present state is answered."""
+        if self._commands.answered or self.phase in {Phase.STARTING, Phase.FINISHED}:
+            self._restart()
+        else:
+            self._request = _Request.RESET
+
+    def check(self) -> None:
+        """Reset now if a reset waits for an answer; to be called about once a second."""
+        if self._request is _Request.RESET:
+            self._restart()
+
+    def _step_when_answered(self) -> bool:
+        """Take a step if the present state is answered, or request it; return whether taken."""
+        self._request = self._request or _Request.STEP
+        if self._commands.answered:
+            self._step()
+        return self._request is None
+
+    def _step(self) -> None:
+        """Take the step to the next state, or do what was requested in its place."""
+        request, self._request = self._request, None
+        if request is _Request.RESET:
+            self._restart()
+            return
+        settings, plant = self._settings, self._plant
+        if plant.state.x >= settings.distance and self._place is None:
+            self.phase = Phase.FINISHED
+            self._outputs.stop_deadlines()
+            self._outputs.finish()
+            return
+        if self._place is not None:
+            plant.place(self._place)
+            self._place = None
+        elif self._commands.timed_out(self._clock()):
+            self._outputs.warn_timeout(settings.command_timeout)
+            plant.brake(settings.timeout_braking)
+        else:
+            plant.advance(self._commands.latest)
+        self._commands.next_step()
+        self._stamp += self._period_ns
+        self._publish()
+
+    def _publish(self) -> None:
+        t = (self.steps - self._first_step) * self._plant.ts
+        self._outputs.publish_state(t, self._plant.observe(), self._stamp)
+        self.steps += 1
+
+    def _restart(self) -> None:
+        self.phase = Phase.STARTING
+        self._request = self._place = None
+        self._outputs.stop_deadlines()
+        self._plant = self._new_plant()
+        self._commands = Commands(self._settings.command_timeout)
+        self._first_step = self.steps
+        self._outputs.prepare_start()
+
+    def _start_deadlines(self) -> None:
+        if self._pace and self.phase is Phase.RUNNING:
+            self._pace.begin(self._clock())
+            self._outputs.start_deadlines()

@@ -1,0 +1,483 @@
+"""The state machine of a simulator: each transition of its table, without ROS."""
+
+# ruff: noqa: D102 (the table that is tested says what each event is)
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import pytest
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from barc_sim.simulation.stepper import Phase, Settings, Stepper
+from barc_sim.vehicle.bike_model import Input, State
+from barc_sim.vehicle.plant import Observation, Plant
+from barc_sim.vehicle.road import Road
+
+START = 10**18  #: [ns]
+PERIOD = 20_000_000  #: [ns]
+LATE = 0.015  #: [s] of a period of 0.02
+
+
+class Engine:
+    """A stepper with a clock that stands still, and all that it calls."""
+
+    def __init__(self, **settings: float) -> None:
+        self.now = 100.0
+        self.published: list[tuple[float, Observation, int]] = []
+        self.deadlines = False
+        self.starts = self.ends = 0
+        self.warnings: list[str] = []
+        self.late: list[tuple[Input, int]] = []  #: commands that are delivered on request only
+        self.stepper = Stepper(
+            lambda: Plant(road=Road.flat()),
+            self,
+            Settings(**{'realtime_factor': 1.0} | settings),
+            clock=lambda: self.now,
+            wall_clock=lambda: START,
+        )
+
+    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+        self.published.append((t, seen, stamp_ns))
+
+    def start_deadlines(self) -> None:
+        self.deadlines = True
+
+    def stop_deadlines(self) -> None:
+        self.deadlines = False
+
+    def deliver_commands(self) -> None:
+        while self.late:
+            self.stepper.take_command(*self.late.pop(0))
+
+    def prepare_start(self) -> None:
+        self.starts += 1
+
+    def finish(self) -> None:
+        self.ends += 1
+
+    def warn_missed(self, state: int, missed: int) -> None:
+        self.warnings.append(f'state {state}, missed {missed}')
+
+    def warn_timeout(self, timeout: float) -> None:
+        self.warnings.append(f'nothing for {timeout:g} s')
+
+    @property
+    def stamp(self) -> int:
+        return self.published[-1][2]
+
+    @property
+    def speed(self) -> float:
+        return self.published[-1][1].true.v_x
+
+    def answer(self, motor: float = 1.0) -> None:
+        """Answer the present state."""
+        assert self.stepper.refusal(self.stamp) is None
+        assert self.stepper.take_command(Input(motor), self.stamp) is None
+
+    def deadline(self, late: float = 0.0) -> None:
+        """Let the next deadline pass, `late` [s]."""
+        self.now += 0.02 + late
+        self.stepper.pass_deadline()
+        self.now -= late
+
+
+def started(**settings: float) -> Engine:
+    engine = Engine(**settings)
+    engine.stepper.start()
+    return engine
+
+
+def lock_step(**settings: float) -> Engine:
+    return started(realtime_factor=0.0, **settings)
+
+
+# Starting
+
+
+def test_nothing_is_published_before_the_start() -> None:
+    engine = Engine()
+    engine.stepper.take_command(Input(1.0), 0)
+    engine.stepper.pass_deadline()
+    engine.stepper.check()
+    assert engine.stepper.phase is Phase.STARTING
+    assert engine.stepper.single_step() == (False, 'not begun yet')
+    assert not engine.published
+
+
+def test_start_publishes_the_first_state_and_starts_the_deadlines() -> None:
+    engine = started()
+    (state,) = engine.published
+    assert (state[0], state[1].true.v_x, state[2]) == (0.0, 0.0, START)
+    assert engine.stepper.phase is Phase.RUNNING
+    assert engine.deadlines
+
+
+def test_lock_step_has_no_deadlines() -> None:
+    engine = lock_step()
+    assert engine.stepper.deadline_period is None
+    assert not engine.deadlines
+    engine.stepper.pass_deadline()
+    assert engine.stepper.steps == 1
+
+
+def test_start_while_paused_publishes_the_first_state_and_stays_paused() -> None:
+    engine = Engine()
+    assert engine.stepper.pause(on=True)
+    assert engine.stepper.phase is Phase.STARTING
+    engine.stepper.start()
+    assert engine.stepper.phase is Phase.PAUSED
+    assert engine.stepper.steps == 1
+    assert not engine.deadlines
+
+
+# Running
+
+
+def test_lock_step_steps_on_the_answer_to_the_present_state_only() -> None:
+    engine = lock_step()
+    for stamp in (START - PERIOD, START - 1, START + PERIOD):
+        engine.stepper.take_command(Input(5.0), stamp)
+        assert engine.stepper.steps == 1
+    engine.answer(1.0)
+    assert engine.stepper.steps == 2
+    assert engine.speed == pytest.approx(0.02, rel=1e-3)
+    assert engine.stamp == START + PERIOD
+
+
+def test_in_real_time_the_answered_state_is_stepped_at_the_deadline() -> None:
+    engine = started()
+    engine.answer(1.0)
+    assert engine.stepper.steps == 1
+    engine.deadline()
+    assert engine.stepper.steps == 2
+    assert engine.speed == pytest.approx(0.02, rel=1e-3)
+    assert (engine.stepper.missed, engine.stepper.slipped) == (0, 0)
+
+
+def test_missed_command_is_counted_and_the_last_one_holds() -> None:
+    engine = started()
+    engine.answer(1.0)
+    engine.deadline()
+    engine.deadline()
+    assert engine.stepper.steps == 3
+    assert engine.speed == pytest.approx(0.04, rel=1e-3)
+    assert engine.stepper.missed == 1
+    assert engine.warnings == ['state 1, missed 1']
+
+
+def test_late_deadline_slips_and_the_state_can_still_be_answered() -> None:
+    engine = started()
+    engine.deadline(LATE)
+    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (1, 0, 1)
+    assert not engine.warnings
+    engine.answer(1.0)
+    engine.deadline()
+    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 1)
+
+
+def test_late_deadline_of_an_answered_state_is_a_step_and_no_slip() -> None:
+    engine = started()
+    engine.answer()
+    engine.deadline(LATE)
+    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
+
+
+def test_whole_periods_that_were_lost_are_counted() -> None:
+    engine = started()
+    engine.answer()
+    engine.now += 0.05
+    engine.deadline()
+    assert engine.stepper.slipped == 2
+    assert [stamp for *_, stamp in engine.published] == [START, START + PERIOD]
+
+
+def test_answer_that_waits_for_its_delivery_is_not_missed() -> None:
+    engine = started()
+    engine.late.append((Input(1.0), START))
+    engine.deadline()
+    assert (engine.stepper.steps, engine.stepper.missed) == (2, 0)
+    assert engine.speed > 0.0
+
+
+@pytest.mark.parametrize(
+    'command', [Input(nan), Input(-inf), Input(0.0, nan), Input(101.0), Input(1.0, -1.6)]
+)
+def test_command_that_is_not_finite_or_out_of_range_is_refused(command: Input) -> None:
+    engine = lock_step()
+    why = engine.stepper.take_command(command, START)
+    assert why == (
+        f'a command beyond ±100 m/s² or ±1.5 rad: {float(command.motor)}, {float(command.servo)}'
+    )
+    assert engine.stepper.steps == 1
+
+
+def test_command_out_of_order_is_refused() -> None:
+    engine = lock_step()
+    engine.answer()
+    engine.answer()
+    assert engine.stepper.refusal(START) == (
+        'a command stamped -0.04 s from the present state: a newer one or its answer holds'
+    )
+
+
+def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance() -> None:
+    engine = lock_step(distance=0.001)
+    while engine.stepper.phase is Phase.RUNNING:
+        engine.answer(8.0)
+    assert engine.stepper.phase is Phase.FINISHED
+    assert engine.ends == 1
+    xs = [seen.true.x for _, seen, _ in engine.published]
+    assert xs[-2] < 0.001 <= xs[-1]
+    engine.stepper.take_command(Input(8.0), 0)
+    engine.stepper.pass_deadline()
+    assert engine.stepper.single_step() == (False, 'the run has ended')
+    assert engine.stepper.steps == len(xs)
+
+
+def test_car_without_commands_brakes_after_the_timeout() -> None:
+    engine = started(command_timeout=0.5)
+    engine.stepper.take_command(Input(4.0), 0)
+    for _ in range(25):
+        engine.deadline()
+    top = engine.speed
+    assert not engine.warnings
+    for _ in range(200):
+        engine.deadline()
+    assert engine.warnings[0] == 'nothing for 0.5 s'
+    assert top > 1.5
+    assert engine.speed == pytest.approx(0.0, abs=1e-9)
+    assert engine.stepper.missed == 0
+    engine.stepper.take_command(Input(4.0), 0)
+    engine.deadline()
+    assert engine.speed > 0.0
+
+
+# Paused
+
+
+@pytest.mark.parametrize('factor', [0.0, 1.0])
+def test_time_stands_still_while_paused(factor: float) -> None:
+    engine = started(realtime_factor=factor)
+    assert engine.stepper.pause(on=True)
+    assert not engine.stepper.pause(on=True)
+    assert not engine.deadlines
+    engine.answer()
+    engine.stepper.pass_deadline()
+    assert engine.stepper.phase is Phase.PAUSED
+    assert engine.stepper.steps == 1
+    assert engine.stepper.pause(on=False)
+    assert engine.stepper.phase is Phase.RUNNING
+    assert engine.stepper.steps == (1 if factor else 2)  # lock-step: the answer is there
+    assert engine.deadlines == bool(factor)
+
+
+def test_pause_is_no_lost_time() -> None:
+    engine = started()
+    engine.stepper.pause(on=True)
+    engine.now += 100.0
+    engine.stepper.pause(on=False)
+    engine.answer()
+    engine.deadline()
+    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
+
+
+def test_single_step_while_paused() -> None:
+    engine = started()
+    engine.stepper.pause(on=True)
+    engine.answer()
+    assert engine.stepper.single_step() == (True, 'state 1')
+    assert engine.stepper.single_step() == (True, 'state 1 is not answered yet: the step follows')
+    assert engine.stepper.steps == 2
+    engine.answer()
+    assert engine.stepper.steps == 3
+    engine.answer()
+    assert engine.stepper.steps == 3
+    assert engine.stepper.phase is Phase.PAUSED
+
+
+def test_step_that_was_not_taken_is_forgotten_when_time_runs_again() -> None:
+    engine = started()
+    engine.stepper.pause(on=True)
+    engine.stepper.single_step()
+    engine.stepper.pause(on=False)
+    engine.answer()
+    assert engine.stepper.steps == 1
+
+
+def test_single_step_is_refused_while_time_runs() -> None:
+    assert started().stepper.single_step() == (False, 'time runs: pause it first')
+
+
+# Place
+
+
+def test_place_is_the_next_step() -> None:
+    engine = lock_step(distance=10.0)
+    engine.answer(8.0)
+    engine.stepper.place(State(x=-30.0, y=5.0))
+    engine.answer(8.0)
+    _, seen, stamp = engine.published[-1]
+    assert (seen.true.x, seen.true.y, seen.true.v_x) == (-30.0, 5.0, 0.0)
+    assert stamp == START + 2 * PERIOD
+    engine.answer(1.0)
+    assert engine.speed == pytest.approx(0.02, rel=1e-3)
+
+
+def test_place_while_paused_is_a_step() -> None:
+    engine = started()
+    engine.stepper.pause(on=True)
+    engine.answer()
+    engine.stepper.place(State(x=7.0))
+    assert engine.published[-1][1].true.x == 7.0
+    assert engine.stepper.phase is Phase.PAUSED
+
+
+def test_place_before_the_end_takes_the_car_away_from_it() -> None:
+    engine = lock_step(distance=1.0)
+    engine.stepper.place(State(x=5.0))
+    engine.answer()
+    engine.stepper.place(State())
+    engine.answer()
+    assert engine.stepper.phase is Phase.RUNNING
+    assert engine.published[-1][1].true.x == 0.0
+
+
+# Reset
+
+
+@pytest.mark.parametrize('factor', [0.0, 1.0])
+def test_reset_of_an_answered_state_starts_again_with_later_stamps(factor: float) -> None:
+    engine = started(realtime_factor=factor)
+    for _ in range(5):
+        engine.answer()
+        engine.deadline()
+    if not factor:
+        engine.stepper.pause(on=True)  # an answered state stays
+    engine.answer()
+    before = engine.stamp
+    engine.stepper.reset()
+    assert engine.stepper.phase is Phase.STARTING
+    assert engine.starts == 1
+    assert not engine.deadlines
+    engine.stepper.pause(on=False)
+    engine.stepper.start()
+    t, seen, stamp = engine.published[-1]
+    assert (t, seen.true.x, stamp) == (0.0, 0.0, before + PERIOD)
+    assert engine.stepper.steps == 7
+
+
+@pytest.mark.parametrize('how', ['answer', 'deadline', 'late deadline', 'delivery', 'check'])
+def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
+    engine = started()
+    engine.stepper.place(State(x=50.0))
+    engine.stepper.reset()
+    assert engine.stepper.phase is Phase.RUNNING
+    if how == 'answer':
+        engine.answer()
+    elif how == 'deadline':
+        engine.deadline()
+    elif how == 'late deadline':
+        engine.deadline(LATE)
+        assert engine.stepper.phase is Phase.RUNNING
+        engine.deadline()
+    elif how == 'delivery':
+        engine.late.append((Input(1.0), START))
+        engine.deadline()
+    else:
+        engine.stepper.check()
+    assert engine.stepper.phase is Phase.STARTING
+    assert engine.stepper.steps == engine.starts == 1
+    engine.stepper.start()
+    engine.answer()
+    engine.deadline()
+    assert engine.published[-1][1].true.x < 1.0  # the place was forgotten
+
+
+def test_reset_overrides_a_single_step() -> None:
+    engine = started()
+    engine.stepper.pause(on=True)
+    engine.stepper.reset()
+    engine.stepper.single_step()
+    engine.answer()
+    assert engine.stepper.phase is Phase.STARTING
+    engine.stepper.start()
+    assert engine.stepper.phase is Phase.PAUSED
+
+
+def test_reset_after_the_end_drives_again() -> None:
+    engine = lock_step(distance=1.0)
+    engine.stepper.place(State(x=5.0))
+    engine.answer()
+    engine.answer()
+    assert engine.stepper.phase is Phase.FINISHED
+    engine.stepper.reset()
+    engine.stepper.start()
+    assert engine.stepper.phase is Phase.RUNNING
+
+
+# Whatever comes
+
+
+class AnyEvents(RuleBasedStateMachine):
+    """Events in any order: stamps a period apart, no step without a reason, deadlines in time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.engine = Engine(distance=0.5)
+        self.stepper = self.engine.stepper
+
+    @precondition(lambda self: self.stepper.phase is Phase.STARTING)
+    @rule()
+    def start(self) -> None:
+        self.stepper.start()
+
+    @rule(motor=st.floats(-8.0, 8.0), age=st.integers(-3, 3))
+    def command(self, motor: float, age: int) -> None:
+        stamp = (self.engine.stamp if self.engine.published else START) + age * PERIOD
+        if self.stepper.refusal(stamp) is None:
+            self.stepper.take_command(Input(motor), stamp)
+
+    @precondition(lambda self: self.engine.deadlines)
+    @rule(late=st.floats(0.0, 0.1))
+    def deadline(self, late: float) -> None:
+        before = self.stepper.steps, self.stepper.missed, self.stepper.slipped
+        self.engine.deadline(late)
+        steps, missed, slipped = self.stepper.steps, self.stepper.missed, self.stepper.slipped
+        assert steps - before[0] in {0, 1}
+        assert missed - before[1] <= (slipped == before[2])
+
+    @rule(on=st.booleans())
+    def pause(self, on: bool) -> None:
+        self.stepper.pause(on=on)
+
+    @rule()
+    def single_step(self) -> None:
+        before = self.stepper.steps
+        done, _ = self.stepper.single_step()
+        assert self.stepper.steps <= before + done
+
+    @rule(x=st.floats(-1.0, 1.0))
+    def place(self, x: float) -> None:
+        self.stepper.place(State(x=x))
+
+    @rule()
+    def reset(self) -> None:
+        self.stepper.reset()
+
+    @rule()
+    def check(self) -> None:
+        self.stepper.check()
+
+    @invariant()
+    def holds(self) -> None:
+        assert self.engine.deadlines == (self.stepper.phase is Phase.RUNNING)
+        if self.stepper.phase in {Phase.RUNNING, Phase.PAUSED}:
+            assert self.stepper.paused == (self.stepper.phase is Phase.PAUSED)
+        stamps = [stamp for *_, stamp in self.engine.published]
+        assert stamps == [START + k * PERIOD for k in range(len(stamps))]
+        assert len(stamps) == self.stepper.steps
+
+
+TestAnyEvents = AnyEvents.TestCase
