@@ -10,8 +10,14 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.runs.composition import Run, conduct, overrides
-from barc_sim.runs.terminal.display import display, print_summaries, print_summary
+from barc_sim.runs.composition import Run, overrides
+from barc_sim.runs.conduct import conduct
+from barc_sim.runs.terminal.display import (
+    CruiseStatus,
+    display,
+    print_summaries,
+    print_summary,
+)
 from barc_sim.simulation.metrics import SpeedErrors
 from barc_sim.vehicle.bike_model import bikeFE
 
@@ -20,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.cli.signals import StopSignals
+    from barc_sim.runs.conduct import Setup
+    from barc_sim.runs.terminal.display import Status
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation
 
@@ -35,61 +43,55 @@ def cruise_control(
     Raises
     ------
     UserError
-        where an option or a ROS argument can't be used; nothing is left behind then.
+        if an option or a ROS argument cannot be used; no bag is left then.
     """
-    return conduct(
-        lambda user_code, printed: CruiseControl(options, argv, user_code, printed),
-        options,
-        ros_args,
-        stop,
-    )
+    return conduct(CruiseControl, options, argv, ros_args, stop)
 
 
 class CruiseControl(Run):
-    """Recorder, and of each car controller, unless another takes its place, and simulator."""
+    """The run with a controller, ours unless it is left out, and a simulator for each car."""
 
-    def compose(self, options: Namespace) -> list[VehicleSimulator]:
-        """Return the simulators, each of a car on a road of its own.
+    def compose(self, setup: Setup) -> list[VehicleSimulator]:
+        """Return the simulators, one for each car.
 
         Raises
         ------
         UserError
-            where an option is for a controller that the run does not have.
+            if an option is for a controller that the run does not have.
         """
-        if options.controller_type and self.user_code.controller:
+        options = setup.options
+        if options.controller_type and setup.user_code.controller:
             raise UserError(
                 f"--controller-type {options.controller_type} names a controller of barc_sim's, "
                 'and --lab or --controller gives another: give one of the two only'
             )
         if options.no_controller:
-            _check_that_none_is_told(options)
-        namespaces = [f'car{number + 1}' for number in range(options.cars)]
-        # A car that is alone needs none.
-        self.cars = [
-            self._car(options, name, number)
-            for number, name in enumerate(namespaces if options.cars > 1 else [''])
-        ]
+            _check_no_options_for_controller(options)
+        # One car alone needs no namespace.
+        namespaces = [f'car{k + 1}' for k in range(options.cars)] if options.cars > 1 else ['']
+        self.cars = [self._car(setup, name, number) for number, name in enumerate(namespaces)]
         first = self.cars[0]
         distance = first.simulator.get_parameter('distance').value
-        self._display = display(distance, quiet=options.quiet)
-        self._printed.show_with(self._display.say)
-        first.show = self._display.show
+        self.display = display(quiet=options.quiet, distance=distance)
+        first.show = self.display.show
         return [car.simulator for car in self.cars]
 
-    def _car(self, options: Namespace, namespace: str, number: int) -> Car:
-        car = Car(namespace, self._controller(options, namespace))
+    def _car(self, setup: Setup, namespace: str, number: int) -> Car:
+        options, road, user_code = setup.options, setup.road, setup.user_code
+        car = Car(namespace, self._controller(setup, namespace))
         car.simulator = self.add(
             VehicleSimulator(
+                road=road,
                 distance=_DISTANCE,
                 keeps_clock=number == 0,
                 on_step=car.on_step,
-                model=self.user_code.model or bikeFE,
+                model=user_code.model or bikeFE,
                 namespace=namespace,
                 parameter_overrides=overrides(
                     distance=options.distance,
-                    road=options.road,
+                    road=road.name if road else None,
                     realtime_factor=options.realtime_factor,
-                    # Each car has noise of its own.
+                    # Each car has its own noise.
                     seed=(options.seed or 0) + number if number else options.seed,
                     integrator=options.integrator,
                     dynamics=options.dynamics,
@@ -99,16 +101,15 @@ class CruiseControl(Run):
         )
         return car
 
-    def _controller(self, options: Namespace, namespace: str) -> Callable[[], float]:
-        """Add a controller, or none; return what tells the speed to hold [m/s]."""
+    def _controller(self, setup: Setup, namespace: str) -> Callable[[], float]:
+        """Add a controller unless it is left out; return a function for the speed to hold [m/s]."""
+        options, user_controller = setup.options, setup.user_code.controller
         if options.no_controller:
             speed = SPEED_REFERENCE if options.speed is None else options.speed
             return lambda: speed
         controller: CruiseController = self.add(
             CruiseController(
-                controller=UserController(self.user_code.controller)
-                if self.user_code.controller
-                else None,
+                controller=UserController(user_controller) if user_controller else None,
                 namespace=namespace,
                 parameter_overrides=overrides(
                     speed_reference=options.speed,
@@ -119,12 +120,8 @@ class CruiseControl(Run):
         )
         return lambda: controller.speed_reference
 
-    def close_display(self) -> None:
-        """Leave the terminal's line in order."""
-        self._display.close()
-
     def print_result(self) -> None:
-        """Print the table of errors."""
+        """Print the table of speed errors."""
         if len(self.cars) == 1:
             (car,) = self.cars
             print_summary(car.summary(), self.slipped)
@@ -138,7 +135,7 @@ def _gains(options: Namespace) -> dict[str, float]:
     Raises
     ------
     UserError
-        where the controller has no such gain.
+        if the controller has no such gain.
     """
     kind = options.controller_type or DEFAULT_TYPE
     named = {name: getattr(options, name) for name in PID.gains}
@@ -153,7 +150,7 @@ def _gains(options: Namespace) -> dict[str, float]:
     return gains
 
 
-def _check_that_none_is_told(options: Namespace) -> None:
+def _check_no_options_for_controller(options: Namespace) -> None:
     given = {name: getattr(options, name) for name in (*PID.gains, 'controller')}
     given['controller-type'] = options.controller_type
     given |= {f'gain {name}': value for name, value in options.gain}
@@ -166,26 +163,26 @@ def _check_that_none_is_told(options: Namespace) -> None:
 
 
 class Car:
-    """A simulator, and how well it is driven."""
+    """A simulator, and the speed errors of its car."""
 
     simulator: VehicleSimulator
 
     def __init__(self, name: str, reference: Callable[[], float]) -> None:
-        """Not yet driven; `reference` tells the speed to hold [m/s]."""
+        """Begin without a state; `reference` returns the speed to hold [m/s]."""
         self.name = name
         self._reference = reference
         self._errors = SpeedErrors()
-        #: Shows a state: its time, distance, speed, speed error and grade.
-        self.show: Callable[[float, float, float, float, float], None] = lambda *_: None
+        self.show: Callable[[Status], None] | None = None  #: shows a state in the terminal
 
     def on_step(self, t: float, seen: Observation) -> None:
-        """Count the speed's error, from the start or the latest reset on, and show it."""
+        """Add the state's speed error, since the start or the latest reset, and show the state."""
         if t == 0.0:
             self._errors = SpeedErrors()
-        reference = self._reference()
-        self._errors.add(t, seen.true.x, seen.true.v_x, reference, seen.theta_deg)
-        self.show(t, seen.true.x, seen.true.v_x, reference - seen.true.v_x, seen.theta_deg)
+        x, speed, reference = seen.true.x, seen.true.v_x, self._reference()
+        self._errors.add(t, x, speed, reference, seen.theta_deg)
+        if self.show:
+            self.show(CruiseStatus(t, x, speed, reference - speed, seen.theta_deg))
 
     def summary(self) -> Summary:
-        """Return how well it was driven."""
+        """Return the summary of the speed errors."""
         return self._errors.summary(self.simulator.missed)

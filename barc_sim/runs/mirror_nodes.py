@@ -1,4 +1,4 @@
-"""The nodes of a run that show it to others: `mirror`, and the server of the Foxglove app."""
+"""The nodes of a run for ROS's own tools: `mirror`, and the server of the Foxglove app."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 def mirrors(
     options: Namespace, simulators: Sequence[VehicleSimulator], recorder: BagRecorder | None
 ) -> Iterator[Node]:
-    """Yield the nodes that the options ask for; none is imported that they don't.
+    """Yield the nodes that the options ask for; only those are imported.
 
-    Each simulator's car is mirrored in the simulator's namespace.
+    Each car has a `mirror` in its simulator's namespace.
 
     Raises
     ------
     UserError
-        where the Foxglove SDK is not installed, or the port can't be had.
+        if the Foxglove SDK is not installed, or the port is taken.
     """
     names = wanted_mirrors(options)
     if names:
@@ -71,6 +71,7 @@ def _mirror(
 
     values |= {name: name in names for name in MIRRORS}
     return MirrorNode(
+        road=simulator.road,
         facts=facts,
         namespace=simulator.get_namespace(),
         parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],

@@ -1,4 +1,4 @@
-"""The run driven by hand: keyboard, or another publisher of `cmd_vel`, and relay."""
+"""The run that is driven by hand: from the keyboard, or by another publisher of `cmd_vel`."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from barc_sim.nodes.keyboard.node import Keyboard
 from barc_sim.nodes.keyboard.terminal import Terminal
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.runs.composition import Run, conduct, overrides
-from barc_sim.runs.terminal.status_line import Status, StatusLine
+from barc_sim.runs.composition import Run, overrides
+from barc_sim.runs.conduct import conduct
+from barc_sim.runs.terminal.display import DriveStatus, display
 from barc_sim.vehicle.bike_model import bikeFE
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.lab.user_code.loading import UserCode
-    from barc_sim.runs.terminal.printed import Printed
+    from barc_sim.runs.conduct import Setup
     from barc_sim.vehicle.plant import Observation
 
-#: [s] Without a command for so long the car brakes: ten of the relay's periods.
+#: [s] without a command after which the car brakes: ten of the relay's periods.
 _COMMAND_TIMEOUT = 0.5
 _HELP = 'arrows or WASD drive, space brakes, r goes back to the start, q ends'
 
@@ -35,7 +36,7 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
     Raises
     ------
     UserError
-        where an option or a ROS argument can't be used; nothing is left behind then.
+        if an option or a ROS argument cannot be used; no bag is left then.
     """
     terminal = None
     try:
@@ -43,47 +44,36 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
     except UserError as error:
         print(error, file=sys.stderr)  # noqa: T201
     with terminal or nullcontext():
-        return conduct(
-            lambda user_code, printed: Teleop(options, argv, user_code, printed, terminal),
-            options,
-            ros_args,
-            stop,
-        )
+        return conduct(lambda setup: Teleop(setup, terminal), options, argv, ros_args, stop)
 
 
 class Teleop(Run):
-    """Recorder, simulator on the flat, relay and, where there is a terminal, keyboard."""
+    """The run with a simulator on the flat, the relay and, if there is a terminal, the keyboard."""
 
-    def __init__(
-        self,
-        options: Namespace,
-        argv: list[str],
-        user_code: UserCode,
-        printed: Printed,
-        terminal: Terminal | None,
-    ) -> None:
-        """Make the nodes; the terminal, if any, is closed at the end.
+    def __init__(self, setup: Setup, terminal: Terminal | None) -> None:
+        """Create the nodes; the terminal, if any, is closed at the end.
 
         Raises
         ------
         UserError
-            where a parameter or the topic can't be had; nothing is left behind then.
+            if a parameter or the topic cannot be had; no bag is left then.
         """
         self._terminal = terminal
-        self._line = StatusLine(quiet=options.quiet)
-        printed.show_with(self._line.say)
-        super().__init__(options, argv, user_code, printed)
-        if terminal and not options.quiet:
+        super().__init__(setup)
+        if terminal and not setup.options.quiet:
             print(_HELP)  # noqa: T201
 
-    def compose(self, options: Namespace) -> list[VehicleSimulator]:
+    def compose(self, setup: Setup) -> list[VehicleSimulator]:
         """Return the simulator."""
+        options, road = setup.options, setup.road or Road.flat()
+        self.display = display(quiet=options.quiet)
         simulator: VehicleSimulator = self.add(
             VehicleSimulator(
+                road=road,
                 on_step=self._on_step,
-                model=self.user_code.model or bikeFE,
+                model=setup.user_code.model or bikeFE,
                 parameter_overrides=overrides(
-                    road=options.road or 'flat',
+                    road=road.name,
                     realtime_factor=options.realtime_factor,
                     seed=options.seed,
                     integrator=options.integrator,
@@ -98,30 +88,24 @@ class Teleop(Run):
                 "a driver's time cannot run as fast as it goes: give teleop a --realtime-factor "
                 'above 0'
             )
-        self._relay = self.add(
-            Relay(driver=UserDriver(self.user_code.relay) if self.user_code.relay else None)
-        )
+        user_relay = setup.user_code.relay
+        self._relay = self.add(Relay(driver=UserDriver(user_relay) if user_relay else None))
         if self._terminal:
             keyboard = self.add(Keyboard(self._terminal))
             keyboard.finished.add_done_callback(lambda _: simulator.finish())
         return [simulator]
 
     def _on_step(self, t: float, seen: Observation) -> None:
-        """Show the state now and then."""
-        if self._line.is_due():
-            driver = self._relay.driver
-            self._line.show(Status(t, seen.true.v_x, driver.servo, driver.request))
+        driver = self._relay.driver
+        self.display.show(DriveStatus(t, seen.true.x, seen.true.v_x, driver.servo, driver.request))
 
     def finish(self) -> None:
-        """Give the terminal back, and end the run now."""
+        """Restore the terminal, and end the run now."""
         if self._terminal:
             self._terminal.close()
         super().finish()
 
-    def close_display(self) -> None:
-        """Leave the terminal's line in order."""
-        self._line.close()
-
     def print_result(self) -> None:
-        """Print what there is to say of the run's timing."""
-        print(f'missed deadlines {self.missed}, clock slips {self.slipped}')  # noqa: T201
+        """Print how many deadlines were missed and periods slipped."""
+        (simulator,) = self.simulators
+        print(f'missed deadlines {simulator.missed}, clock slips {self.slipped}')  # noqa: T201

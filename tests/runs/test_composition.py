@@ -19,7 +19,11 @@ import yaml
 
 pytest.importorskip('rclpy')
 
+from barc_interfaces.msg import ZDynBkMdl
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rosbags.highlevel import AnyReader
+from std_srvs.srv import Trigger
 
 import barc_sim
 from barc_sim.bags import reader as bag
@@ -32,7 +36,9 @@ from barc_sim.vehicle.sensor import Deviation
 from barc_sim.vehicle.tyres import Handling
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+
+    from rclpy.context import Context
 
     from barc_sim.simulation.log import Log
 
@@ -286,6 +292,96 @@ VehicleSimulator.{moment} = refuse
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == 'barc_sim.run: error: not here\n'
     assert list(folder.rglob('*')) == ([folder / 'bags'] if folder_exists else [])
+
+
+HILLS = 'start_m,grade_deg\n0,5\n3,-5\n'
+
+
+def test_road_file_that_is_gone_does_not_matter_at_a_reset(
+    ros: Context, spin_until: Callable[..., None], tmp_path: Path
+) -> None:
+    road = tmp_path / 'hills.csv'
+    road.write_text(HILLS)
+    states: list[ZDynBkMdl] = []
+    node = Node('client', context=ros)
+    node.create_subscription(ZDynBkMdl, 'z_vhcl', states.append, 100)
+    reset = node.create_client(Trigger, 'vehicle_simulator/reset')
+    executor = SingleThreadedExecutor(context=ros)
+    executor.add_node(node)
+    options = ['-q', '--road', 'hills.csv', '--distance', '0', '--realtime-factor', '5']
+    with subprocess.Popen(
+        [sys.executable, '-m', 'barc_sim.run', 'acc', *options],
+        cwd=tmp_path,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
+        spin_until(executor, lambda: bool(states) and states[-1].x > 3.5)
+        road.unlink()
+        answer = reset.call_async(Trigger.Request())
+        spin_until(executor, lambda: answer.done() and states[-1].x < 1.0)
+        spin_until(executor, lambda: states[-1].x > 3.5)
+        run.send_signal(signal.SIGINT)
+        out, err = run.communicate(timeout=60)
+    executor.shutdown()
+    node.destroy_node()
+    assert (run.returncode, err) == (0, '')
+    found = messages(tmp_path / out.strip())
+    xs = [state.x for state in found['/z_vhcl']]
+    assert sum(after < before - 2.0 for before, after in pairwise(xs)) == 1
+    grades = {round(each.theta) for each in found['/environment']}
+    assert grades == {5, -5}
+
+
+def test_road_file_that_is_gone_after_the_options_were_read_does_not_matter(tmp_path: Path) -> None:
+    (tmp_path / 'hills.csv').write_text(HILLS)
+    script = """
+import os
+from barc_sim.runs.bag import RunBag
+begin = RunBag.__init__
+def remove_first(self, *args):
+    os.remove('hills.csv')
+    begin(self, *args)
+RunBag.__init__ = remove_first
+"""
+    options = ['--road', 'hills.csv', '--realtime-factor', 'max', '--mirrors', 'odom']
+    done = drive(tmp_path, *options, script=script)
+    assert done.returncode == 0, done.stderr
+    assert bag.info(tmp_path / done.stdout.strip())['road'] == 'hills.csv'
+
+
+def test_road_file_that_is_missing_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    done = drive(tmp_path, '--road', 'hills.csv')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr == (
+        "barc_sim.run: error: road 'hills.csv' is neither 'lab', 'flat' nor a CSV file that can be "
+        'read\n'
+    )
+    assert list(tmp_path.rglob('bags')) == []
+
+
+def test_error_after_the_first_state_leaves_the_bag_whole(tmp_path: Path) -> None:
+    script = """
+from barc_sim.errors import UserError
+from barc_sim.nodes.simulator.node import VehicleSimulator
+begin = VehicleSimulator._begin
+begun = []
+def refuse_the_second(self):
+    if begun:
+        raise UserError('not again')
+    begun.append(self)
+    begin(self)
+    self.create_timer(0.2, self._stepper.reset)
+VehicleSimulator._begin = refuse_the_second
+"""
+    done = drive(tmp_path, script=script)
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == 'barc_sim.run: error: not again'
+    path = tmp_path / done.stdout.strip()
+    info, states = bag.info(path), messages(path)['/z_vhcl']
+    assert info['failure'] == 'not again'
+    assert int(info['steps']) == len(states) > 3
 
 
 @pytest.mark.parametrize('factor', ['max', '4'])

@@ -85,6 +85,8 @@ class MirrorNode(Node):
 
     Parameters
     ----------
+    road
+        Replaces the road that the parameter `road` names.
     facts
         Returns the facts that no topic carries; called at each diagnosis.
     period
@@ -101,6 +103,7 @@ class MirrorNode(Node):
     def __init__(
         self,
         *,
+        road: Road | None = None,
         facts: Callable[[], Facts] = Facts,
         period: float = 1.0,
         **options: Any,  # noqa: ANN401 (Node's own)
@@ -108,7 +111,7 @@ class MirrorNode(Node):
         super().__init__('mirror', **options)
         values = declare(self, PARAMETERS)
         on = {name for name in MIRRORS if values[name]}
-        road = Road.named(values['road'])
+        road = road or Road.named(values['road'])
         vehicle = Vehicle(l_f=values['l_f'], l_r=values['l_r'])
         self._prefix = f'{self.get_namespace().strip("/")}/'.lstrip('/')
         self._ride = Ride(road, vehicle)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import time
-from math import isnan
-from typing import TYPE_CHECKING, Protocol
+from contextlib import suppress
+from math import degrees, isnan
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
+from rich.table import Column, Table
+
+from barc_sim.control.driver import COAST, DriverInput
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,62 +23,113 @@ _LIVE_PERIOD = 0.1
 _PLAIN_PERIOD = 1.0
 
 
+class Status(Protocol):
+    """A state to be shown."""
+
+    @property
+    def distance(self) -> float:
+        """Distance driven [m]."""
+
+    def text(self) -> str:
+        """Return the line for it."""
+
+
+class CruiseStatus(NamedTuple):
+    """A state of the cruise control."""
+
+    t: float  #: [s]
+    distance: float  #: [m]
+    speed: float  #: [m/s]
+    error: float  #: [m/s]
+    grade_deg: float
+
+    def text(self) -> str:
+        """Return the line for it."""
+        return (
+            f'{self.t:6.2f} s  {self.distance:6.1f} m  {self.speed:6.3f} m/s  '
+            f'error {self.error:+.3f} m/s  grade {self.grade_deg:+.0f}°'
+        )
+
+
+class DriveStatus(NamedTuple):
+    """A state of a drive by hand."""
+
+    t: float  #: [s]
+    distance: float  #: [m]
+    speed: float  #: [m/s]
+    steering: float  #: [rad]
+    request: DriverInput = COAST
+
+    def text(self) -> str:
+        """Return the line for it; its columns stay in place."""
+        request = self.request
+        held = {
+            '↑': request.forward > 0.0,
+            '↓': request.forward < 0.0,
+            '←': request.turn > 0.0,
+            '→': request.turn < 0.0,
+            'brake': request.brake > 0.0,
+        }
+        # Rounded first, and zero added: no negative zero is shown.
+        speed, steering = round(self.speed, 2) + 0.0, round(degrees(self.steering), 1) + 0.0
+        return (
+            f'{self.t:7.1f} s  speed {speed:6.2f} m/s  steering {steering:5.1f}°  '
+            f'held {" ".join(symbol for symbol, on in held.items() if on) or "-"}'
+        )
+
+
 class Display(Protocol):
-    """Shows how far a run is."""
+    """Shows the states of a run."""
 
-    def show(self, t: float, distance: float, speed: float, error: float, grade: float) -> None:
-        """Take note of a state; what is drawn, and when, is the display's choice."""
+    def show(self, status: Status) -> None:
+        """Take a state; the display decides whether to draw it."""
 
-    def say(self, line: str) -> None:
-        """Print a line of somebody else's."""
+    def print_line(self, line: str) -> None:
+        """Print a line of user code's output."""
 
     def close(self) -> None:
         """Leave the terminal in order."""
 
 
-def display(distance: float, *, quiet: bool) -> Display:
-    """Return what suits the terminal, for a run of `distance` [m]; 0 for one without end."""
+def display(*, quiet: bool, distance: float | None = None) -> Display:
+    """Return the display that suits the terminal.
+
+    With a `distance` [m] a bar shows how far the run is; it pulses for 0, a run without an end.
+    """
     if quiet:
-        return Nothing()
+        return NoDisplay()
     console = Console(highlight=False)
     return LiveLine(console, distance) if console.is_terminal else PlainLines()
 
 
-class Nothing:
+class NoDisplay:
     """Shows nothing."""
 
-    def show(self, t: float, distance: float, speed: float, error: float, grade: float) -> None:
+    def show(self, status: Status) -> None:
         """Do nothing."""
 
-    def say(self, line: str) -> None:
+    def print_line(self, line: str) -> None:
         """Do nothing."""
 
     def close(self) -> None:
         """Do nothing."""
 
 
-def _text(t: float, distance: float, speed: float, error: float, grade: float) -> str:
-    return (
-        f'{t:6.2f} s  {distance:6.1f} m  {speed:6.3f} m/s  error {error:+.3f} m/s  '
-        f'grade {grade:+.0f}°'
-    )
-
-
 class PlainLines:
-    """A line a second, for a pipe or a file."""
+    """Prints a line a second, for a pipe or a file."""
 
     def __init__(self) -> None:
         """Print at the first state."""
         self._next = 0.0
 
-    def show(self, t: float, distance: float, speed: float, error: float, grade: float) -> None:
+    def show(self, status: Status) -> None:
         """Print a line if the last is a second old."""
         now = time.monotonic()
         if now >= self._next:
             self._next = now + _PLAIN_PERIOD
-            print(_text(t, distance, speed, error, grade), flush=True)  # noqa: T201
+            print(status.text(), flush=True)  # noqa: T201
 
-    def say(self, line: str) -> None:
+    def print_line(self, line: str) -> None:
         """Print a line."""
         print(line)  # noqa: T201
 
@@ -84,27 +138,25 @@ class PlainLines:
 
 
 class LiveLine:
-    """A bar and figures, drawn in place.
+    """Draws a line in place, with a bar if the run has a distance.
 
-    It is drawn by the caller's thread, right after a step, when there is most time until the next:
-    a thread of its own would hold the interpreter's lock when a step is due.
+    The caller's thread draws it, right after a step, when there is most time until the next: a
+    thread of its own would hold the interpreter's lock when a step is due. If the terminal is
+    gone, nothing is drawn: its signal ends the run.
     """
 
-    def __init__(self, console: Console, distance: float) -> None:
-        """Draw a bar to `distance` [m]; a pulse where that is 0."""
-        self._progress = Progress(
-            BarColumn(bar_width=24),
-            TextColumn('{task.description}'),
-            console=console,
-            auto_refresh=False,
-        )
+    def __init__(self, console: Console, distance: float | None) -> None:
+        """Draw a bar to `distance` [m], one that pulses for 0, or none for None."""
+        columns: list[ProgressColumn] = [] if distance is None else [BarColumn(bar_width=24)]
+        text = TextColumn('{task.description}', table_column=Column(no_wrap=True))
+        self._progress = Progress(*columns, text, console=console, auto_refresh=False)
         self._task = self._progress.add_task('', total=distance or None)
         self._next = 0.0
-        self._latest: tuple[float, float, float, float, float] | None = None
+        self._latest: Status | None = None
 
-    def show(self, t: float, distance: float, speed: float, error: float, grade: float) -> None:
+    def show(self, status: Status) -> None:
         """Draw if the last drawing is a tenth of a second old."""
-        self._latest = (t, distance, speed, error, grade)
+        self._latest = status
         now = time.monotonic()
         if now >= self._next:
             self._next = now + _LIVE_PERIOD
@@ -112,22 +164,25 @@ class LiveLine:
 
     def _draw(self) -> None:
         if self._latest:
-            self._progress.start()
-            self._progress.update(
-                self._task,
-                completed=self._latest[1],
-                description=_text(*self._latest),
-                refresh=True,
-            )
+            with suppress(OSError):
+                self._progress.start()
+                self._progress.update(
+                    self._task,
+                    completed=self._latest.distance,
+                    description=self._latest.text(),
+                    refresh=True,
+                )
 
-    def say(self, line: str) -> None:
+    def print_line(self, line: str) -> None:
         """Print a line above the one that is drawn."""
-        self._progress.console.print(line, markup=False, soft_wrap=True)
+        with suppress(OSError):
+            self._progress.console.print(line, markup=False, soft_wrap=True)
 
     def close(self) -> None:
         """Draw the last state and go to the next line."""
         self._draw()
-        self._progress.stop()
+        with suppress(OSError):
+            self._progress.stop()
 
 
 def print_summary(summary: Summary, slipped: int) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import pty
 import time
-from contextlib import closing, redirect_stdout
-from math import nan
+from contextlib import closing, redirect_stdout, suppress
+from math import nan, radians
 from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.runs.terminal.display import LiveLine, Nothing, PlainLines, display, print_summary
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
+from barc_sim.runs.terminal.display import CruiseStatus, DriveStatus, display, print_summary
 from barc_sim.simulation.metrics import SpeedErrors, Stretch, Summary
 
 if TYPE_CHECKING:
@@ -20,7 +21,9 @@ if TYPE_CHECKING:
 HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
 END = '\x04'
 LINE = '  1.50 s    12.3 m   7.990 m/s  error +0.010 m/s  grade -10°'
-STATE = (1.5, 12.34, 7.99, 0.01, -10.0)
+STATE = CruiseStatus(1.5, 12.34, 7.99, 0.01, -10.0)
+DRIVE = DriveStatus(12.34, 0.0, -3.456, radians(-7.26), DriverInput(forward=1.0, turn=-1.0))
+DRIVE_LINE = '   12.3 s  speed  -3.46 m/s  steering  -7.3°  held ↑ →'
 
 
 @pytest.fixture
@@ -49,7 +52,8 @@ class Terminal:
 
     def close(self) -> None:
         """Hang up."""
-        self.stdout.close()
+        with suppress(OSError):  # a test may have taken it away
+            self.stdout.close()
         os.close(self._master)
 
 
@@ -65,21 +69,19 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 
 
 def test_nothing_is_shown_where_quiet(capsys: pytest.CaptureFixture[str]) -> None:
-    shown = display(180.0, quiet=True)
-    shown.show(*STATE)
+    shown = display(quiet=True, distance=180.0)
+    shown.show(STATE)
     shown.close()
-    assert isinstance(shown, Nothing)
     assert capsys.readouterr() == ('', '')
 
 
 def test_pipe_gets_a_plain_line_a_second(
     capsys: pytest.CaptureFixture[str], clock: Callable[[float], None]
 ) -> None:
-    shown = display(180.0, quiet=False)
-    assert isinstance(shown, PlainLines)
+    shown = display(quiet=False, distance=180.0)
     for k in range(250):
         clock(10.0 + 0.01 * k)
-        shown.show(*STATE)
+        shown.show(STATE)
     shown.close()
     assert capsys.readouterr() == (f'{LINE}\n' * 3, '')
 
@@ -89,14 +91,13 @@ def test_terminal_gets_a_line_in_place_and_its_cursor_back(
 ) -> None:
     clock(10.0)
     with redirect_stdout(terminal.stdout):
-        shown = display(180.0, quiet=False)
-        assert isinstance(shown, LiveLine)
-        shown.show(*STATE)
+        shown = display(quiet=False, distance=180.0)
+        shown.show(STATE)
         text = terminal.shown()
         assert HIDE in text
         assert LINE.strip() in text
         assert '\n' not in text
-        shown.show(1.52, 12.5, 8.0, 0.0, 10.0)
+        shown.show(CruiseStatus(1.52, 12.5, 8.0, 0.0, 10.0))
         shown.close()
         text = terminal.shown()
     assert 'grade +10°' in text  # the last state, however soon after the one before it
@@ -108,18 +109,58 @@ def test_terminal_is_drawn_ten_times_a_second(
     terminal: Terminal, clock: Callable[[float], None]
 ) -> None:
     with redirect_stdout(terminal.stdout):
-        shown = display(0.0, quiet=False)
+        shown = display(quiet=False, distance=0.0)
         for k in range(100):
             clock(10.0 + 0.01 * k)
-            shown.show(k * 0.01, 0.0, 0.0, 0.0, 0.0)
+            shown.show(CruiseStatus(k * 0.01, 0.0, 0.0, 0.0, 0.0))
         assert terminal.shown().count(' m/s  error') == 10
         shown.close()
 
 
 def test_terminal_is_left_alone_by_a_run_without_a_state(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
-        display(180.0, quiet=False).close()
+        display(quiet=False, distance=180.0).close()
     assert HIDE not in terminal.shown()
+
+
+def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
+    with redirect_stdout(terminal.stdout):
+        shown = display(quiet=False)
+        shown.show(DRIVE)
+        text = terminal.shown()
+        shown.print_line('user code prints [this]')
+        printed = terminal.shown()
+        shown.close()
+    assert DRIVE_LINE.strip() in text
+    assert '━' not in text
+    assert 'user code prints [this]' in printed
+
+
+def test_terminal_that_is_gone_does_not_end_the_run(terminal: Terminal) -> None:
+    with redirect_stdout(terminal.stdout):
+        shown = display(quiet=False)
+        shown.show(DRIVE)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), terminal.stdout.fileno())  # writing fails
+        shown.print_line('lost')
+        shown.close()
+
+
+def test_line_of_a_drive_has_time_speed_steering_and_held_keys() -> None:
+    assert DRIVE.text() == DRIVE_LINE
+
+
+@pytest.mark.parametrize(
+    ('pressed', 'held'),
+    [(COAST, '-'), (FULL_BRAKE, 'brake'), (DriverInput(forward=-0.5, turn=0.1), '↓ ←')],
+)
+def test_held_keys_are_shown(pressed: DriverInput, held: str) -> None:
+    assert DriveStatus(0.0, 0.0, 0.0, 0.0, pressed).text().endswith(f'held {held}')
+
+
+def test_there_is_no_negative_zero_and_columns_stay() -> None:
+    still = DriveStatus(0.0, 0.0, -0.001, -0.0001).text()
+    assert '-0' not in still
+    assert still.index('held') == DRIVE_LINE.index('held')
 
 
 def test_table_has_a_row_per_stretch_and_the_other_figures(

@@ -1,4 +1,4 @@
-"""What user code prints, beside a line that is drawn in place."""
+"""What user code prints, shown above the line that is drawn in place."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ if TYPE_CHECKING:
 _LINES_PER_SECOND = 20
 
 
-class Printed:
-    """Takes text as it is printed, piece by piece, and shows whole lines.
+class UserOutput:
+    """Takes text piece by piece, as user code prints it, and shows whole lines.
 
-    A terminal is shown some lines a second, and how many were left out; a file or a pipe gets all.
+    A terminal shows some lines a second and how many are left out; a file or a pipe gets all.
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
-        """Show nothing where `quiet`."""
+        """Show nothing if `quiet`."""
         self._quiet = quiet
         self._all = not sys.stdout.isatty()
         self._show: Callable[[str], None] = _print
@@ -29,7 +29,7 @@ class Printed:
         self._second = 0.0
 
     def show_with(self, show: Callable[[str], None]) -> None:
-        """Have whole lines shown by `show` from now on."""
+        """Show whole lines with `show` from now on."""
         self._show = show
 
     def __call__(self, text: str) -> None:
@@ -43,7 +43,7 @@ class Printed:
     def _take(self, line: str) -> None:
         now = time.monotonic()
         if now - self._second >= 1.0:
-            self._tell_of_left_out()
+            self._show_left_out()
             self._second, self._shown = now, 0
         if self._all or self._shown < _LINES_PER_SECOND:
             self._shown += 1
@@ -51,7 +51,7 @@ class Printed:
         else:
             self._left_out += 1
 
-    def _tell_of_left_out(self) -> None:
+    def _show_left_out(self) -> None:
         if self._left_out:
             self._show(f'… lines left out: {self._left_out} (with > FILE, all are kept)')
             self._left_out = 0
@@ -60,7 +60,7 @@ class Printed:
         """Show what is left."""
         if self._rest:
             self('\n')
-        self._tell_of_left_out()
+        self._show_left_out()
 
 
 def _print(line: str) -> None:

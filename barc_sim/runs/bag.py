@@ -1,0 +1,121 @@
+"""The bag of a run: its recorder, and what the run itself adds to the bag."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import sys
+from contextlib import suppress
+from pathlib import Path
+from platform import platform, python_version
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from barc_sim import __version__
+from barc_sim.bags.losses import summary
+from barc_sim.control.types import GAINS
+from barc_sim.lab.user_code.adapters import attachments
+from barc_sim.lab.user_code.adapters import describe as user_code_metadata
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.ros.graph_observer import observe
+from barc_sim.runs.recording_options import recording
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Sequence
+
+    from rclpy.node import Node
+
+    from barc_sim.lab.user_code.loading import UserCode
+    from barc_sim.nodes.simulator.node import VehicleSimulator
+
+
+class RunBag:
+    """Records a run; what describes the run is kept in the bag's metadata.
+
+    Attributes
+    ----------
+    recorder
+        The node that writes the bag.
+    """
+
+    def __init__(self, options: Namespace, user_code: UserCode) -> None:
+        """Make the bag and its recorder, with the user's files attached.
+
+        Raises
+        ------
+        UserError
+            if the bag cannot be made.
+        """
+        self._root_is_new = not options.bag_dir.exists()
+        self.recorder = BagRecorder(
+            options.bag_dir,
+            recording(options),
+            metadata=user_code_metadata(user_code),
+            attachments=attachments(user_code),
+        )
+
+    def begin(self, argv: list[str], nodes: Sequence[Node]) -> None:
+        """Record every topic of `nodes`, and describe the run that the command line `argv` made."""
+        self.recorder.add_metadata(_description(argv, nodes))
+        self.recorder.discover()
+        self._add_graph()
+
+    def end(self, simulators: Sequence[VehicleSimulator]) -> None:
+        """Add the results; to be called while the nodes still exist."""
+        results = {
+            'steps': sum(simulator.steps for simulator in simulators),
+            'missed_deadlines': sum(simulator.missed for simulator in simulators),
+            'slipped_periods': sum(simulator.slipped for simulator in simulators),
+        }
+        self.recorder.add_metadata({name: str(value) for name, value in results.items()})
+        self._add_graph()
+
+    def discard(self) -> None:
+        """Delete the bag; to be called after the recorder is destroyed."""
+        shutil.rmtree(self.recorder.path)
+        if self._root_is_new:
+            self.recorder.path.parent.rmdir()
+
+    def _add_graph(self) -> None:
+        self.recorder.add_metadata({'graph': observe(self.recorder).to_json()})
+
+    def print_commands(self) -> None:
+        """Print the bag's path, and the commands that read it."""
+        python = shlex.quote(_short(sys.executable))
+        print(summary(self.recorder.counts, self.recorder.lost))  # noqa: T201
+        path = shlex.quote(str(self.recorder.path))
+        print(f'bag     {path}')  # noqa: T201
+        print(f'plot    {python} -m barc_sim plot {path}')  # noqa: T201
+        print(f'replay  {python} -m barc_sim replay {path}')  # noqa: T201
+
+
+def _description(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
+    """Return what describes a run: `parameters` in the form that `ros2 param load` takes."""
+    values = [(node.get_fully_qualified_name(), _parameters(node)) for node in nodes]
+    # By parameter, not by node: `-r __node:=car` gives all nodes one name.
+    own = {name: value for _, parameters in values for name, value in parameters.items()}
+    return {
+        'command': shlex.join(['python', '-m', 'barc_sim.run', *argv]),
+        'barc_sim': __version__,
+        'python': python_version(),
+        'platform': platform(),
+        'parameters': yaml.safe_dump(
+            {name: {'ros__parameters': parameters} for name, parameters in values},
+            sort_keys=False,
+        ),
+        **{name: str(own[name]) for name in (*GAINS, 'road') if name in own},
+    }
+
+
+def _parameters(node: Node) -> dict[str, Any]:
+    names = node.list_parameters(prefixes=[], depth=0).names
+    return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
+
+
+def _short(path: str) -> str:
+    """Return `path` relative to the current directory if it lies below it."""
+    with suppress(ValueError):
+        return str(Path(path).relative_to(Path.cwd()))
+    return path

@@ -1,0 +1,84 @@
+"""Conducts a run from its command line to its exit code."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.bags.directory import check_root
+from barc_sim.cli.parser import report
+from barc_sim.errors import UserError
+from barc_sim.lab.user_code.loading import UserCode, UserCodeError, find_files, load_files
+from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.process import NUM_THREADS, ros
+from barc_sim.runs.terminal.user_output import UserOutput
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable
+
+    from barc_sim.cli.signals import StopSignals
+    from barc_sim.runs.composition import Run
+
+
+class Setup(NamedTuple):
+    """What a run is made of: the command line, and the values that it names."""
+
+    options: Namespace
+    argv: list[str]
+    road: Road | None  #: of `--road`; None: that of the simulator's parameter
+    user_code: UserCode
+    output: UserOutput  #: takes what user code prints
+
+
+def conduct(
+    create: Callable[[Setup], Run],
+    options: Namespace,
+    argv: list[str],
+    ros_args: list[str],
+    stop: StopSignals,
+) -> int:
+    """Spin the run that `create` returns until it ends or `stop` is requested.
+
+    Returns
+    -------
+    int
+        The exit code: 1 if user code or the recorder failed, or an error ended the run after its
+        first state. The bag then holds what was recorded.
+
+    Raises
+    ------
+    UserError
+        if an option, a user's file or a ROS argument cannot be used; no bag is left then.
+    """
+    road = Road.named(options.road) if options.road else None
+    if not options.no_bag:
+        check_root(options.bag_dir)
+    output = UserOutput(quiet=options.quiet)
+    setup = Setup(options, argv, road, _load_user_code(options, output), output)
+    if options.quiet:
+        ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
+    if stop.requested.is_set():  # during the imports
+        return 0
+    with ros(ros_args, network=options.network):
+        run = create(setup)
+        try:
+            run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        except (UserError, UserCodeError) as error:
+            if not (run.has_begun or isinstance(error, UserCodeError)):
+                run.discard()
+                raise
+            run.fail(str(error))
+        finally:
+            run.close()
+    run.print_end()
+    if run.failure:
+        report('barc_sim.run', run.failure)
+    return 1 if run.failure or (run.bag and run.bag.recorder.failure) else 0
+
+
+def _load_user_code(options: Namespace, output: UserOutput) -> UserCode:
+    """Load the user's files that the command line names."""
+    files = find_files(options.lab, options.parts) if options.lab else {}
+    named = {part: getattr(options, part) for part in options.parts}
+    return load_files(files | {part: file for part, file in named.items() if file}, output=output)
