@@ -1,4 +1,4 @@
-"""The node `relay`: turns a driver's requests, `cmd_vel`, into commands, `ecu`, at 20 Hz."""
+"""The node `relay`: turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ _PARAMETERS = [
     Parameter(
         'self_centring',
         _LIMITS.self_centring,
-        'whether the wheel returns to straight when let go; if not, left and right change its '
+        'whether the wheel returns to straight when released; if not, left and right change its '
         'angle, and it stays',
     ),
     Parameter('linear_scale', 1.0, 'share of the limits for a linear of 1', (-100.0, 100.0)),
     Parameter('angular_scale', 1.0, 'share of the limits for an angular of 1', (-100.0, 100.0)),
-    Parameter('stale_after', STALE_AFTER, 'age at which a Twist counts no more [s]', (0.05, 60.0)),
+    Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),
 ]
 
 
 class Relay(Node):
-    """Publishes a command at all times: coasting where nobody drives.
+    """Publishes commands all the time: coasting when nobody drives.
 
-    Its time is the driver's, the wall clock, at any real-time factor. Its commands bear no stamp:
-    each holds until the next.
+    It runs by the wall clock, as the driver does, at any real-time factor. Its commands have no
+    stamp: each holds until the next one.
 
     Attributes
     ----------
     driver
-        Makes the commands; `request` and `servo` tell what holds.
+        Makes the commands; its `request` and `servo` are those of the latest one.
     refused
         Twists that were not finite.
     """
@@ -72,12 +72,12 @@ class Relay(Node):
         driver: Driver | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
-        """Declare the parameters, and publish commands; `driver` takes the place of barc_sim's own.
+        """Declare the parameters, and publish commands; `driver` replaces barc_sim's own.
 
         Raises
         ------
         UserError
-            where a parameter is out of range.
+            if a parameter is out of range.
         """
         super().__init__('relay', **options)
         self.driver = driver or Driver()
@@ -117,8 +117,8 @@ class Relay(Node):
             return
         if not self.refused:
             self.get_logger().warning(
-                f'refused a Twist that is not finite: {twist.linear}, {twist.angular}; more of '
-                'them are refused silently'
+                f'refused a Twist that is not finite: {twist.linear}, {twist.angular}; others are '
+                'refused silently'
             )
         self.refused += 1
 
@@ -135,7 +135,7 @@ class Relay(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it is told to stop."""
+    """Run the node alone, until it is stopped."""
     return call('relay', lambda: spin(Relay, args))
 
 

@@ -1,4 +1,8 @@
-"""Keys of a terminal: the bytes that they arrive as, and what the held ones request for."""
+"""Keys of a terminal: decodes their bytes, and turns the held keys into a driver's input.
+
+The decoding is by hand. Libraries for terminals (curses, prompt_toolkit) report no releases of
+keys, which the kitty protocol does, or take over the whole screen, where the run draws its line.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +15,8 @@ from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-#: [s] A first press counts for longer than the usual delay before it repeats (0.5 s), a repeat for
-#: longer than the usual time to the next.
+#: [s] A first press lasts longer than the usual delay before the first repeat (0.5 s), and a repeat
+#: longer than the usual time to the next one.
 PRESS_HOLD = 0.6
 REPEAT_HOLD = 0.15
 
@@ -31,26 +35,26 @@ _DRIVING = ('up', 'down', 'left', 'right', 'space')
 _CTRL = 4  # in the protocol's sum of modifiers
 _RELEASE = 3
 _PASTE_BEGINS, _PASTE_ENDS = '200~', '201~'
-#: A sequence that goes on for longer is none.
+#: A longer sequence is discarded.
 _LONGEST = 64
 _SEQUENCE = re.compile(r'(?P<code>\d*)(?::\d*)*(?:;(?P<modifiers>\d*)(?::(?P<event>\d*))?)?')
 
 
 class KeyEvent(NamedTuple):
-    """A key that went down, or up where the terminal tells it."""
+    """A key that was pressed, or released if the terminal reports that."""
 
-    key: str  #: up, down, left, right, space, reset or quit; `blur`: the window lost the keys,
+    key: str  #: up, down, left, right, space, reset or quit; `blur`: the window lost the focus,
     #: `kitty`: the terminal offers the kitty keyboard protocol
     released: bool = False
 
 
 class KeyDecoder:
-    """Decodes what a terminal sends; a sequence may arrive in any number of pieces.
+    """Decodes the bytes that a terminal sends; a sequence may arrive in any number of pieces.
 
-    Understood are plain keys, the arrows in both of their modes, the kitty keyboard protocol
-    (https://sw.kovidgoyal.net/kitty/keyboard-protocol/), bracketed paste, which is ignored, and
-    focus reports. All else is ignored, and so is a key after a lone Escape, which is how a terminal
-    sends Alt. Ctrl-C always counts.
+    It decodes plain keys, the arrows in both of their modes, the kitty keyboard protocol
+    (https://sw.kovidgoyal.net/kitty/keyboard-protocol/) and focus reports. It ignores pasted text,
+    all other bytes, and a key after a lone Escape, which is how a terminal sends Alt. Ctrl-C is
+    never ignored.
     """
 
     def __init__(self) -> None:
@@ -107,15 +111,15 @@ def _key(match: re.Match[str], final: str) -> Iterator[KeyEvent]:
 
 
 class HeldKeys:
-    """Which keys are held, and what they request for.
+    """The keys that are held, and the driver's input that they make.
 
-    Most terminals tell no release: there a key counts as held for `press_hold` after it was
-    pressed, and for `repeat_hold` after each repeat; and only the key pressed last repeats.
+    Most terminals report no release. There a key counts as held for `press_hold` after it was
+    pressed, and for `repeat_hold` after each repeat. Only the key pressed last repeats.
 
     Attributes
     ----------
     releases
-        Whether the terminal tells when a key is let go; set it where that turns out.
+        Whether the terminal reports releases; to be set once it is known to.
     """
 
     def __init__(self, press_hold: float = PRESS_HOLD, repeat_hold: float = REPEAT_HOLD) -> None:
@@ -123,10 +127,10 @@ class HeldKeys:
         self.releases = False
         self._press_hold, self._repeat_hold = press_hold, repeat_hold
         self._until: dict[str, float] = {}
-        self._told = COAST
+        self._previous = COAST
 
-    def hear(self, event: KeyEvent, t: float) -> bool:
-        """Take note of an `event` at `t` [s]; return whether a key was pressed anew."""
+    def handle(self, event: KeyEvent, t: float) -> bool:
+        """Handle an `event` at `t` [s]; return whether it is a new press, not a repeat."""
         until = self._until.pop(event.key, -inf)
         if event.released:
             return False
@@ -139,7 +143,7 @@ class HeldKeys:
         return pressed
 
     def release(self) -> None:
-        """Let go of all keys."""
+        """Release all keys."""
         self._until.clear()
 
     def held(self, t: float) -> tuple[str, ...]:
@@ -147,9 +151,9 @@ class HeldKeys:
         return tuple(key for key in _DRIVING if self._until.get(key, -inf) >= t)
 
     def request(self, t: float) -> DriverInput | None:
-        """Return what the keys request for at `t` [s]; when let go, coasting once and then None.
+        """Return the driver's input at `t` [s]; after the release, coasting once and then None.
 
-        Nothing follows the brake: it is to stay on.
+        Nothing follows the brake, so that it stays on.
         """
         held = self.held(t)
         request = DriverInput(
@@ -158,5 +162,5 @@ class HeldKeys:
         )
         if 'space' in held:
             request = FULL_BRAKE
-        told, self._told = self._told, request
-        return request if held or told not in {COAST, FULL_BRAKE} else None
+        previous, self._previous = self._previous, request
+        return request if held or previous not in {COAST, FULL_BRAKE} else None

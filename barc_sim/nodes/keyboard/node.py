@@ -1,4 +1,4 @@
-"""The node `keyboard`: publishes what the keys of the terminal request for, as `cmd_vel`."""
+"""The node `keyboard`: publishes the driver's input from the terminal's keys, as `cmd_vel`."""
 
 from __future__ import annotations
 
@@ -33,34 +33,34 @@ _PARAMETERS = [
     Parameter(
         'press_hold',
         PRESS_HOLD,
-        'a key counts as held for so long after it was pressed, which is to be longer than the '
-        'delay before it repeats [s]',
+        'time [s] for which a key counts as held after a press; longer than the delay before the '
+        'key repeats',
         (0.05, 5.0),
         read_only=True,
     ),
     Parameter(
         'repeat_hold',
         REPEAT_HOLD,
-        'a key counts as held for so long after each time that it repeats [s]',
+        'time [s] for which a key counts as held after each repeat',
         (0.05, 5.0),
         read_only=True,
     ),
 ]
 
 
-#: For how long the last Twist may be on its way.
-_LAST_WORD = Duration(seconds=0.3)
+#: To wait for the delivery of the last Twist.
+_DELIVERY_TIMEOUT = Duration(seconds=0.3)
 
 
 class Keyboard(Node):
-    """Publishes while a key is held, zero once when it is let go, and then nothing.
+    """Publishes while a key is held, zero once after its release, and then nothing.
 
     At its end it publishes the brake.
 
     Attributes
     ----------
     finished
-        Done when the user wants to end it.
+        Done when the user presses `q` or Ctrl-C.
     """
 
     def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)
@@ -69,7 +69,7 @@ class Keyboard(Node):
         Raises
         ------
         UserError
-            where a parameter is out of range.
+            if a parameter is out of range.
         """
         super().__init__('keyboard', **options)
         values = declare(self, _PARAMETERS)
@@ -77,7 +77,7 @@ class Keyboard(Node):
         self._events: deque[tuple[KeyEvent, float]] = deque()
         self._terminal = terminal
         self.finished: Future = Future()
-        # Whoever sets it, from whatever thread: the terminal is given back before all else ends.
+        # The terminal is restored before all else ends, whichever thread ends it.
         self.finished.add_done_callback(lambda _: terminal.close())
 
         self._twist_pub = publisher(self, Twist, names.CMD_VEL)
@@ -89,16 +89,16 @@ class Keyboard(Node):
         terminal.listen(self._on_event)
 
     def destroy_node(self) -> None:
-        """Give the terminal back, brake, and destroy the node."""
+        """Restore the terminal, brake, and destroy the node."""
         self._terminal.close()
         if self.context.ok() and self._twist_pub in self.publishers:
             self._twist_pub.publish(to_twist(FULL_BRAKE))
-            # The process may end next, and what was not delivered with it.
-            self._twist_pub.wait_for_all_acked(_LAST_WORD)
+            # The process may end next, and would discard what is not delivered.
+            self._twist_pub.wait_for_all_acked(_DELIVERY_TIMEOUT)
         super().destroy_node()
 
     def _on_event(self, event: KeyEvent) -> None:
-        """Hand an event over to the thread that spins; called in the terminal's."""
+        """Pass an event from the terminal's thread to the thread that spins."""
         if event.key == 'quit':
             self.finished.set_result(None)
         else:
@@ -112,8 +112,8 @@ class Keyboard(Node):
                 self._keys.releases = True
             elif event.key == 'blur':
                 self._keys.release()
-            elif self._keys.hear(event, t) and event.key == 'reset':
-                self._ask_for_reset()
+            elif self._keys.handle(event, t) and event.key == 'reset':
+                self._request_reset()
         self._publish()
         self._timer.reset()
 

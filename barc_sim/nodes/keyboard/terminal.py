@@ -1,4 +1,8 @@
-"""The terminal as a keyboard: raw while it is read, and then as it was before."""
+"""The terminal as a keyboard: raw while it is read, and restored at the end.
+
+The settings are made by hand: `tty.setraw` would also turn off the output's processing, which the
+run's lines need, and curses would clear the screen.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +22,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-#: Bracketed paste and focus reports on; is there the kitty protocol?
+#: Turns on bracketed paste and focus reports, and queries the kitty protocol.
 _BEGIN = b'\x1b[?2004h\x1b[?1004h\x1b[?u'
-#: Every key as a sequence, with releases.
+#: Turns on sequences for all keys, with releases.
 _PUSH_KITTY, _POP_KITTY = b'\x1b[>11u', b'\x1b[<u'
 _END = b'\x1b[?1004l\x1b[?2004l'
 _CHUNK = 1024
@@ -29,16 +33,16 @@ _CHUNK = 1024
 class Terminal:
     """Reads keys from a terminal in a thread of its own, from `listen` to `close`.
 
-    Keys are not echoed and make no signals meanwhile; what is written to it looks as ever.
+    Meanwhile keys are not echoed and send no signals; output is not changed.
     """
 
     def __init__(self, fd: int = 0) -> None:
-        """Take the terminal that `fd` is.
+        """Use the terminal at the file descriptor `fd`.
 
         Raises
         ------
         UserError
-            where it is none, or this process is not the one in its foreground.
+            if it is no terminal, or this process is not in its foreground.
         """
         why = _unusable(fd)
         if why:
@@ -68,8 +72,8 @@ class Terminal:
     def listen(self, on_event: Callable[[KeyEvent], object]) -> None:
         """Make the terminal raw, and call `on_event` from a thread for each key.
 
-        The end of the terminal is a `quit`. `on_event` must not wait for the thread that closes
-        the terminal, which waits for it.
+        The end of the terminal is the event `quit`. `on_event` must not wait for the thread that
+        closes the terminal, as that thread waits for it.
         """
         with self._lock:
             settings = termios.tcgetattr(self._fd)
@@ -85,9 +89,9 @@ class Terminal:
         self._thread.start()
 
     def close(self) -> None:
-        """Give the terminal back as it was; may be called from any thread, and again."""
+        """Restore the terminal; may be called from any thread, and again."""
         self._restore()
-        # Also where the reading thread has restored it: it is not to read from it any more.
+        # Even if it is restored already: the reading thread must have ended.
         thread = self._thread
         if thread and thread is not current_thread():
             thread.join()
@@ -98,9 +102,9 @@ class Terminal:
             if settings is None:
                 return
             self._write((_POP_KITTY if self._kitty else b'') + _END)
-            with suppress(termios.error):  # it may be gone
-                # What was typed meanwhile is not for the shell. TCSAFLUSH would wait for a terminal
-                # that takes no output.
+            with suppress(termios.error):  # the terminal may be gone
+                # Discard what was typed, so that the shell does not read it. TCSAFLUSH would wait
+                # for a terminal that accepts no output.
                 termios.tcflush(self._fd, termios.TCIFLUSH)
                 termios.tcsetattr(self._fd, termios.TCSANOW, settings)
             os.close(self._wake)
@@ -127,17 +131,17 @@ class Terminal:
                 self._write(_PUSH_KITTY)
 
     def _write(self, data: bytes) -> None:
-        with suppress(OSError):  # it may be gone, or only to be read
+        with suppress(OSError):  # the terminal may be gone, or read-only
             if select.select([], [self._fd], [], 0.0)[1]:
                 os.write(self._fd, data)
 
 
 def _unusable(fd: int) -> str | None:
-    """Return why no keys can be read from `fd`, if so."""
+    """Return why no keys can be read from `fd`; None if they can."""
     if not os.isatty(fd):
         return 'the standard input is no terminal'
     try:
         foreground = os.tcgetpgrp(fd)
-    except OSError:  # not the terminal that controls this process: nobody stops it
+    except OSError:  # not the controlling terminal: reading from it is not stopped
         return None
     return None if foreground == os.getpgrp() else 'this process runs in the background'

@@ -44,13 +44,13 @@ def events(*pieces: bytes) -> list[KeyEvent]:
 
 
 @pytest.mark.parametrize(('data', 'key'), KEYS.items())
-def test_each_key_is_understood_also_byte_by_byte(data: bytes, key: str) -> None:
+def test_each_key_is_decoded_also_byte_by_byte(data: bytes, key: str) -> None:
     assert events(data) == [KeyEvent(key)]
     assert events(*(bytes([byte]) for byte in data)) == [KeyEvent(key)]
 
 
 @pytest.mark.parametrize('data', [b'\x1b[1;1:3A', b'\x1b[119;1:3u'])
-def test_a_release_is_understood(data: bytes) -> None:
+def test_a_release_is_decoded(data: bytes) -> None:
     assert events(data) == [KeyEvent('up', released=True)]
 
 
@@ -97,7 +97,7 @@ def test_where_the_bytes_are_cut_makes_no_difference(data: bytes, cuts: list[int
 def test_no_bytes_do_harm(data: bytes) -> None:
     keys = HeldKeys()
     for event in events(data):
-        keys.hear(event, 0.0)
+        keys.handle(event, 0.0)
     request = keys.request(0.0)
     assert request is None or all(-1.0 <= share <= 1.0 for share in request)
 
@@ -106,7 +106,7 @@ def press(*keys: str, releases: bool = False) -> HeldKeys:
     held = HeldKeys()
     held.releases = releases
     for key in keys:
-        held.hear(KeyEvent(key), 0.0)
+        held.handle(KeyEvent(key), 0.0)
     return held
 
 
@@ -140,23 +140,23 @@ def test_a_key_that_repeats_is_held_until_shortly_after_the_last_repeat() -> Non
     for k in range(34):  # as a keyboard does: half a second's delay, then 33 a second
         t = 0.5 + k * 0.03
         assert held.held(t) == ('up',)
-        held.hear(KeyEvent('up'), t)
+        held.handle(KeyEvent('up'), t)
     assert held.request(last + REPEAT_HOLD - 0.01) == DriverInput(forward=1.0)
     assert held.request(last + REPEAT_HOLD + 0.01) == COAST
 
 
 def test_a_press_after_the_hold_is_a_first_press_again() -> None:
     held = press('up')
-    held.hear(KeyEvent('up'), 10.0)
+    held.handle(KeyEvent('up'), 10.0)
     assert held.request(10.0 + PRESS_HOLD) == DriverInput(forward=1.0)
 
 
-def test_where_releases_are_told_a_key_is_held_until_then() -> None:
+def test_with_releases_a_key_is_held_until_its_release() -> None:
     held = press('up', 'left', releases=True)
     assert held.request(100.0) == DriverInput(forward=1.0, turn=1.0)
-    held.hear(KeyEvent('left', released=True), 100.0)
+    held.handle(KeyEvent('left', released=True), 100.0)
     assert held.request(100.0) == DriverInput(forward=1.0)
-    held.hear(KeyEvent('up', released=True), 101.0)
+    held.handle(KeyEvent('up', released=True), 101.0)
     assert held.request(101.0) == COAST
     assert held.request(101.1) is None
 
@@ -164,18 +164,18 @@ def test_where_releases_are_told_a_key_is_held_until_then() -> None:
 def test_nothing_follows_the_brake_so_that_it_stays_on() -> None:
     held = press('space', releases=True)
     assert held.request(0.0) == FULL_BRAKE
-    held.hear(KeyEvent('space', released=True), 0.2)
+    held.handle(KeyEvent('space', released=True), 0.2)
     assert held.request(0.2) is None
 
 
-def test_a_key_still_held_when_the_brake_is_let_go_counts_again() -> None:
+def test_a_key_still_held_when_the_brake_is_released_counts_again() -> None:
     held = press('up', 'space', releases=True)
     assert held.request(0.0) == FULL_BRAKE
-    held.hear(KeyEvent('space', released=True), 0.2)
+    held.handle(KeyEvent('space', released=True), 0.2)
     assert held.request(0.2) == DriverInput(forward=1.0)
 
 
-def test_letting_go_of_all_keys_is_coasting() -> None:
+def test_release_of_all_keys_is_coasting() -> None:
     held = press('up', 'left', releases=True)
     assert held.request(0.0)
     held.release()

@@ -40,12 +40,12 @@ UP, LEFT = DriverInput(forward=1.0), DriverInput(turn=1.0)
 
 
 class Bench:
-    """A keyboard node on a pseudo-terminal, and a node that hears it and can be reset."""
+    """A keyboard node on a pseudo-terminal, and a node that receives from it and can be reset."""
 
     def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
         self.user, self.fd = pty.openpty()
         self.before = termios.tcgetattr(self.fd)
-        self.heard: list[DriverInput] = []
+        self.received: list[DriverInput] = []
         self.resets = 0
         self.peer = Node('vehicle_simulator', context=context)
         self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, names.QOS)
@@ -57,7 +57,7 @@ class Bench:
         self.until = partial(spin_until, self.executor)
 
     def _on_twist(self, twist: Twist) -> None:
-        self.heard.append(to_driver_input(twist))
+        self.received.append(to_driver_input(twist))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.resets += 1
@@ -69,8 +69,8 @@ class Bench:
 
     @property
     def changes(self) -> list[DriverInput]:
-        """What was heard, each once."""
-        return [request for request, _ in groupby(self.heard)]
+        """The inputs received, without repetitions."""
+        return [request for request, _ in groupby(self.received)]
 
     def close(self) -> None:
         """End the node."""
@@ -96,49 +96,49 @@ def spin_for(bench: Bench, seconds: float) -> None:
 
 def test_a_press_drives_then_coasts_once_and_falls_silent(bench: Bench) -> None:
     bench.type(b'w')
-    bench.until(lambda: COAST in bench.heard)
+    bench.until(lambda: COAST in bench.received)
     assert bench.changes == [UP, COAST]
-    assert bench.heard.count(UP) > 5
-    count = len(bench.heard)
+    assert bench.received.count(UP) > 5
+    count = len(bench.received)
     spin_for(bench, 0.3)
-    assert len(bench.heard) == count
+    assert len(bench.received) == count
 
 
-def test_what_is_published_is_what_the_keys_wish_for(bench: Bench) -> None:
+def test_what_is_published_is_what_the_keys_make(bench: Bench) -> None:
     script = [b'\x1b[A', b'\x1b[D', b' ', b'\x1b[C', b's']
     keys, decoder, expected = HeldKeys(), KeyDecoder(), []
     for k, data in enumerate(script):
         for event in decoder.decode(data):
-            keys.hear(event, float(k))
+            keys.handle(event, float(k))
         expected += [keys.request(k + 0.1), keys.request(k + 0.9)]
     for data in script:
         bench.type(data)
-        before = len(bench.heard)
+        before = len(bench.received)
         if data == b' ':
-            bench.until(lambda before=before: len(bench.heard) > before)
+            bench.until(lambda before=before: len(bench.received) > before)
             spin_for(bench, 0.7)
         else:
-            bench.until(lambda before=before: COAST in bench.heard[before:])
+            bench.until(lambda before=before: COAST in bench.received[before:])
     assert bench.changes == [request for request in expected if request is not None]
 
 
-def test_with_releases_keys_combine_and_end_when_let_go(bench: Bench) -> None:
+def test_with_releases_keys_combine_until_released(bench: Bench) -> None:
     bench.type(b'\x1b[?0u\x1b[119;1:1u')
-    bench.until(lambda: UP in bench.heard)
+    bench.until(lambda: UP in bench.received)
     spin_for(bench, 0.8)
     bench.type(b'\x1b[97;1:1u')
     both = DriverInput(forward=1.0, turn=1.0)
-    bench.until(lambda: both in bench.heard)
+    bench.until(lambda: both in bench.received)
     bench.type(b'\x1b[119;1:3u')
-    bench.until(lambda: LEFT in bench.heard)
+    bench.until(lambda: LEFT in bench.received)
     bench.type(b'\x1b[O')
-    bench.until(lambda: COAST in bench.heard)
+    bench.until(lambda: COAST in bench.received)
     assert bench.changes == [UP, both, LEFT, COAST]
 
 
 def test_nothing_follows_the_brake(bench: Bench) -> None:
     bench.type(b' ')
-    bench.until(lambda: FULL_BRAKE in bench.heard)
+    bench.until(lambda: FULL_BRAKE in bench.received)
     spin_for(bench, 0.9)
     assert bench.changes == [FULL_BRAKE]
 
@@ -148,25 +148,25 @@ def test_reset_is_called_once_for_a_key_held(bench: Bench) -> None:
     bench.type(b'rrrr')
     bench.until(lambda: bench.resets == 1)
     bench.type(b'w')
-    bench.until(lambda: COAST in bench.heard)
+    bench.until(lambda: COAST in bench.received)
     assert bench.resets == 1
     assert bench.changes == [UP, COAST]
 
 
 @pytest.mark.parametrize('key', [b'q', b'\x03', b'\x1b[99;5u'])
-def test_quit_gives_the_terminal_back_and_finishes(bench: Bench, key: bytes) -> None:
+def test_quit_restores_the_terminal_and_finishes(bench: Bench, key: bytes) -> None:
     bench.type(key)
     bench.until(bench.keyboard.finished.done)
-    # The terminal is given back in a callback of that future.
+    # The terminal is restored in a callback of that future.
     bench.until(lambda: termios.tcgetattr(bench.fd) == bench.before)
 
 
 def test_its_end_is_the_brake(bench: Bench) -> None:
     bench.type(b'w')
-    bench.until(lambda: UP in bench.heard)
+    bench.until(lambda: UP in bench.received)
     bench.executor.remove_node(bench.keyboard)
     bench.keyboard.destroy_node()
-    bench.until(lambda: FULL_BRAKE in bench.heard)
+    bench.until(lambda: FULL_BRAKE in bench.received)
     assert termios.tcgetattr(bench.fd) == bench.before
 
 
@@ -184,13 +184,13 @@ def test_random_bytes_pastes_and_cut_sequences_leave_it_running(bench: Bench) ->
     bench.type(b'\x18\x1b[200~wwww q \x1b[A')
     bench.type(b'\x1b[201~')
     spin_for(bench, 1.0)
-    bench.heard.clear()
+    bench.received.clear()
     bench.type(b'\x1b')
     spin_for(bench, 0.05)
     bench.type(b'[A')
-    bench.until(lambda: UP in bench.heard)
+    bench.until(lambda: UP in bench.received)
     assert not bench.keyboard.finished.done()
-    assert all(-1.0 <= share <= 1.0 for request in bench.heard for share in request)
+    assert all(-1.0 <= share <= 1.0 for request in bench.received for share in request)
 
 
 def test_closing_its_terminal_brakes_where_it_runs_alone(
