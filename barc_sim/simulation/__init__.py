@@ -1,4 +1,4 @@
 """Vehicle and controller together: the closed loop, the log of a run, and figures of its quality.
 
-Nothing here is in real time or knows of ROS.
+`stepper` is the state machine of a simulator in time. Nothing here imports ROS, or starts a timer.
 """

@@ -29,7 +29,7 @@ _COURSE = 1152  # states from 0 to 180 m
 class _Run(TimedRun):
     """Ends early where a lock-step course would take minutes."""
 
-    def note(self, *_: float) -> None:
+    def note(self, *_: object) -> None:
         super().note()
         if self._in_lock_step and self.steps[-1] - self.steps[0] > _LOCK_STEP_LIMIT:
             self.finish()

@@ -8,8 +8,9 @@ import numpy as np
 
 from barc_sim.lab.user_code.loading import UserCode
 from barc_sim.run import parser
+from barc_sim.runs.conduct import Setup
 from barc_sim.runs.cruise_control import CruiseControl
-from barc_sim.runs.terminal.printed import Printed
+from barc_sim.runs.terminal.user_output import UserOutput
 
 _PERIOD = 0.02  # s
 
@@ -28,11 +29,11 @@ class TimedRun(CruiseControl):
         self.processor: list[float] = []  #: [s] of processor time
         self.first = 0.0  #: [s] since the epoch
         options = parser().parse_args(['acc', '--quiet', *arguments])
-        super().__init__(options, [], UserCode(), Printed(quiet=True))
+        super().__init__(Setup(options, [], None, UserCode(), UserOutput(quiet=True)))
         (self._car,) = self.cars
         self._car.show = self.note
 
-    def note(self, *_: float) -> None:
+    def note(self, *_: object) -> None:
         """Note that a state was published now."""
         self.first = self.first or time.time()
         self.steps.append(time.perf_counter())
@@ -46,7 +47,7 @@ class TimedRun(CruiseControl):
             'jitter p99, ms': float(np.percentile(off, 99)),
             'p50, ms': float(np.percentile(off, 50)),
             'max, ms': float(off.max()),
-            'missed': self.missed,
+            'missed': self._car.simulator.missed,
             'slipped': self.slipped,
             'core, %': (self.processor[-1] - self.processor[0]) / taken * 100.0,
         }

@@ -117,7 +117,7 @@ class Keyboard(Node):
         self._publish()
         self._timer.reset()
 
-    def _ask_for_reset(self) -> None:
+    def _request_reset(self) -> None:
         if self._reset.service_is_ready():
             self._reset.call_async(Trigger.Request())
         else:
