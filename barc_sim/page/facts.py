@@ -26,16 +26,18 @@ def facts(
     simulator: Mapping[str, Any],
     controller: Mapping[str, Any],
     kind: type[Controller] = PID,
+    road: Road | None = None,
 ) -> dict[str, Any]:
     """Return the fields of the greeting; parameters that are not known yet are left out.
 
-    `kind` declares the controller's gains, a slider each, and the terms to draw.
+    `kind` declares the controller's gains, a slider each, and the terms to draw. `road` replaces
+    the one that the simulator's parameter names.
     """
     sliders = {**kind.gains, 'speed_reference': REFERENCE}
     return {
         'mode': mode,
         'columns': COLUMNS,
-        'road': _road(simulator.get('road')),
+        'road': road_facts(road) if road else _road(simulator.get('road')),
         'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
         'terms': list(kind.terms),
         'sliders': {

@@ -87,6 +87,7 @@ class Run(ABC):
                 host=options.view_host,
                 port=options.view_port and options.view_port + number,
                 status=partial(_status, simulator),
+                road=simulator.road,
                 namespace=simulator.get_namespace(),
             )
             if not options.quiet:

@@ -10,6 +10,7 @@ import pytest
 from barc_sim.control.lqr import LQR
 from barc_sim.page.facts import driven_road, facts
 from barc_sim.simulation.closed_loop import rollout
+from barc_sim.vehicle.road import Road
 
 
 def test_a_road_that_the_simulator_names_is_told() -> None:
@@ -34,6 +35,12 @@ def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
 @pytest.mark.parametrize('simulator', [{}, {'road': 'no/such/file.csv'}])
 def test_a_road_that_is_not_known_here_is_left_out(simulator: dict[str, str]) -> None:
     assert facts('acc', simulator, {})['road'] is None
+
+
+def test_road_value_needs_no_file() -> None:
+    road = Road(starts=(0.0,), grades_deg=(3.0,), name='no/such/file.csv')
+    found = facts('acc', {'road': road.name}, {}, road=road)
+    assert found['road'] == {'starts': [0.0], 'grades_deg': [3.0]}
 
 
 def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.page.protocol import Request
     from barc_sim.page.server import Page
+    from barc_sim.vehicle.road import Road
 
 
 MODES = ('acc', 'teleop')
@@ -57,6 +58,8 @@ class ViewNode(Node):
     status
         Returns the facts that no topic carries; called in the server's thread, from the first
         state on.
+    road
+        Replaces the road that the simulator's parameter names.
     options
         Those of `rclpy.node.Node`.
 
@@ -78,6 +81,7 @@ class ViewNode(Node):
         host: str = '127.0.0.1',
         port: int = 0,
         status: Callable[[], Status] = Status,
+        road: Road | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('view', **options)
@@ -95,6 +99,7 @@ class ViewNode(Node):
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
         self._mode = values['mode']
         self._status = status
+        self._road = road
         self._arbiter = DriverArbiter()
         self._simulator: dict[str, Any] = {}
         self._controller: dict[str, Any] = {}
@@ -138,7 +143,8 @@ class ViewNode(Node):
             yield encode('end', reason=self._ended)
 
     def _facts(self) -> dict[str, Any]:
-        return facts(self._mode, self._simulator, self._controller, self._kind or PID)
+        kind = self._kind or PID
+        return facts(self._mode, self._simulator, self._controller, kind, self._road)
 
     def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
