@@ -512,26 +512,9 @@ def test_time_stands_still_while_paused(world: World, factor: float) -> None:
     assert times == [times[0] + k * 20_000_000 for k in range(len(times))]
 
 
-def test_reset_while_paused_shows_the_start_and_stays_paused(world: World) -> None:
+def test_paused_time_continues_step_by_step(world: World) -> None:
     world.driver(partial(command, 1.0))
-    simulator = world.simulator(realtime_factor=LOCK_STEP)
-    world.until(lambda: len(world.states) >= 5)
-    call(world, SetBool, 'pause', data=True)
-    world.until(lambda: len(world.states) == simulator.steps)
-    steps = simulator.steps
-    call(world, Trigger, 'reset')
-    world.until(lambda: len(world.states) == steps + 1)
-    assert world.states[-1].x == 0.0
-    call(world, SetBool, 'pause', data=True)
-    assert simulator.steps == steps + 1
-    call(world, SetBool, 'pause', data=False)
-    world.until(lambda: len(world.states) >= steps + 5)
-
-
-@pytest.mark.parametrize('factor', [10.0])
-def test_paused_time_goes_on_step_by_step(world: World, factor: float) -> None:
-    world.driver(partial(command, 1.0))
-    simulator = world.simulator(realtime_factor=factor)
+    simulator = world.simulator(realtime_factor=10.0)
     world.until(lambda: len(world.states) >= 5)
     call(world, SetBool, 'pause', data=True)
     steps, missed = simulator.steps, simulator.missed
