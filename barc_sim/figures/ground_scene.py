@@ -11,6 +11,7 @@ from matplotlib.transforms import Affine2D
 
 from barc_sim.figures.road_scene import AXLES, GLASS, LAMP
 from barc_sim.figures.style import BLUE, INK, MUTED, VERMILLION, reading
+from barc_sim.vehicle.body import HALF_TRACK, WHEEL_WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -34,8 +35,7 @@ LIGHTS = [
     ([(2.05, 0.75), (2.19, 0.6), (2.19, 0.4), (2.08, 0.5)], LAMP),
     ([(-2.19, 0.7), (-2.12, 0.7), (-2.12, 0.35), (-2.19, 0.35)], VERMILLION),
 ]
-TRACK = 0.86  #: [m] from the middle to a wheel
-WHEEL = (0.7, 0.26)  #: [m] length and width
+WHEEL = (0.7, WHEEL_WIDTH)  #: [m] length and width
 
 
 class TopCar:
@@ -55,7 +55,7 @@ class TopCar:
         rear, front = AXLES
         mirrored = [([(x, -y) for x, y in points], color) for points, color in LIGHTS]
         self.artists: list[Artist] = [
-            *(_wheel(Affine2D().translate(rear, side * TRACK) + body) for side in (-1, 1)),
+            *(_wheel(Affine2D().translate(rear, side * HALF_TRACK) + body) for side in (-1, 1)),
             *(_wheel(wheel + body) for wheel in self._front),
             FancyBboxPatch(
                 (REAR + ROUNDING, -HALF_WIDTH + ROUNDING),
@@ -81,7 +81,7 @@ class TopCar:
         """Turn the car to heading `psi` [rad], and its front wheels by `servo` [rad]."""
         self._body.clear().rotate(psi)
         for side, wheel in zip((-1, 1), self._front, strict=True):
-            wheel.clear().rotate(servo).translate(self._axle, side * TRACK)
+            wheel.clear().rotate(servo).translate(self._axle, side * HALF_TRACK)
 
 
 def _wheel(transform: Transform) -> Rectangle:

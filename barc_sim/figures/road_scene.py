@@ -11,6 +11,7 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from barc_sim.figures.style import BLUE, EARTH, INK, MUTED, SURFACE, VERMILLION, reading
+from barc_sim.vehicle.body import WHEEL_RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 #: [m] from the centre of mass to the rear axle and to the front axle.
 AXLES = (-1.5, 1.5)
-WHEEL_RADIUS = 0.36  #: [m]
 SPOKES = 5
 
 # In metres from the middle between the axles, x forward, y up, clockwise from the rear bumper.

@@ -326,7 +326,9 @@ def test_road_file_that_is_gone_does_not_matter_at_a_reset(
         out, err = run.communicate(timeout=60)
     executor.shutdown()
     node.destroy_node()
-    assert (run.returncode, err) == (0, '')
+    assert run.returncode == 0
+    # A busy machine may miss a deadline.
+    assert [line for line in err.splitlines() if 'missed deadline' not in line] == []
     found = messages(tmp_path / out.strip())
     xs = [state.x for state in found['/z_vhcl']]
     assert sum(after < before - 2.0 for before, after in pairwise(xs)) == 1

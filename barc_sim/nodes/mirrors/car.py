@@ -11,14 +11,13 @@ from __future__ import annotations
 from math import atan2, cos, hypot, radians, sin
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.vehicle.body import HALF_TRACK, WHEEL_RADIUS
+
 if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Motion, Vehicle
     from barc_sim.vehicle.road import Road
 
 # The wheels as barc_sim.figures draws them.
-HALF_TRACK = 0.86  #: [m] from the car's centre line to a wheel
-WHEEL_RADIUS = 0.36  #: [m]
-WHEEL_WIDTH = 0.26  #: [m]
 #: Front left, front right, rear left, rear right: whether at the front, and the side (left is 1).
 WHEELS = ((True, 1.0), (True, -1.0), (False, 1.0), (False, -1.0))
 

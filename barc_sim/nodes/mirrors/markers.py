@@ -10,9 +10,10 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.nodes.mirrors.car import WHEEL_RADIUS, WHEEL_WIDTH, Quaternion, orientation
+from barc_sim.nodes.mirrors.car import Quaternion, orientation
 from barc_sim.nodes.mirrors.messages import ODOM, stamp
 from barc_sim.ros.conversions import to_header
+from barc_sim.vehicle.body import WHEEL_RADIUS, WHEEL_WIDTH
 
 if TYPE_CHECKING:
     from barc_sim.nodes.mirrors.ride import MirroredState

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from math import atan, hypot, isclose, pi, radians, sin, tan
+from math import atan, hypot, pi, radians, sin, tan
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barc_sim.figures import side_car, top_car
-from barc_sim.nodes.mirrors import car
 from barc_sim.nodes.mirrors.car import (
-    HALF_TRACK,
     WHEEL_RADIUS,
     Pose,
     Quaternion,
@@ -172,9 +169,3 @@ def test_every_step_of_the_model_is_continuous(
 def test_back_at_the_start_a_new_ride_begins(before: State, dt: float) -> None:
     start = motion(State(), 0.0, VEHICLE)
     assert not is_continuous(motion(before, 0.0, VEHICLE), start, dt)
-
-
-def test_wheels_are_as_they_are_drawn() -> None:
-    assert HALF_TRACK == top_car.TRACK
-    assert WHEEL_RADIUS == side_car.WHEEL_RADIUS
-    assert isclose(car.WHEEL_WIDTH, top_car.WHEEL[1])
