@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from barc_sim.control.driver import DriverInput
 
 
-def rollout(
+def closed_loop(
     plant: Plant | None = None,
-    pid: Controller | None = None,
+    controller: Controller | None = None,
     *,
     speed_reference: float = SPEED_REFERENCE,
     distance: float = 180.0,
@@ -33,19 +33,19 @@ def rollout(
 ) -> Log:
     """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
 
-    `plant` and `pid` are the run's defaults unless given, and are left as the run left them. The
+    `plant` and `controller`, those of a run unless given, are left as the run left them. The
     last row is the first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
-    pid = speed_controller() if pid is None else as_controller(pid)
-    terms = recordable(pid.terms)
+    controller = speed_controller() if controller is None else as_controller(controller)
+    terms = recordable(controller.terms)
     rows: list[tuple[float, ...]] = []
     dt = FIRST_DT
     period_ns = round(plant.ts * 1e9)
     steps = round(max_duration / plant.ts)
     for k in range(steps + 1):
         seen = plant.observe()
-        command = Input(pid.acc_calculate(speed_reference, seen.measured.v_x, dt), 0.0)
+        command = Input(controller.acc_calculate(speed_reference, seen.measured.v_x, dt), 0.0)
         rows.append(
             (
                 k * period_ns / 1e9,
@@ -56,8 +56,8 @@ def rollout(
                 seen.elevation,
                 *seen.forces,
                 speed_reference,
-                pid.saturated,
-                *[getattr(pid, name) for name in terms],
+                controller.saturated,
+                *[getattr(controller, name) for name in terms],
             )
         )
         if plant.state.x >= distance:

@@ -8,7 +8,7 @@ from math import inf, radians, sin
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Motion, Vehicle
@@ -79,11 +79,11 @@ class Course:
 
     @property
     def steps(self) -> int:
-        """The greatest number of steps, as `rollout` counts them."""
+        """The greatest number of steps, as `closed_loop` counts them."""
         return round(self.max_duration / self.ts)
 
     def drive(self, pid: Controller) -> Log:
-        """Return the run of `pid` over the course, by `rollout`."""
+        """Return the run of `pid` over the course, by `closed_loop`."""
         plant = Plant(
             road=self.road,
             vehicle=self.vehicle,
@@ -92,7 +92,7 @@ class Course:
             seed=self.seed,
             motor=Actuator(delay=self.delay * self.ts),
         )
-        return rollout(
+        return closed_loop(
             plant,
             pid,
             speed_reference=self.speed,

@@ -1,4 +1,4 @@
-"""One closed loop in plain floats: `rollout` without its log, to the same last bit."""
+"""One closed loop in plain floats: `closed_loop` without its log, to the same last bit."""
 
 from __future__ import annotations
 

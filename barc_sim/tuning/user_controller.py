@@ -1,4 +1,4 @@
-"""Closed loops with somebody's own controller: one at a time, by `rollout`."""
+"""Closed loops with somebody's own controller: one at a time, by `closed_loop`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The vehicle on its road with its sensors: what the simulator node and the rollout step alike."""
+"""The vehicle on its road with its sensors: what the simulator node and the closed loops step."""
 
 from __future__ import annotations
 

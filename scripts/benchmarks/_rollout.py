@@ -14,7 +14,7 @@ import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.pid import KD, KI, KP
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.tuning import batch, compiled, single
 from barc_sim.tuning.course import Course
 from barc_sim.vehicle.road import Road
@@ -77,8 +77,8 @@ def lab_loop() -> int:
 
 
 def objects_loop() -> int:
-    """Drive `rollout`, with all that its log holds."""
-    return len(rollout()) - 1
+    """Drive `closed_loop`, with all that its log holds."""
+    return len(closed_loop()) - 1
 
 
 def single_loop() -> int:

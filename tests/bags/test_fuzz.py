@@ -25,7 +25,7 @@ from barc_sim.figures import side_view
 from barc_sim.lab.regrade.judging import judge
 from barc_sim.lab.report.facts import read
 from barc_sim.lab.report.page import page
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,7 +43,7 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     """Return the file of a short run, finished and killed."""
     directory = tmp_path_factory.mktemp('fuzz') / 'run'
     directory.mkdir()
-    log = rollout(distance=2.0)
+    log = closed_loop(distance=2.0)
     metadata = {
         'command': 'acc',
         'kp': '30.0',

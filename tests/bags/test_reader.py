@@ -16,7 +16,7 @@ from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,7 +32,7 @@ def start(directory: Path) -> BagWriter:
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    return rollout(distance=25.0)
+    return closed_loop(distance=25.0)
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def test_a_run_is_read_back_bit_for_bit(run: Path, log: Log) -> None:
 
 
 def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
-    expected = rollout(pid=LQR(output_min=-8.0, output_max=8.0), distance=25.0)
+    expected = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0), distance=25.0)
     writer = start(tmp_path / 'run')
     fill(writer, expected)
     writer.close()
@@ -77,7 +77,7 @@ def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path:
         feedforward = 0.5
         motor = 7.0
 
-    expected = rollout(pid=Feedforward(output_min=-8.0, output_max=8.0), distance=25.0)
+    expected = closed_loop(controller=Feedforward(output_min=-8.0, output_max=8.0), distance=25.0)
     assert [*expected.terms] == ['proportional', 'feedforward']
     assert expected.motor[-1] != 7.0
     writer = start(tmp_path / 'run')
@@ -223,7 +223,7 @@ def test_files_of_a_bag_are_found_by_name(tmp_path: Path) -> None:
 
 
 def test_messages_are_counted_by_topic(tmp_path: Path) -> None:
-    log = rollout(distance=1.0)
+    log = closed_loop(distance=1.0)
     writer = start(tmp_path / 'run')
     fill(writer, log, '/car1')
     writer.close()

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from barc_sim.bags import reader as bag
 from barc_sim.commands import plot
 from barc_sim.figures import output
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
@@ -25,7 +25,7 @@ SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
 @pytest.fixture
 def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the directory of a bag that reads as a short run, on a machine without display."""
-    log = rollout(distance=30.0)
+    log = closed_loop(distance=30.0)
     path = tmp_path / 'bags' / '2026-11-21_12-00-00'
     path.mkdir(parents=True)
 

@@ -14,7 +14,7 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.loading import load_files, load_folder
-from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.closed_loop import closed_loop, drive
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -48,14 +48,14 @@ def bag_of(tmp_path: Path, lab: UserCode, **changed: bytes) -> Path:
     controller = UserController(lab.controller)
     controller.output_min, controller.output_max = -8.0, 8.0
     controller.reset()
-    log = rollout(Plant(model=lab.model), controller, distance=30.0)
+    log = closed_loop(Plant(model=lab.model), controller, distance=30.0)
     changes = {f'student/{name}.py': data for name, data in changed.items()}
     attachments = adapters.attachments(lab) | changes
     return make(tmp_path / 'bag', log, adapters.describe(lab), attachments)
 
 
 def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert regrade.main([str(make(tmp_path / 'bag', rollout(distance=30.0)))]) == 0
+    assert regrade.main([str(make(tmp_path / 'bag', closed_loop(distance=30.0)))]) == 0
     out = capsys.readouterr().out
     assert 'model of barc_sim       yes, bit for bit' in out
     assert out.endswith('The bag could have come from barc_sim.\n')
@@ -134,7 +134,7 @@ def test_a_drive_by_hand_has_no_controller(
 def test_a_bag_without_its_parameters_is_refused(
     tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = make(tmp_path / 'bag', rollout(distance=1.0), {'parameters': text})
+    bag = make(tmp_path / 'bag', closed_loop(distance=1.0), {'parameters': text})
     assert regrade.main([str(bag)]) == 2
     assert 'parameters of ' in capsys.readouterr().err
 

@@ -13,7 +13,7 @@ from PIL import Image
 from barc_sim.bags import reader as bag
 from barc_sim.commands import replay
 from barc_sim.figures import output, video
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def log() -> Log:
-    return rollout(distance=3.0)
+    return closed_loop(distance=3.0)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from made_bags import GRAPH, make
 
 from barc_sim.commands import report
 from barc_sim.control.driver import DriverInput
-from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.closed_loop import closed_loop, drive
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,7 +63,7 @@ def page_of(bag: Path) -> Page:
 
 
 def test_a_run_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
-    bag = make(tmp_path / 'bag', rollout(), {'kp': '30.0', 'barc_sim': '0.1.0', 'road': 'lab'})
+    bag = make(tmp_path / 'bag', closed_loop(), {'kp': '30.0', 'barc_sim': '0.1.0', 'road': 'lab'})
     page = page_of(bag)
     for words in ('Run bag', 'Gain kp', '30.0', 'after the first 10 m', '0.0207', 'bag_0.mcap'):
         assert words in page.text
@@ -73,7 +73,7 @@ def test_a_run_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
 
 
 def test_every_figure_is_whole_and_told_in_words(tmp_path: Path) -> None:
-    page = page_of(make(tmp_path / 'bag', rollout()))
+    page = page_of(make(tmp_path / 'bag', closed_loop()))
     assert len(page.images) == 3  # speed, terms, graph
     for image in page.images:
         assert image['alt']
@@ -84,7 +84,7 @@ def test_every_figure_is_whole_and_told_in_words(tmp_path: Path) -> None:
 
 
 def test_headings_go_down_one_by_one(tmp_path: Path) -> None:
-    headings = page_of(make(tmp_path / 'bag', rollout(distance=5.0))).headings
+    headings = page_of(make(tmp_path / 'bag', closed_loop(distance=5.0))).headings
     assert headings[0] == 'h1'
     assert headings.count('h1') == 1
     assert all(int(b[1]) <= int(a[1]) + 1 for a, b in pairwise(headings))
@@ -92,7 +92,9 @@ def test_headings_go_down_one_by_one(tmp_path: Path) -> None:
 
 def test_the_users_code_is_shown_line_by_line(tmp_path: Path) -> None:
     code = '"""Two\nlines."""\n\nx = 1 < 2\n'
-    bag = make(tmp_path / 'bag', rollout(distance=5.0), attachments={'student/a.py': code.encode()})
+    bag = make(
+        tmp_path / 'bag', closed_loop(distance=5.0), attachments={'student/a.py': code.encode()}
+    )
     page = page_of(bag)
     assert code in page.text
     assert (bag / 'report.html').read_text().count('<span class="line">') == 4
@@ -102,7 +104,7 @@ def test_whatever_others_have_written_is_text(tmp_path: Path) -> None:
     keys = ('command', 'kp', 'platform', 'failure', 'road')
     bag = make(
         tmp_path / EVIL.replace('/', '').replace('"', ''),
-        rollout(distance=5.0),
+        closed_loop(distance=5.0),
         dict.fromkeys(keys, EVIL) | {'graph': GRAPH.replace('/ecu', '/$e^{<b>$')},
         {f'student/{EVIL}.py': EVIL.encode()},
     )
@@ -112,7 +114,9 @@ def test_whatever_others_have_written_is_text(tmp_path: Path) -> None:
 
 
 def test_a_run_that_its_code_ended_says_so(tmp_path: Path) -> None:
-    bag = make(tmp_path / 'bag', rollout(distance=5.0), {'failure': 'controller.py, line 3: no'})
+    bag = make(
+        tmp_path / 'bag', closed_loop(distance=5.0), {'failure': 'controller.py, line 3: no'}
+    )
     assert 'The run was ended: controller.py, line 3: no' in page_of(bag).text
 
 
@@ -125,12 +129,12 @@ def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('graph', ['', '[]', '{"nodes": 1}'])
 def test_a_graph_that_means_nothing_is_left_out(tmp_path: Path, graph: str) -> None:
-    bag = make(tmp_path / 'bag', rollout(distance=1.0), {'graph': graph})
+    bag = make(tmp_path / 'bag', closed_loop(distance=1.0), {'graph': graph})
     assert 'The graph was not recorded.' in page_of(bag).text
 
 
 def test_the_same_bag_makes_the_same_page(tmp_path: Path) -> None:
-    bag = make(tmp_path / 'bag', rollout(distance=5.0))
+    bag = make(tmp_path / 'bag', closed_loop(distance=5.0))
     texts = []
     for _ in range(2):
         page_of(bag)
@@ -139,7 +143,7 @@ def test_the_same_bag_makes_the_same_page(tmp_path: Path) -> None:
 
 
 def test_numbers_that_no_run_reaches_are_left_out(tmp_path: Path) -> None:
-    log = rollout(distance=5.0)
+    log = closed_loop(distance=5.0)
     log.motor[3], log.v_x[4], log.theta_deg[5] = np.inf, 1e300, np.nan
     page_of(make(tmp_path / 'bag', log))
 
@@ -147,7 +151,7 @@ def test_numbers_that_no_run_reaches_are_left_out(tmp_path: Path) -> None:
 def test_the_page_goes_where_it_is_wanted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag, path = make(tmp_path / 'bag', rollout(distance=1.0)), tmp_path / 'page.html'
+    bag, path = make(tmp_path / 'bag', closed_loop(distance=1.0)), tmp_path / 'page.html'
     assert report.main([str(bag), '-o', str(path)]) == 0
     assert capsys.readouterr().out == f'{path}\n'
     assert path.is_file()
@@ -166,7 +170,7 @@ def test_the_page_goes_where_it_is_wanted(
 def test_what_cannot_be_done_is_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
-    places = {'bag': make(tmp_path / 'bag', rollout(distance=1.0)), 'none': tmp_path / 'none'}
+    places = {'bag': make(tmp_path / 'bag', closed_loop(distance=1.0)), 'none': tmp_path / 'none'}
     assert report.main([argument.format(**places) for argument in arguments]) == 2
     err = capsys.readouterr().err
     assert words in err

@@ -15,7 +15,7 @@ import pytest
 from barc_sim import run
 from barc_sim.commands import tune
 from barc_sim.control.pid import speed_controller
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: pytest.CaptureFi
     captured = capsys.readouterr()
     assert captured.err == ''
     options = run.parser().parse_args(command_of(captured.out))
-    log = rollout(pid=speed_controller(options.kp, options.ki, options.kd))
+    log = closed_loop(controller=speed_controller(options.kp, options.ki, options.kd))
     rms = summary(log).rms_error_after_run_up
     (cost,) = [line.split() for line in captured.out.splitlines() if line.startswith('cost: rms')]
     assert float(cost[-1]) == pytest.approx(rms, rel=1e-4)

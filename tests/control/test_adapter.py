@@ -11,7 +11,7 @@ from barc_sim.control.controller import Gain
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 
 class Lab:
@@ -54,9 +54,9 @@ def test_a_whole_controller_is_taken_as_it_is(controller: PID | LQR) -> None:
 
 @pytest.mark.parametrize('kind', [Lab, WithDt, WithStep])
 def test_two_arguments_or_three_give_the_same_run(kind: type[Lab]) -> None:
-    log = rollout(pid=as_controller(kind()), distance=30.0)
+    log = closed_loop(controller=as_controller(kind()), distance=30.0)
     assert log.distance[-1] >= 30.0
-    assert (log.motor == rollout(pid=as_controller(Lab()), distance=30.0).motor).all()
+    assert (log.motor == closed_loop(controller=as_controller(Lab()), distance=30.0).motor).all()
 
 
 def test_the_object_itself_stays_as_it_was() -> None:
@@ -96,7 +96,7 @@ def test_an_object_may_declare_its_own_gains_and_terms() -> None:
             self.pull = self.gain * (reference - current)
             return self.pull
 
-    log = rollout(pid=as_controller(Own()), distance=10.0)
+    log = closed_loop(controller=as_controller(Own()), distance=10.0)
     assert [*log.terms] == ['pull']
     assert (log.terms['pull'] == log.motor).all()
 

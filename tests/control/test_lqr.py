@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barc_sim.control.lqr import LQR, feedback_gain
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import Deviation
@@ -75,7 +75,7 @@ def test_reset_begins_anew() -> None:
 
 
 def test_it_holds_the_speed_on_the_labs_road() -> None:
-    log = rollout(pid=LQR(output_min=-8.0, output_max=8.0))
+    log = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0))
     result = summary(log)
     assert result.rms_error_after_run_up < 0.02
     assert result.max_error_after_run_up < 0.12
@@ -88,5 +88,5 @@ def test_it_holds_the_speed_on_the_labs_road() -> None:
 
 def test_it_bears_noise_and_a_delay() -> None:
     plant = Plant(noise=Deviation(v_x=0.05), seed=1)
-    log = rollout(plant, LQR(100.0, observer_gain=0.1, output_min=-8.0, output_max=8.0))
+    log = closed_loop(plant, LQR(100.0, observer_gain=0.1, output_min=-8.0, output_max=8.0))
     assert summary(log).rms_error_after_run_up < 0.2

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from barc_sim.figures import animation
 from barc_sim.figures.side_view import SideView
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def view() -> SideView:
-    return SideView(rollout(distance=30.0), Figure(figsize=(6.4, 3.6), dpi=50))
+    return SideView(closed_loop(distance=30.0), Figure(figsize=(6.4, 3.6), dpi=50))
 
 
 @pytest.mark.parametrize('fps', [25, 50])
@@ -32,7 +32,7 @@ def test_a_film_shows_first_and_last_state_and_lasts_as_long_as_the_run(fps: int
 
 
 def test_a_film_at_the_rate_of_the_states_has_a_frame_for_each() -> None:
-    log = rollout(distance=30.0)
+    log = closed_loop(distance=30.0)
     assert animation.frame_times(float(log.t[-1]), 50) == pytest.approx(log.t)
 
 

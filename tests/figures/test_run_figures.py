@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    return rollout()
+    return closed_loop()
 
 
 def without_controller(log: Log) -> Log:
@@ -88,7 +88,7 @@ def test_every_axis_says_its_unit(log: Log) -> None:
 
 
 def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
-    noisy = rollout(Plant(noise=Deviation(v_x=0.1)), distance=30.0)
+    noisy = closed_loop(Plant(noise=Deviation(v_x=0.1)), distance=30.0)
     drawn = lines(speed_figure(noisy).axes[0])
     assert set(drawn) == {'measured', 'speed', 'reference'}
     assert np.array_equal(drawn['measured'][:, 1], noisy.v_x)
@@ -129,8 +129,8 @@ def test_a_figure_that_is_given_is_drawn_on(log: Log) -> None:
         backwards,
         first_state,
         lambda log: with_misses(log, 3, 700),
-        lambda _: rollout(Plant(road=Road.flat()), distance=30.0),
-        lambda _: rollout(Plant(noise=Deviation(s=0.1, v_x=0.3)), distance=30.0),
+        lambda _: closed_loop(Plant(road=Road.flat()), distance=30.0),
+        lambda _: closed_loop(Plant(noise=Deviation(s=0.1, v_x=0.3)), distance=30.0),
     ],
     ids=['lab', 'no controller', 'backwards', 'one state', 'misses', 'flat', 'noise'],
 )
@@ -164,8 +164,8 @@ def test_a_users_own_style_changes_nothing(log: Log) -> None:
 def test_drawing_opens_no_window_and_leaves_pyplot_alone() -> None:
     program = (
         'import sys; from barc_sim.figures.run_figures import speed_figure;'
-        'from barc_sim.simulation.closed_loop import rollout;'
-        'speed_figure(rollout(distance=1.0)); print("matplotlib.pyplot" in sys.modules)'
+        'from barc_sim.simulation.closed_loop import closed_loop;'
+        'speed_figure(closed_loop(distance=1.0)); print("matplotlib.pyplot" in sys.modules)'
     )
     result = subprocess.run(
         [sys.executable, '-c', program], capture_output=True, text=True, check=True

@@ -15,7 +15,7 @@ from matplotlib.text import Text
 
 from barc_sim.figures.road_scene import WHEEL_RADIUS
 from barc_sim.figures.side_view import SIZE, SideView
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    return rollout()
+    return closed_loop()
 
 
 def view_of(log: Log) -> SideView:
@@ -134,7 +134,7 @@ def test_a_run_without_controller_has_dashes_and_no_reference(log: Log) -> None:
 
 
 def test_a_single_state_is_shown() -> None:
-    view = view_of(rollout(max_duration=0.0))
+    view = view_of(closed_loop(max_duration=0.0))
     view.update(0.0)
     assert view.duration == 0.0
     assert '0.00 s' in texts(view)

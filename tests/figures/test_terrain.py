@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from barc_sim.figures.terrain import Terrain
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    return rollout()
+    return closed_loop()
 
 
 def test_twenty_metres_at_ten_degrees_are_19_696_on_the_map(log: Log) -> None:
@@ -51,7 +51,7 @@ def test_driving_back_over_the_same_road_changes_nothing(log: Log) -> None:
 
 
 def test_beyond_what_was_driven_the_last_grade_goes_on() -> None:
-    uphill = rollout(distance=30.0)
+    uphill = closed_loop(distance=30.0)
     (near, far), (low, high) = Terrain(uphill).at(uphill.distance[-1] + np.array([0.0, 10.0]))
     assert far - near == pytest.approx(10.0 * cos(radians(10.0)))
     assert (high - low) / (far - near) == pytest.approx(np.tan(radians(10.0)))
@@ -73,7 +73,7 @@ def test_states_without_a_grade_leave_no_hole_in_the_road(log: Log) -> None:
 
 
 def test_a_single_state_is_a_road() -> None:
-    terrain = Terrain(rollout(max_duration=0.0))
+    terrain = Terrain(closed_loop(max_duration=0.0))
     assert terrain.at(5.0) == (pytest.approx(5.0), 0.0)
 
 

@@ -20,7 +20,7 @@ from barc_sim.commands.replay import view_of as chosen_view
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.side_view import SIZE
 from barc_sim.figures.top_view import TopView, suits
-from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.closed_loop import closed_loop, drive
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def test_a_way_is_not_drawn_where_the_car_was_put_back(log: Log) -> None:
 
 def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(log: Log) -> None:
     assert suits(log)
-    assert not suits(rollout(distance=5.0))
+    assert not suits(closed_loop(distance=5.0))
     assert not suits(replace(log, elevation=np.linspace(0.0, 5.0, len(log))))
 
 

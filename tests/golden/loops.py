@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import Driver, DriverInput, Limits
 from barc_sim.control.pid import PID, speed_controller
-from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.closed_loop import closed_loop, drive
 
 # The only names of the package that the golden figures use, but for the command line.
 from barc_sim.vehicle.actuators import Actuator
@@ -56,7 +56,9 @@ def _by_hand(plant: Plant | None = None, limits: Limits | None = None) -> Log:
 
 
 def _rolling_back(speed: float, pid: PID | None = None) -> Log:
-    return rollout(_at(State(x=1.0, v=3.0), _STEEP), pid, speed_reference=speed, max_duration=8.0)
+    return closed_loop(
+        _at(State(x=1.0, v=3.0), _STEEP), pid, speed_reference=speed, max_duration=8.0
+    )
 
 
 def _at(state: State, road: Road) -> Plant:
@@ -70,19 +72,19 @@ def _flat(**options: object) -> Plant:
 
 
 LOOPS: dict[str, Callable[[], Log]] = {
-    'rollout_default': rollout,
-    'rollout_noise': lambda: rollout(Plant(noise=_NOISE, seed=3)),
-    'rollout_motor': lambda: rollout(Plant(motor=_MOTOR)),
-    'rollout_rk4': lambda: rollout(Plant(integrator='rk4')),
-    'rollout_rk4_motor': lambda: rollout(Plant(integrator='rk4', motor=_MOTOR)),
-    'rollout_dynamic': lambda: rollout(Plant(dynamics='dynamic')),
-    'rollout_gains': lambda: rollout(
-        pid=speed_controller(4.0, 3.0, 0.5, limit=5.5), speed_reference=11.5
+    'rollout_default': closed_loop,
+    'rollout_noise': lambda: closed_loop(Plant(noise=_NOISE, seed=3)),
+    'rollout_motor': lambda: closed_loop(Plant(motor=_MOTOR)),
+    'rollout_rk4': lambda: closed_loop(Plant(integrator='rk4')),
+    'rollout_rk4_motor': lambda: closed_loop(Plant(integrator='rk4', motor=_MOTOR)),
+    'rollout_dynamic': lambda: closed_loop(Plant(dynamics='dynamic')),
+    'rollout_gains': lambda: closed_loop(
+        controller=speed_controller(4.0, 3.0, 0.5, limit=5.5), speed_reference=11.5
     ),
-    'rollout_proportional': lambda: rollout(pid=PID(2.0, 0.0, 0.0)),
-    'rollout_vehicle': lambda: rollout(Plant(vehicle=_VEHICLE, ts=0.01)),
-    'rollout_odd_step': lambda: rollout(Plant(ts=1.0 / 30.0)),
-    'rollout_hills': lambda: rollout(Plant(road=_HILLS)),
+    'rollout_proportional': lambda: closed_loop(controller=PID(2.0, 0.0, 0.0)),
+    'rollout_vehicle': lambda: closed_loop(Plant(vehicle=_VEHICLE, ts=0.01)),
+    'rollout_odd_step': lambda: closed_loop(Plant(ts=1.0 / 30.0)),
+    'rollout_hills': lambda: closed_loop(Plant(road=_HILLS)),
     'rollout_held_on_a_hill': lambda: _rolling_back(0.0),
     'rollout_rolling_back': lambda: _rolling_back(0.0, PID(0.5, 0.1, 0.01)),
     'rollout_reversing': lambda: _rolling_back(-4.0),

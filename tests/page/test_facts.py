@@ -9,7 +9,7 @@ import pytest
 
 from barc_sim.control.lqr import LQR
 from barc_sim.page.facts import driven_road, facts
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.road import Road
 
 
@@ -44,12 +44,12 @@ def test_road_value_needs_no_file() -> None:
 
 
 def test_the_road_of_a_run_is_the_one_that_it_drove_on() -> None:
-    road = driven_road(rollout())
+    road = driven_road(closed_loop())
     assert road
     assert road.grades_deg == (0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0)
     np.testing.assert_allclose(road.starts, np.arange(0.0, 180.0, 20.0), atol=0.1)
 
 
 def test_a_run_that_recorded_no_road_has_none() -> None:
-    log = rollout(distance=3.0)
+    log = closed_loop(distance=3.0)
     assert driven_road(replace(log, theta_deg=np.full(len(log), np.nan))) is None

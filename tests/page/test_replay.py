@@ -21,7 +21,7 @@ from barc_sim.page import replay as page_replay
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.replay import Replay
 from barc_sim.page.server import ViewServer
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
 _SERVE = (
-    'from barc_sim.page import replay; from barc_sim.simulation.closed_loop import rollout;'
-    "replay.serve(rollout(distance=3.0), 'run', '127.0.0.1', 0)"
+    'from barc_sim.page import replay; from barc_sim.simulation.closed_loop import closed_loop;'
+    "replay.serve(closed_loop(distance=3.0), 'run', '127.0.0.1', 0)"
 )
 
 
 @pytest.fixture
 def log() -> Log:
-    return rollout()
+    return closed_loop()
 
 
 @pytest.fixture

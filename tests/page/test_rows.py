@@ -10,7 +10,7 @@ import pytest
 from barc_sim.control.lqr import LQR
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.rows import Rows, columns_in, rows_of
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,14 +89,14 @@ def test_a_run_of_another_controller_has_its_terms() -> None:
             """A part of the output."""
             return self.feedback
 
-    log = rollout(pid=Own(output_min=-8.0, output_max=8.0), distance=3.0)
+    log = closed_loop(controller=Own(output_min=-8.0, output_max=8.0), distance=3.0)
     assert columns_in(log) == (*COLUMNS, 'own')
     rows = np.frombuffer(rows_of(log), '<f8').reshape(len(log), -1)
     np.testing.assert_array_equal(rows[:, -1], log.terms['own'])
 
 
 def test_a_whole_run_has_the_same_columns() -> None:
-    log = rollout()
+    log = closed_loop()
     found = table(rows_of(log))
     np.testing.assert_array_equal(found['t'], log.t)
     np.testing.assert_array_equal(found['x'], log.distance)

@@ -24,7 +24,7 @@ import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.control.pid import speed_controller
 from barc_sim.ros.peers import living_publishers
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -110,7 +110,7 @@ def test_each_node_in_a_process_of_its_own_makes_the_rollout_to_the_last_bit(
     assert simulator.stderr
     assert 'waiting for a controller that publishes /ecu' in simulator.stderr.readline()
     start('-m', 'barc_sim', 'node', 'controller')
-    expected = rollout(distance=30.0)
+    expected = closed_loop(distance=30.0)
     spin_until(executor, lambda: len(states) == len(expected), deadline=DEADLINE)
     ended(simulator)
     executor.shutdown()
@@ -130,7 +130,7 @@ def test_a_simulator_that_follows_another_finds_its_controller_as_at_the_start(
     executor.add_node(node)
     start('-m', 'barc_sim', 'node', 'controller')
     parameters = ('--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=5.0')
-    count = len(rollout(distance=5.0))
+    count = len(closed_loop(distance=5.0))
     for drives in (1, 2):
         simulator = start('-m', 'barc_sim', 'node', 'vehicle_simulator', *parameters)
         spin_until(executor, lambda drives=drives: len(states) == drives * count, deadline=DEADLINE)
@@ -174,7 +174,9 @@ def test_a_controller_of_others_takes_the_place_of_ours(
         assert 'waiting for a controller that publishes /ecu' in run.stderr.readline()
         begin()
     log = bag.read(tmp_path / ended(run))
-    expected = rollout(pid=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0)
+    expected = closed_loop(
+        controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
+    )
     assert log.v_x.tolist() == expected.v_x.tolist()
     assert not log.missed.any()
 
@@ -243,7 +245,9 @@ def test_a_run_on_one_machine_is_driven_from_another(
     subnet = ('env', 'ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET')
     start('-c', THEIRS, FOR_EVER, before=(*elsewhere, *subnet))
     log = bag.read(tmp_path / ended(run))
-    expected = rollout(pid=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0)
+    expected = closed_loop(
+        controller=speed_controller(kp=1.0, ki=0.0, kd=0.0, limit=100.0), distance=10.0
+    )
     assert log.v_x.tolist() == expected.v_x.tolist()
 
 

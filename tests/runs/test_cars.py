@@ -20,7 +20,7 @@ import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.commands import regrade
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS as ALL_COLUMNS
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import Deviation
@@ -54,7 +54,7 @@ def bag_of(folder: Path, options: Sequence[str]) -> Path:
 
 def test_each_car_drives_as_if_it_were_alone(tmp_path: Path) -> None:
     path = bag_of(tmp_path, ['--cars', '3', '--realtime-factor', 'max', '--distance', '60'])
-    alone = rollout(distance=60.0)
+    alone = closed_loop(distance=60.0)
     for number in (1, 2, 3):
         log = bag.read(path, f'/car{number}')
         for column in COLUMNS:
@@ -66,7 +66,7 @@ def test_each_car_has_noise_of_its_own(tmp_path: Path) -> None:
     path = bag_of(tmp_path, [*options, '--ros-args', '-p', 'noise_v_x:=0.1'])
     for number, seed in ((1, 7), (2, 8)):
         log = bag.read(path, f'car{number}')
-        alone = rollout(Plant(noise=Deviation(v_x=0.1), seed=seed), distance=10.0)
+        alone = closed_loop(Plant(noise=Deviation(v_x=0.1), seed=seed), distance=10.0)
         np.testing.assert_array_equal(log.v_x, alone.v_x)
 
 

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.control.pid import speed_controller
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -122,7 +122,7 @@ def assert_same(one: Log, other: Log, rows: int | None = None) -> None:
 def test_two_runs_in_lock_step_are_the_rollout_to_the_last_bit(tmp_path: Path) -> None:
     runs = [lock_step(tmp_path) for _ in range(2)]
     assert_same(runs[0], runs[1])
-    assert_same(runs[0], rollout())
+    assert_same(runs[0], closed_loop())
     assert not runs[0].missed.any()
 
 
@@ -156,15 +156,15 @@ def test_two_runs_in_lock_step_are_the_rollout_to_the_last_bit(tmp_path: Path) -
     ],
     ids=['100 Hz', 'noise', 'gains', 'everything'],
 )
-def test_options_make_the_rollouts_trajectory_too(
+def test_options_make_the_trajectory_of_the_closed_loop_too(
     tmp_path: Path, options: str, plant: dict[str, Any], gains: dict[str, float]
 ) -> None:
     run = lock_step(tmp_path, '--distance', '30', *options.split())
-    assert_same(run, rollout(Plant(**plant), speed_controller(**gains), distance=30.0))
+    assert_same(run, closed_loop(Plant(**plant), speed_controller(**gains), distance=30.0))
 
 
 def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_path: Path) -> None:
-    expected = rollout(distance=5.0)
+    expected = closed_loop(distance=5.0)
     for _ in range(3):
         run = bag.read(bag_of(tmp_path, '--distance', '5'))
         if not run.missed.any():

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader
 from barc_sim.control.lqr import LQR
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,7 +35,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_run_is_that_of_the_closed_loop_with_its_own_terms(bag: Path) -> None:
     controller = LQR(100.0, observer_gain=1.0, output_min=-8.0, output_max=8.0)
-    expected, log = rollout(pid=controller, distance=30.0), reader.read(bag)
+    expected, log = closed_loop(controller=controller, distance=30.0), reader.read(bag)
     assert [*log.terms] == ['feedback', 'compensation']
     for name, column in expected.columns().items():
         if name != 'missed':

@@ -18,7 +18,7 @@ from rosbags.highlevel import AnyReader
 
 import barc_sim
 from barc_sim.bags import reader as bag
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,7 +67,7 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(tmp_path: Path) -> None
     stamps = [state.header.stamp for state in found['/z_vhcl']]
     for topic in EACH_STATE:
         assert [message.header.stamp for message in found[topic]] == stamps, topic
-    assert np.array_equal(bag.read(path).v_x, rollout().v_x)
+    assert np.array_equal(bag.read(path).v_x, closed_loop().v_x)
     assert bag.info(path)['lost_messages'] == '0'
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, PID, speed_controller
-from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.closed_loop import closed_loop, drive
 from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
@@ -32,7 +32,7 @@ def assert_identical(left: Log, right: Log) -> None:
 
 @pytest.fixture(scope='module')
 def lab_run() -> Log:
-    return rollout()
+    return closed_loop()
 
 
 # The defaults
@@ -60,18 +60,20 @@ def test_default_run_is_the_whole_course_at_8_m_s(lab_run: Log) -> None:
     assert set(np.unique(lab_run.theta_deg)) == {-30.0, -10.0, 0.0, 10.0, 30.0}
 
 
-def test_two_rollouts_are_bit_identical(lab_run: Log) -> None:
-    assert_identical(lab_run, rollout())
+def test_two_closed_loops_are_bit_identical(lab_run: Log) -> None:
+    assert_identical(lab_run, closed_loop())
 
 
-def test_two_rollouts_with_noise_of_one_seed_are_bit_identical() -> None:
+def test_two_closed_loops_with_noise_of_one_seed_are_bit_identical() -> None:
     noise = Deviation(0.1, 0.1, 0.01, 0.1, 0.1, 0.01)
-    first, second, other = (rollout(Plant(noise=noise, seed=s), distance=30.0) for s in (3, 3, 4))
+    first, second, other = (
+        closed_loop(Plant(noise=noise, seed=s), distance=30.0) for s in (3, 3, 4)
+    )
     assert_identical(first, second)
     assert len(other) != len(first) or (other.v_x != first.v_x).any()
 
 
-def test_rollout_is_the_lab_templates_loop(lab_run: Log) -> None:
+def test_closed_loop_is_the_lab_templates_loop(lab_run: Log) -> None:
     """A user's plain loop over bikeFE and the controller, with nothing else of ours."""
     x = y = psi = v = 0.0
     pid, road, vehicle = speed_controller(), Road.lab(), Vehicle()
@@ -124,14 +126,14 @@ def test_log_tells_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
 
 
 def test_controller_sees_what_the_sensor_measures() -> None:
-    log = rollout(Plant(noise=Deviation(v_x=0.5)), PID(1.0, 0.0, 0.0), distance=20.0)
+    log = closed_loop(Plant(noise=Deviation(v_x=0.5)), PID(1.0, 0.0, 0.0), distance=20.0)
     assert log.e_v_x.any()
     assert log.motor == pytest.approx(8.0 - log.v_x)
 
 
 def test_noise_in_position_does_not_change_the_motion() -> None:
-    noisy = rollout(Plant(noise=Deviation(s=0.5, ey=0.5, epsi=0.1)), distance=30.0)
-    quiet = rollout(distance=30.0)
+    noisy = closed_loop(Plant(noise=Deviation(s=0.5, ey=0.5, epsi=0.1)), distance=30.0)
+    quiet = closed_loop(distance=30.0)
     assert noisy.x[3] != quiet.x[3]
     assert np.array_equal(noisy.v_x, quiet.v_x)
     assert noisy.distance == pytest.approx(quiet.x)
@@ -142,19 +144,19 @@ def test_noise_in_position_does_not_change_the_motion() -> None:
 
 @pytest.mark.parametrize('distance', [5.0, 42.0, 180.0])
 def test_last_row_is_the_first_state_at_or_beyond_the_distance(distance: float) -> None:
-    log = rollout(distance=distance)
+    log = closed_loop(distance=distance)
     assert log.x[-1] >= distance > log.x[-2]
 
 
 def test_state_exactly_at_the_distance_is_the_last() -> None:
     plant = Plant(road=Road.flat())
     plant.state = plant.state._replace(x=5.0)
-    assert len(rollout(plant, distance=5.0)) == 1
+    assert len(closed_loop(plant, distance=5.0)) == 1
 
 
 def test_true_position_ends_the_run() -> None:
     plant = Plant(noise=Deviation(s=5.0), seed=1)
-    log = rollout(plant, distance=30.0)
+    log = closed_loop(plant, distance=30.0)
     assert plant.state.x >= 30.0
     assert log.distance[-2] < 30.0 < log.x[:-1].max()
 
@@ -163,13 +165,13 @@ def test_true_position_ends_the_run() -> None:
 def test_run_that_does_not_arrive_ends_after_its_longest_duration(
     duration: float, states: int
 ) -> None:
-    log = rollout(max_duration=duration)
+    log = closed_loop(max_duration=duration)
     assert len(log) == states
     assert log.t[-1] == pytest.approx(duration)
 
 
 def test_run_with_no_speed_to_reach_stays_where_it_is_for_ten_minutes() -> None:
-    log = rollout(speed_reference=0.0)
+    log = closed_loop(speed_reference=0.0)
     assert log.t[-1] == 600.0
     assert not log.x.any()
     assert not log.motor.any()
@@ -179,14 +181,14 @@ def test_run_with_no_speed_to_reach_stays_where_it_is_for_ten_minutes() -> None:
 
 
 def test_speed_reference_is_reached_and_logged() -> None:
-    log = rollout(speed_reference=3.0, distance=19.0)
+    log = closed_loop(speed_reference=3.0, distance=19.0)
     assert (log.reference == 3.0).all()
     assert log.v_x[-1] == pytest.approx(3.0, abs=0.01)
 
 
 def test_plant_and_controller_are_left_as_the_run_left_them() -> None:
     plant, pid = Plant(), speed_controller()
-    log = rollout(plant, pid, distance=30.0)
+    log = closed_loop(plant, pid, distance=30.0)
     assert plant.state.x == log.x[-1]
     assert plant.state.v == log.v_x[-1]
     assert pid.integral == log.integral[-1]
@@ -194,7 +196,7 @@ def test_plant_and_controller_are_left_as_the_run_left_them() -> None:
 
 def test_vehicle_and_step_of_the_plant_are_used() -> None:
     plant = Plant(road=Road.flat(), vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0), ts=0.1)
-    log = rollout(plant, PID(1.0, 0.0, 0.0), max_duration=1.0)
+    log = closed_loop(plant, PID(1.0, 0.0, 0.0), max_duration=1.0)
     k = np.arange(11)
     assert log.t == pytest.approx(0.1 * k)
     assert log.v_x == pytest.approx(8.0 * (1.0 - 0.9**k))
@@ -202,7 +204,7 @@ def test_vehicle_and_step_of_the_plant_are_used() -> None:
 
 def test_proportional_control_leaves_the_offset_that_the_hill_demands() -> None:
     road = Road((0.0,), (10.0,))
-    log = rollout(Plant(road=road), PID(4.0, 0.0, 0.0), distance=100.0)
+    log = closed_loop(Plant(road=road), PID(4.0, 0.0, 0.0), distance=100.0)
     resistance = (0.01308 * log.v_x[-1] ** 2 + 0.01711) / 2000.0
     offset = (9.8 * sin(radians(10.0)) + resistance) / 4.0
     assert log.speed_error[-1] == pytest.approx(offset, abs=1e-9)
@@ -218,7 +220,7 @@ def test_interval_is_that_of_stamps_in_whole_nanoseconds() -> None:
             seen.append(dt)
             return super().acc_calculate(speed_reference, speed_current, dt)
 
-    log = rollout(Plant(ts=1.0 / 30.0), Spy(1.0, 0.0, 0.0), max_duration=0.1)
+    log = closed_loop(Plant(ts=1.0 / 30.0), Spy(1.0, 0.0, 0.0), max_duration=0.1)
     assert seen == [FIRST_DT] + [33_333_333 / 1e9] * 3
     assert log.t[3] == 99_999_999 / 1e9
 

@@ -13,7 +13,7 @@ import pytest
 import barc_sim
 from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import (
     COLUMNS,
     COMMAND,
@@ -35,7 +35,7 @@ MSG = Path(barc_sim.__file__).parents[1] / 'barc_interfaces/msg'
 
 @pytest.fixture(scope='module')
 def log() -> Log:
-    return rollout(max_duration=1.0)
+    return closed_loop(max_duration=1.0)
 
 
 @pytest.mark.parametrize('name', [name for name in COLUMNS if name != 't'])
@@ -141,7 +141,7 @@ def test_frame_has_every_column_with_its_unit(log: Log) -> None:
 
 
 def test_frame_has_the_terms_of_a_controller_that_is_no_pid() -> None:
-    log = rollout(pid=LQR(output_min=-8.0, output_max=8.0), distance=3.0)
+    log = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0), distance=3.0)
     frame = log.to_frame()
     assert [*frame][-2:] == ['feedback', 'compensation']
     assert frame.attrs['units']['feedback'] == 'm/s²'

@@ -1,4 +1,4 @@
-"""Loops one by one and in batches: `rollout`, to the last bit."""
+"""Loops one by one and in batches: `closed_loop`, to the last bit."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def one_by_one(course: Course, gains: NDArray[np.float64]) -> Result:
 
 
 @pytest.mark.parametrize('name', COURSES)
-def test_a_loop_is_a_rollout_to_the_last_bit(name: str) -> None:
+def test_a_loop_is_the_closed_loop_to_the_last_bit(name: str) -> None:
     course = COURSES[name]
     for kp, ki, kd in GAINS[::8].tolist():
         left = single.drive(course, kp, ki, kd)
@@ -117,7 +117,7 @@ grades = st.floats(-50.0, 50.0)
         max_size=6,
     ),
 )
-def test_any_batch_is_its_rollouts(
+def test_any_batch_is_its_closed_loops(
     road: list[tuple[float, float]],
     speed: float,
     noise: float,

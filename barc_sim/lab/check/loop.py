@@ -12,7 +12,7 @@ from barc_sim.control.pid import ACCELERATION_LIMIT, PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -92,7 +92,7 @@ def judge_lab_road(code: JudgedCode, gains: Gains) -> Finding:
     message = _describe(drive)
     if score < 1.0:
         message += f'. {describe_worst(stretches)}'
-    reference = rollout(Plant(road=drive.road), speed_controller(*gains), distance=LAB_DISTANCE)
+    reference = closed_loop(Plant(road=drive.road), speed_controller(*gains), distance=LAB_DISTANCE)
     return Finding(
         'loop.lab_road',
         score,
@@ -129,7 +129,7 @@ def judge_random_roads(code: JudgedCode, gains: Gains, seed: int) -> Finding:
 def _drive(code: JudgedCode, gains: Gains, road: Road, distance: float) -> Drive:
     plant = Plant(road=road)
     pid = _Limited(code.new_pid(*gains))
-    log = rollout(plant, pid, distance=distance, max_duration=_LONGEST)
+    log = closed_loop(plant, pid, distance=distance, max_duration=_LONGEST)
     return Drive(road, log, bool(plant.state.x >= distance))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
 from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding, Trajectory
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import L_F, L_R, Input, State
 from barc_sim.vehicle.plant import Plant
 
@@ -58,7 +58,7 @@ def judge_trajectory(code: JudgedCode) -> Finding:
 @cache
 def _commands() -> tuple[Input, ...]:
     """Return the commands of the reference's run over the lab's road, and a slalom."""
-    log = rollout()
+    log = closed_loop()
     steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
     return tuple(Input(*command) for command in zip(log.motor.tolist(), steering, strict=True))
 

@@ -9,13 +9,15 @@ from matplotlib.text import Text
 from barc_sim.control.pid import speed_controller
 from barc_sim.lab.check.figure import check_figure
 from barc_sim.lab.check.findings import Comparison, Trajectory
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 
 @pytest.fixture
 def comparison() -> Comparison:
     """Return a poor run beside the reference's."""
-    return Comparison(rollout(pid=speed_controller(2.0, 0.0, 0.0), distance=60.0), rollout())
+    return Comparison(
+        closed_loop(controller=speed_controller(2.0, 0.0, 0.0), distance=60.0), closed_loop()
+    )
 
 
 @pytest.fixture

@@ -19,10 +19,10 @@ from barc_sim.lab.grade.batch import Failure
 from barc_sim.lab.grade.grade import Grade, Item
 from barc_sim.lab.grade.report import Report
 from barc_sim.lab.grade.rubric import Rubric
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
-LOG = rollout(distance=20.0)
+LOG = closed_loop(distance=20.0)
 TIMES = np.arange(50, dtype=np.float64) * 0.02
 STATES = np.stack([TIMES, 2.0 * TIMES, TIMES, TIMES], axis=1)
 RUBRIC = Rubric('The lab', 1, 'visible', {'model.x': 3.0, 'loop.lab_road': 7.0})

@@ -12,7 +12,7 @@ import pytest
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import UserCodeError
-from barc_sim.simulation.closed_loop import drive, rollout
+from barc_sim.simulation.closed_loop import closed_loop, drive
 from barc_sim.vehicle.bike_model import Input, State, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -35,7 +35,7 @@ def part(log: Log, rows: Sequence[int]) -> Log:
 
 
 def test_a_run_of_the_model_is_its_bit_for_bit() -> None:
-    log = rollout()
+    log = closed_loop()
     verdict = judge(log)
     assert verdict.possible
     assert verdict.exact == verdict.values == len(log)
@@ -43,12 +43,12 @@ def test_a_run_of_the_model_is_its_bit_for_bit() -> None:
 
 def test_noise_of_the_same_seed_comes_out_bit_for_bit() -> None:
     new = partial(Plant, noise=NOISE, seed=3)
-    verdict = judge(rollout(new(), distance=30.0), new)
+    verdict = judge(closed_loop(new(), distance=30.0), new)
     assert verdict.exact == verdict.values
 
 
 def test_noise_of_another_seed_is_subtracted() -> None:
-    log = rollout(Plant(noise=NOISE, seed=3), distance=30.0)
+    log = closed_loop(Plant(noise=NOISE, seed=3), distance=30.0)
     verdict = judge(log, partial(Plant, noise=NOISE, seed=4))
     assert verdict.possible
     assert verdict.exact < verdict.values
@@ -57,7 +57,7 @@ def test_noise_of_another_seed_is_subtracted() -> None:
 
 @pytest.mark.parametrize('name', ['x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'])
 def test_a_changed_state_is_named(name: str) -> None:
-    log = rollout(distance=30.0)
+    log = closed_loop(distance=30.0)
     column = getattr(log, name).copy()
     column[40] += 1e-6
     verdict = judge(replace(log, **{name: column}))
@@ -66,7 +66,7 @@ def test_a_changed_state_is_named(name: str) -> None:
 
 
 def test_a_changed_command_is_seen_in_the_next_state() -> None:
-    log = rollout(distance=30.0)
+    log = closed_loop(distance=30.0)
     motor = log.motor.copy()
     motor[40] += 1e-6
     verdict = judge(replace(log, motor=motor))
@@ -80,7 +80,7 @@ def test_another_model_is_not_it() -> None:
         x, y, psi, v = bikeFE(*row, **vehicle)
         return [x, y, psi, v + 1e-4]
 
-    verdict = judge(rollout(distance=30.0), partial(Plant, model=model))
+    verdict = judge(closed_loop(distance=30.0), partial(Plant, model=model))
     assert not verdict.possible
     assert verdict.deviating == verdict.values - 1
 
@@ -89,11 +89,11 @@ def test_a_model_that_fails_is_not_it() -> None:
     def model(*_: float, **__: float) -> list[float]:
         raise UserCodeError('line 3: wrong')
 
-    assert judge(rollout(distance=1.0), partial(Plant, model=model)).first == 'line 3: wrong'
+    assert judge(closed_loop(distance=1.0), partial(Plant, model=model)).first == 'line 3: wrong'
 
 
 def test_where_a_deadline_was_missed_the_last_command_held() -> None:
-    log = rollout(distance=30.0)
+    log = closed_loop(distance=30.0)
     plant, rows, missed = Plant(), [], np.zeros(60, dtype=bool)
     missed[[50, 51, 55]] = True
     for k in range(60):
@@ -139,7 +139,7 @@ def test_braking_by_the_simulator_itself_is_followed() -> None:
 
 
 def test_a_car_that_began_anew_is_followed() -> None:
-    log = rollout(distance=10.0)
+    log = closed_loop(distance=10.0)
     n = len(log)
     twice = part(log, [*range(n), *range(n)])
     twice = replace(twice, t=np.arange(2 * n) * 0.02)
@@ -149,7 +149,7 @@ def test_a_car_that_began_anew_is_followed() -> None:
 
 
 def test_a_car_that_was_put_elsewhere_is_followed_where_somebody_asked_for_it() -> None:
-    plant, log = Plant(), rollout(distance=10.0)
+    plant, log = Plant(), closed_loop(distance=10.0)
     rows, n = [], 40
     for k in range(n):
         rows.append(plant.observe().measured)
@@ -166,21 +166,21 @@ def test_a_car_that_was_put_elsewhere_is_followed_where_somebody_asked_for_it() 
 
 
 def test_what_follows_a_gap_is_taken_as_it_is() -> None:
-    log = rollout(distance=30.0)
+    log = closed_loop(distance=30.0)
     verdict = judge(part(log, [*range(50), *range(60, len(log))]))
     assert verdict.possible
     assert verdict.gaps == 1
 
 
 def test_a_bag_that_begins_later_is_followed_from_there() -> None:
-    verdict = judge(part(rollout(distance=30.0), range(50, 100)))
+    verdict = judge(part(closed_loop(distance=30.0), range(50, 100)))
     assert verdict.possible
     assert verdict.gaps == 1
     assert verdict.values == 49
 
 
 def test_errors_that_a_killed_run_has_not_told_count_as_none() -> None:
-    log = rollout(distance=10.0)
+    log = closed_loop(distance=10.0)
     unknown = log.e_v_x.copy()
     unknown[-5:] = np.nan
     assert judge(replace(log, e_v_x=unknown)).possible

@@ -21,7 +21,7 @@ from barc_sim.lab.user_code.loading import (
     load_folder,
     load_relay,
 )
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: P
     controller = UserController(lab.controller)
     controller.output_min, controller.output_max = -8.0, 8.0
     controller.reset()
-    log, expected = rollout(Plant(model=lab.model), controller), rollout()
+    log, expected = closed_loop(Plant(model=lab.model), controller), closed_loop()
     for name in log.columns():
         assert np.array_equal(getattr(log, name), getattr(expected, name), equal_nan=True), name
 

@@ -31,7 +31,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -228,5 +228,5 @@ def test_own_nodes_do_the_same_with_simulated_time(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     path = tmp_path / done.stdout.strip()
-    assert np.array_equal(bag.read(path).v_x, rollout().v_x)
+    assert np.array_equal(bag.read(path).v_x, closed_loop().v_x)
     assert bag.info(path)['lost_messages'] == '0'
