@@ -13,13 +13,26 @@ if TYPE_CHECKING:
     from barc_sim.control.lqr import LQR
     from barc_sim.control.pid import PID
     from barc_sim.figures.run_figures import plot
+    from barc_sim.simulation.closed_loop import simulate
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
+    from barc_sim.tuning.sweep import sweep
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.road import Road
 
 __version__ = '0.1.0'
-__all__ = ['LQR', 'PID', 'Log', 'Road', 'Vehicle', 'plot', 'read_bag', 'summary']
+__all__ = [
+    'LQR',
+    'PID',
+    'Log',
+    'Road',
+    'Vehicle',
+    'plot',
+    'read_bag',
+    'simulate',
+    'summary',
+    'sweep',
+]
 
 #: The module of each name, and the name there.
 _EXPORTS = {
@@ -30,7 +43,9 @@ _EXPORTS = {
     'Vehicle': ('vehicle.bike_model', 'Vehicle'),
     'plot': ('figures.run_figures', 'plot'),
     'read_bag': ('bags.reader', 'read'),
+    'simulate': ('simulation.closed_loop', 'simulate'),
     'summary': ('simulation.metrics', 'summary'),
+    'sweep': ('tuning.sweep', 'sweep'),
 }
 
 

@@ -46,6 +46,7 @@ def tune(options: Namespace) -> None:
     import numpy as np  # noqa: PLC0415 (--help need not wait for it)
 
     from barc_sim.figures import output  # noqa: PLC0415
+    from barc_sim.lab.user_code.adapters import UserControllerFile  # noqa: PLC0415
     from barc_sim.tuning import search, surface  # noqa: PLC0415
     from barc_sim.tuning import terminal as console  # noqa: PLC0415
 
@@ -55,8 +56,10 @@ def tune(options: Namespace) -> None:
     if path:
         surface.free_axes(low, high)
     start = np.array([getattr(options, gain) for gain in asked.GAINS])
-    goal = asked.goal(options)
-    goal(start[np.newaxis])  # what is wrong with a controller is told from here
+    goal = asked.goal(
+        options, UserControllerFile(options.controller) if options.controller else None
+    )
+    goal(start[np.newaxis])  # an error in the controller ends the command here
     population, generations, points = _OWN if options.controller else _BATCHED
     with _shared(goal, options.scheduler) as cost, console.progress(generations) as show:
         found = search.search(
@@ -93,7 +96,7 @@ def _shared(goal: Goal, scheduler: str | None) -> AbstractContextManager[Costs]:
 
     if scheduler:
         return workers.cluster(goal, scheduler)
-    return workers.processes(goal) if goal.controller else nullcontext(goal)
+    return workers.processes(goal) if goal.new_controller else nullcontext(goal)
 
 
 def _draw(

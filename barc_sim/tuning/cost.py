@@ -14,7 +14,8 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from barc_sim.tuning.course import Course, Result
+    from barc_sim.simulation.straight_loop import Result
+    from barc_sim.tuning.course import Course
 
     Floats = NDArray[np.float64]
 

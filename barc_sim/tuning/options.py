@@ -13,11 +13,12 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
 
+    from barc_sim.control.controller import Controller
     from barc_sim.tuning.goal import Goal
 
     Floats = NDArray[np.float64]
@@ -109,8 +110,8 @@ def _add_gains(parser: Parser) -> None:
         )
 
 
-def goal(options: Namespace) -> Goal:
-    """Return what `options` search for.
+def goal(options: Namespace, new_controller: Callable[[], Controller] | None) -> Goal:
+    """Return the goal of a search with `options`, for the PID or another controller.
 
     Raises
     ------
@@ -133,7 +134,7 @@ def goal(options: Namespace) -> Goal:
         )
         for name in options.road or [_ROAD]
     )
-    return Goal(courses, Cost.parse(options.cost), options.controller)
+    return Goal(courses, Cost.parse(options.cost), new_controller)
 
 
 def ranges(options: Namespace) -> tuple[Floats, Floats]:

@@ -98,18 +98,20 @@ class Actuators:
     Attributes
     ----------
     now
-        Acceleration and steering in force at this instant.
+        Acceleration and steering at this instant.
+    obey
+        Whether each command takes effect at once.
     """
 
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
         self._motor, self._servo = Channel(motor, ts), Channel(servo, ts)
-        self._obey = motor == servo == Actuator()
+        self.obey = motor == servo == Actuator()
         self.now = Input()
 
     def advance(self, command: Input) -> Input:
         """Go one step after `command`; return the mean acceleration and steering over it."""
-        if self._obey:
+        if self.obey:
             self.now = command
             return command
         mean = Input(self._motor.advance(command.motor), self._servo.advance(command.servo))

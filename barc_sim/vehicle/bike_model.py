@@ -203,14 +203,10 @@ def step(
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
     """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
-    return Motion(
-        x=state.x,
-        y=state.y,
-        psi=state.psi,
-        v_x=state.v * cos(beta),
-        v_y=state.v * sin(beta),
-        psi_dot=state.v / vehicle.l_r * sin(beta),
-    )
+    x, y, psi, v = state
+    v_x, v_y = v * cos(beta), v * sin(beta)
+    psi_dot = v / vehicle.l_r * sin(beta)
+    return Motion(x, y, psi, v_x, v_y, psi_dot)
 
 
 def forces(v: float, theta: float, vehicle: Vehicle) -> Forces:
@@ -219,8 +215,7 @@ def forces(v: float, theta: float, vehicle: Vehicle) -> Forces:
     With an array of speeds, friction and drag are arrays.
     """
     direction = (v > 0.0) * 1.0 - (v < 0.0)
-    return Forces(
-        friction=-vehicle.friction * direction,
-        drag=-vehicle.air_drag_coeff * v * v * direction,
-        gravity=-vehicle.mass * vehicle.gravity * sin(theta),
-    )
+    friction = -vehicle.friction * direction
+    drag = -vehicle.air_drag_coeff * v * v * direction
+    gravity = -vehicle.mass * vehicle.gravity * sin(theta)
+    return Forces(friction, drag, gravity)

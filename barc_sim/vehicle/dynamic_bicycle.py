@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 class DynamicBicycle:
     """Steps a state of which it keeps the part that `State` lacks: slip angle and yaw rate."""
 
+    is_lab = False
+
     def __init__(self, handling: Handling | None = None, integrator: str = 'euler') -> None:
         """Begin without slip and yaw rate.
 

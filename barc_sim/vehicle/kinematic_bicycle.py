@@ -72,6 +72,11 @@ class KinematicBicycle:
                 "steps itself: leave the integrator at 'euler'"
             )
 
+    @property
+    def is_lab(self) -> bool:
+        """Whether `bikeFE` makes the steps."""
+        return self._model is bikeFE
+
     def step(self, state: State, held: Input, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""
         if self._model:

@@ -1,4 +1,4 @@
-"""The vehicle on its road with its sensors: what the simulator node and the closed loops step."""
+"""The vehicle on its road with its sensors: what the simulator node and the rollout step alike."""
 
 from __future__ import annotations
 
@@ -87,6 +87,17 @@ class Plant:
             self._bicycle = DynamicBicycle(handling, integrator)
             self._bicycle.check(self.vehicle, ts)
 
+    @property
+    def is_straight(self) -> bool:
+        """Whether `bikeFE` alone moves the car, straight ahead, observed without noise."""
+        return (
+            type(self) is Plant
+            and self._bicycle.is_lab
+            and self._actuators.obey
+            and not self._sensor.is_noisy
+            and self.state.psi == self._actuators.now.servo == 0.0
+        )
+
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
         state = self.state
@@ -94,15 +105,9 @@ class Plant:
         acting = self._actuators.now
         true = self._bicycle.motion(state, acting.servo, self.vehicle)
         measured, error = self._sensor.measure(true)
-        return Observation(
-            true=true,
-            measured=measured,
-            error=error,
-            theta_deg=theta_deg,
-            elevation=self.road.elevation(state.x),
-            forces=forces(state.v, radians(theta_deg), self.vehicle),
-            acting=acting,
-        )
+        elevation = self.road.elevation(state.x)
+        acting_forces = forces(state.v, radians(theta_deg), self.vehicle)
+        return Observation(true, measured, error, theta_deg, elevation, acting_forces, acting)
 
     def advance(self, command: Input | None = None) -> None:
         """Go one step with `command`; without one, the last holds."""

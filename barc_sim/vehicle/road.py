@@ -8,8 +8,15 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 STEEPEST_DEG = 90.0
 
@@ -24,6 +31,7 @@ class Road:
     starts: tuple[float, ...]
     grades_deg: tuple[float, ...]
     name: str = 'road'
+    _sines: tuple[float, ...] = field(init=False, repr=False, compare=False)
     _heights: tuple[float, ...] = field(init=False, repr=False, compare=False)
     _lengths: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
@@ -43,10 +51,12 @@ class Road:
         for grade in self.grades_deg:
             if not abs(grade) < STEEPEST_DEG:
                 raise ValueError(f'grade {grade!r} must lie between -90 and 90 degrees')
+        sines = tuple(sin(radians(grade)) for grade in self.grades_deg)
         heights, lengths = [0.0], [0.0]
-        for (left, right), grade in zip(pairwise(self.starts), self.grades_deg, strict=False):
-            heights.append(heights[-1] + (right - left) * sin(radians(grade)))
-            lengths.append(lengths[-1] + (right - left) * cos(radians(grade)))
+        for i, (left, right) in enumerate(pairwise(self.starts)):
+            heights.append(heights[-1] + (right - left) * sines[i])
+            lengths.append(lengths[-1] + (right - left) * cos(radians(self.grades_deg[i])))
+        object.__setattr__(self, '_sines', sines)
         object.__setattr__(self, '_heights', tuple(heights))
         object.__setattr__(self, '_lengths', tuple(lengths))
 
@@ -106,7 +116,15 @@ class Road:
     def elevation(self, s: float) -> float:
         """Return the height [m] at `s` metres along the road, above the first stretch's start."""
         i = self._stretch(s)
-        return self._heights[i] + (s - self.starts[i]) * sin(radians(self.grades_deg[i]))
+        return self._heights[i] + (s - self.starts[i]) * self._sines[i]
+
+    def profile(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
+        """Return the number of the stretch, and the elevation [m], at each of `s` [m], `(n,)`."""
+        import numpy as np  # noqa: PLC0415 (a road alone does not need it)
+
+        starts, sines, heights = map(np.array, (self.starts, self._sines, self._heights))
+        i = np.maximum(np.searchsorted(starts, s, side='right') - 1, 0)
+        return i, heights[i] + (s - starts[i]) * sines[i]
 
     def horizontal(self, s: float) -> float:
         """Return how far [m] `s` metres along the road are on the map, from where `s` is zero.

@@ -1,4 +1,4 @@
-"""Measurement noise: what the sensors make of the true motion."""
+"""The sensor: the true motion plus measurement noise."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Sensor:
     """Adds white Gaussian noise; the same seed gives the same errors.
 
     The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
-    every measurement draws six numbers, so that turning one signal's noise on or off leaves the
-    others' as they were.
+    every measurement draws six numbers: the noise of one signal does not depend on whether another
+    has any.
     """
 
     def __init__(self, deviation: Deviation | None = None, seed: int = 0) -> None:
@@ -33,19 +33,21 @@ class Sensor:
         self._deviation = deviation or Deviation()
         self._random = Random(seed)  # noqa: S311 (a simulation, not a secret)
 
+    @property
+    def is_noisy(self) -> bool:
+        """Whether any signal has noise."""
+        return any(self._deviation)
+
     def measure(self, true: Motion) -> tuple[Motion, Deviation]:
         """Return the motion as measured, and its error: measured minus true."""
         if not any(self._deviation):
             return true, self._deviation
         gauss = self._random.gauss
-        error = Deviation(*(sigma * gauss(0.0, 1.0) for sigma in self._deviation))
-        along, left = (cos(true.psi), sin(true.psi)), (-sin(true.psi), cos(true.psi))
-        measured = Motion(
-            x=true.x + error.s * along[0] + error.ey * left[0],
-            y=true.y + error.s * along[1] + error.ey * left[1],
-            psi=true.psi + error.epsi,
-            v_x=true.v_x + error.v_x,
-            v_y=true.v_y + error.v_y,
-            psi_dot=true.psi_dot + error.psi_dot,
-        )
+        error = Deviation(*[sigma * gauss(0.0, 1.0) for sigma in self._deviation])
+        cos_psi, sin_psi = cos(true.psi), sin(true.psi)
+        x = true.x + error.s * cos_psi + error.ey * -sin_psi
+        y = true.y + error.s * sin_psi + error.ey * cos_psi
+        psi = true.psi + error.epsi
+        v_x, v_y = true.v_x + error.v_x, true.v_y + error.v_y
+        measured = Motion(x, y, psi, v_x, v_y, true.psi_dot + error.psi_dot)
         return measured, error

@@ -14,8 +14,8 @@ import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
 from barc_sim.control.pid import KD, KI, KP
-from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.tuning import batch, compiled, single
+from barc_sim.simulation.closed_loop import simulate
+from barc_sim.tuning import batch
 from barc_sim.tuning.course import Course
 from barc_sim.vehicle.road import Road
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _COURSE = Course()
-_LOOPS = 4 * batch.BLOCK
+_LOOPS = 2 * batch.BLOCK
 
 
 class LabPid:
@@ -76,24 +76,24 @@ def lab_loop() -> int:
     return steps
 
 
-def objects_loop() -> int:
-    """Drive `closed_loop`, with all that its log holds."""
-    return len(closed_loop()) - 1
+def simulate_loop() -> int:
+    """Drive `simulate`, with its whole log."""
+    return len(simulate()) - 1
+
+
+def general_loop() -> int:
+    """Drive `simulate` with noise, which takes the general way: an object for each part."""
+    return len(simulate(noise=0.1)) - 1
 
 
 def single_loop() -> int:
-    """Drive one loop in plain floats."""
-    return int(single.drive(_COURSE, KP, KI, KD).steps)
+    """Drive one loop in plain floats, without a log."""
+    return int(batch.drive_one(_COURSE, KP, KI, KD).steps)
 
 
 def numpy_loops(number: int) -> int:
     """Drive a batch on one core, the `number`-th."""
     return int(batch.drive(_COURSE, _gains(number)).steps.sum())
-
-
-def numba_loops() -> int:
-    """Drive a batch on all cores."""
-    return int(compiled.drive(_COURSE, _gains(0)).steps.sum())
 
 
 def _gains(number: int) -> np.ndarray:
@@ -102,7 +102,7 @@ def _gains(number: int) -> np.ndarray:
 
 
 def _rate(drive: Callable[[], int], seconds: float) -> float:
-    drive()  # to warm up, and to compile
+    drive()  # to warm up
     steps, began = 0, time.perf_counter()
     while (took := time.perf_counter() - began) < seconds:
         steps += drive()
@@ -119,9 +119,9 @@ def main(task: dict[str, object]) -> dict[str, float]:
     else:
         drives = {
             'lab': lab_loop,
-            'objects': objects_loop,
+            'simulate': simulate_loop,
+            'general': general_loop,
             'single': single_loop,
-            'numba': numba_loops,
         }
         rate = _rate(drives[subject], seconds)
     return {'steps_per_s': rate}

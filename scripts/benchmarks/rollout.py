@@ -1,8 +1,7 @@
 """Closed loops without ROS: steps of vehicle and PID per second, over the lab's road.
 
-The lab's own loop, with NumPy's functions for single numbers, beside `rollout`, one loop in plain
-floats, and batches of thousands with NumPy and, where it is installed, with Numba; the batches on
-all cores.
+The lab's own loop, with NumPy's functions for single numbers, beside `simulate` with its log (and
+with noise), one loop without a log, and batches of thousands with NumPy on all cores.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -18,17 +16,16 @@ from typing import TYPE_CHECKING
 from _compare import at_least_one
 
 from barc_sim.errors import UserError
-from barc_sim.tuning import compiled
 
 if TYPE_CHECKING:
     import argparse
 
 _SUBJECTS = {
     'lab': "the lab's loop, NumPy scalars",
-    'objects': 'rollout, with its log',
-    'single': 'one loop in plain floats',
+    'simulate': 'simulate, with its log',
+    'general': 'simulate with noise',
+    'single': 'one loop without a log',
     'numpy': 'batches with NumPy',
-    'numba': 'batches with Numba',
 }
 
 #: By subject, the steps per second of each repetition.
@@ -47,18 +44,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def measure(options: argparse.Namespace) -> Found:
     """Return the figures of each subject, measured in turns, each in a process of its own."""
-    subjects = [name for name in _SUBJECTS if name != 'numba' or compiled.is_available()]
-    found: Found = {subject: [] for subject in subjects}
+    found: Found = {subject: [] for subject in _SUBJECTS}
     program = str(Path(__file__).with_name('_rollout.py'))
     for number in range(options.repeat):
         print(f'repetition {number + 1} of {options.repeat}', file=sys.stderr)
-        for subject in subjects:
+        for subject, title in _SUBJECTS.items():
             task = json.dumps({'subject': subject, 'seconds': options.seconds})
             done = subprocess.run(  # noqa: S603 (our own)
                 [sys.executable, program, task], capture_output=True, text=True, check=False
             )
             if done.returncode:
-                raise UserError(f'{_SUBJECTS[subject]} failed: {done.stderr}')
+                raise UserError(f'{title} failed: {done.stderr}')
             found[subject].append(json.loads(done.stdout)['steps_per_s'])
     return found
 
@@ -71,7 +67,4 @@ def report(found: Found) -> str:
         spread = f'[{min(rates):,.0f}, {max(rates):,.0f}]'
         ratio = median(rates) / slowest
         lines.append(f'{_SUBJECTS[subject]:32}{median(rates):>14,.0f}{spread:>30}{ratio:>8.1f}')
-    lines.append(
-        f'Numba {version("numba")}' if 'numba' in found else 'Numba is not installed: .[numba]'
-    )
     return '\n'.join(lines)

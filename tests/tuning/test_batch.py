@@ -1,4 +1,4 @@
-"""Loops one by one and in batches: `closed_loop`, to the last bit."""
+"""Loops one by one and in batches: those of `closed_loop`, to the last bit."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.simulation.metrics import RUN_UP
-from barc_sim.tuning import batch, compiled, single
-from barc_sim.tuning.course import Course, Result
+from barc_sim.simulation.straight_loop import Result
+from barc_sim.tuning import batch
+from barc_sim.tuning.course import Course
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ GAINS = np.vstack(
 
 
 def of_log(course: Course, log: Log) -> Result:
-    """Return, from the log, what a loop leaves; sums in the order of the states."""
+    """Return the sums of a loop from its log, in the order of the states."""
     arrived = log.x[-1] >= course.distance or log.distance[-1] >= course.distance
     speed = log.v_x - log.e_v_x
     after = np.abs(log.reference - speed)[log.distance >= RUN_UP]
@@ -54,7 +55,7 @@ def of_log(course: Course, log: Log) -> Result:
 
 
 def assert_same(ours: Result, theirs: Result) -> None:
-    """Both arrive in the same step, or do not; those that do leave the same, to the last bit."""
+    """Assert the same steps, and the same sums of those that arrive, to the last bit."""
     np.testing.assert_array_equal(ours.steps, theirs.steps)
     arrived = np.asarray(theirs.steps) >= 0
     for name, left, right in zip(Result._fields, ours, theirs, strict=True):
@@ -62,7 +63,7 @@ def assert_same(ours: Result, theirs: Result) -> None:
 
 
 def one_by_one(course: Course, gains: NDArray[np.float64]) -> Result:
-    rows = [single.drive(course, *each) for each in gains.tolist()]
+    rows = [batch.drive_one(course, *each) for each in gains.tolist()]
     return Result(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -70,7 +71,7 @@ def one_by_one(course: Course, gains: NDArray[np.float64]) -> Result:
 def test_a_loop_is_the_closed_loop_to_the_last_bit(name: str) -> None:
     course = COURSES[name]
     for kp, ki, kd in GAINS[::8].tolist():
-        left = single.drive(course, kp, ki, kd)
+        left = batch.drive_one(course, kp, ki, kd)
         log = course.drive(speed_controller(kp, ki, kd))
         expected = of_log(course, log)
         assert left.steps == expected.steps
@@ -86,20 +87,12 @@ def test_a_loop_is_the_closed_loop_to_the_last_bit(name: str) -> None:
 
 @pytest.mark.parametrize('name', COURSES)
 @pytest.mark.parametrize('block', [1, 7, batch.BLOCK])
-def test_a_batch_is_its_loops_one_by_one_to_the_last_bit(name: str, block: int) -> None:
+def test_a_batch_is_its_loops_one_by_one_to_the_last_bit(
+    name: str, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch, 'FEW', 0)
     course, gains = COURSES[name], GAINS[:: 1 if block > 1 else 10]
     assert_same(batch.drive(course, gains, block), one_by_one(course, gains))
-
-
-@pytest.mark.parametrize('name', COURSES)
-def test_compiled_loops_are_the_plain_ones(name: str) -> None:
-    pytest.importorskip('numba')
-    course = COURSES[name]
-    ours, theirs = compiled.drive(course, GAINS), one_by_one(course, GAINS)
-    np.testing.assert_array_equal(ours.steps, theirs.steps)
-    arrived = theirs.steps >= 0
-    for left, right in zip(ours, theirs, strict=True):
-        np.testing.assert_allclose(left[arrived], right[arrived], rtol=1e-12, atol=1e-12)
 
 
 grades = st.floats(-50.0, 50.0)
@@ -132,7 +125,8 @@ def test_any_batch_is_its_closed_loops(
         noise=noise,
         delay=delay,
     )
-    left = batch.drive(course, np.array(gains))
+    left = batch.drive(course, np.repeat(gains, batch.FEW + 1, axis=0))
+    left = Result(*(column[:: batch.FEW + 1] for column in left))
     assert_same(left, one_by_one(course, np.array(gains)))
     log = course.drive(speed_controller(*gains[0]))
     expected = of_log(course, log)
@@ -149,9 +143,3 @@ def test_some_loops_of_the_courses_arrive_and_some_do_not() -> None:
     assert not arrived['too steep for all'].any()
     assert arrived['slow, so that the noise moves it backwards'].any()
     assert arrived['rolling back in a valley'].any()
-
-
-def test_results_of_parts_are_joined_in_order() -> None:
-    course = COURSES['hills']
-    parts = [batch.drive(course, GAINS[:10]), batch.drive(course, GAINS[10:])]
-    assert_same(batch.joined(parts), batch.drive(course, GAINS))

@@ -1,4 +1,4 @@
-"""A Dask cluster's workers; those of this machine are tested with somebody's own controller."""
+"""The workers of a Dask cluster; `test_goal` has those of this machine."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_cluster_gives_what_one_process_gives(scheduler: str) -> None:
         assert cost(GAINS[:1]).tolist() == GOAL(GAINS[:1]).tolist()
 
 
-def test_a_users_error_on_a_worker_is_told_as_it_is(scheduler: str) -> None:
+def test_a_users_error_on_a_worker_is_passed_on(scheduler: str) -> None:
     with workers.cluster(refusing, scheduler) as cost, pytest.raises(UserError) as error:
         cost(GAINS)
     assert str(error.value) == 'no road there'
@@ -96,3 +96,18 @@ def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyP
         workers.cluster(GOAL, 'tcp://localhost:8786'),
     ):
         pass
+
+
+def test_loops_that_numpy_drives_at_once_are_not_divided_small(
+    scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes: list[int] = []
+
+    def count(_: Goal, gains: NDArray[np.float64]) -> NDArray[np.float64]:
+        sizes.append(len(gains))
+        return np.zeros(len(gains))
+
+    monkeypatch.setattr(Goal, '__call__', count)
+    with workers.cluster(GOAL, scheduler) as cost:
+        cost(np.tile(GAINS, (13, 1)))
+    assert sizes == [260]

@@ -1,0 +1,167 @@
+"""The closed loop straight ahead in plain floats: PID and bicycle over hills, fast.
+
+`run` is the loop, with the laws `pid_step` and `next_speed`. `drive` and `trace` are `run` without
+and with the columns of a log: the same bits, several times as many steps a second.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from math import inf, radians, sin, sqrt
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from barc_sim.control.pid import pid_step
+from barc_sim.simulation.specialise import specialised
+from barc_sim.vehicle.bike_model import next_speed, resistance
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.road import Road
+
+
+class Setting(NamedTuple):
+    """The numbers of a loop beside gains and road."""
+
+    reference: float  #: [m/s]
+    low: float  #: [m/s²] limits of the command
+    high: float
+    drag: float  #: [N s²/m²]
+    friction: float  #: [N]
+    mass: float  #: [kg]
+    ts: float  #: [s] of the vehicle's steps
+    dt: float  #: [s] of the controller: `ts` in whole nanoseconds
+    distance: float  #: [m] where the loop ends
+    run_up: float = 0.0  #: [m] from where on the speed error counts
+    first_end: float = inf  #: [m] where the first change of grade is
+
+
+class Stretches(NamedTuple):
+    """A road as the loop reads it: stretch `i` reaches from `begins[i]` up to `ends[i]` [m]."""
+
+    begins: tuple[float, ...]
+    ends: tuple[float, ...]
+    pushes: tuple[float, ...]  #: [N] gravity along the road
+
+    @classmethod
+    def of(cls, road: Road, vehicle: Vehicle) -> Stretches:
+        """Return the stretches of `road`."""
+        inner = road.starts[1:]
+        weight = -vehicle.mass * vehicle.gravity
+        return cls(
+            begins=(-inf, *inner),
+            ends=(*inner, inf),
+            pushes=tuple(weight * sin(radians(grade)) for grade in road.grades_deg),
+        )
+
+    def at(self, x: float) -> tuple[float, float, float]:
+        """Return begin, end and push of the stretch at `x` metres."""
+        i = bisect_right(self.begins, x) - 1
+        return self.begins[i], self.ends[i], self.pushes[i]
+
+
+class Start(NamedTuple):
+    """Car and controller before the first step; the default is at rest, without a past."""
+
+    x: float = 0.0  #: [m]
+    v: float = 0.0  #: [m/s]
+    integral: float = 0.0  #: [m/s²]
+    previous: float = 0.0  #: [m/s] measured before; without meaning where `dt` is 0
+    dt: float = 0.0  #: [s] since then; 0: there was no measurement
+
+
+class Result(NamedTuple):
+    """The sums of a loop, of which its scores are made; of many loops, an array of each."""
+
+    steps: Any  #: from the first state to the one at the distance; -1: it never arrived
+    squares: Any  #: [m²/s²] sum of the squared speed errors after the run-up
+    count: Any  #: how many they are
+    greatest: Any  #: [m/s] greatest absolute one of them
+    peak: Any  #: [m/s] greatest speed on the first stretch
+    effort: Any  #: [m²/s⁴] sum of the squared commands
+
+
+def run(  # noqa: C901 (a call costs more than a step)
+    kp: float,
+    ki: float,
+    kd: float,
+    setting: Setting,
+    stretches: Stretches,
+    errors: Iterable[float],
+    waiting: list[float],
+    start: Start,
+    appends: tuple[Callable[[float], None], ...],
+) -> tuple[int, float, int, float, float, float]:
+    """Drive the loop; return the fields of `Result`.
+
+    Parameters
+    ----------
+    kp, ki, kd
+        The gains.
+    errors
+        [m/s] measured minus true speed of each state: as many as there are states at most.
+    waiting
+        [m/s²] commands on their way, one for each step of delay, the next first.
+    appends
+        Take x, v, command, P, I, D and saturation of each state, where `LOGGED`.
+    """
+    reference, low, high, drag, friction, mass, ts, dt, distance, run_up, first_end = setting
+    x, v, integral, previous, interval = start
+    if LOGGED:
+        add_x, add_v, add_command, add_p, add_i, add_d, add_saturated = appends
+    locate = stretches.at
+    begin, end, push = locate(x)
+    steps = -1
+    squares = peak = effort = greatest = 0.0
+    k = before = oldest = 0
+    on_first = True
+    delay = len(waiting)
+    for k, error in enumerate(errors):
+        if x >= end or x < begin:
+            begin, end, push = locate(x)
+        measured = v + error
+        command, proportional, integral, derivative, saturated = pid_step(
+            reference, measured, previous, integral, interval, kp, ki, kd, low, high
+        )
+        previous = measured
+        interval = dt
+        if LOGGED:
+            add_x(x)
+            add_v(v)
+            add_command(command)
+            add_p(proportional)
+            add_i(integral)
+            add_d(derivative)
+            add_saturated(saturated)
+        else:
+            effort += command * command
+            if x >= run_up:
+                deviation = reference - v
+                square = deviation * deviation
+                squares += square
+                greatest = max(greatest, square)
+            else:
+                before += 1
+            if on_first:
+                if x >= first_end:
+                    on_first = False
+                elif v > peak:
+                    peak = v
+        if x >= distance:
+            steps = k
+            break
+        if delay:
+            late = waiting[oldest]
+            waiting[oldest] = command
+            command = late
+            oldest = (oldest + 1) % delay
+        x += ts * v
+        v = next_speed(v, command, push, drag, friction, mass, ts)
+    return steps, squares, k + 1 - before, sqrt(greatest), peak, effort
+
+
+LOGGED = True
+_LAWS = (pid_step, next_speed, resistance)
+drive = specialised(run, *_LAWS, LOGGED=False)
+trace = specialised(run, *_LAWS, LOGGED=True)

@@ -1,0 +1,115 @@
+"""`simulate`: a run by keywords."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from barc_sim.control.pid import PID, speed_controller
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import closed_loop, simulate
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Vehicle, bikeFE
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.simulation.log import Log
+
+
+def assert_same(left: Log, right: Log) -> None:
+    for ours, theirs in zip(left.columns().values(), right.columns().values(), strict=True):
+        assert ours.tobytes() == theirs.tobytes()
+
+
+def test_keywords_make_plant_and_controller() -> None:
+    vehicle = Vehicle(mass=1000.0)
+    ours = simulate(
+        10.0,
+        20.0,
+        0.5,
+        road='flat',
+        vehicle=vehicle,
+        noise=0.1,
+        delay=0.04,
+        speed_reference=5.0,
+        distance=30.0,
+        seed=3,
+        acceleration_limit=4.0,
+        integrator='rk4',
+        ts=0.01,
+    )
+    plant = Plant(
+        road=Road.flat(),
+        vehicle=vehicle,
+        noise=Deviation(v_x=0.1),
+        seed=3,
+        motor=Actuator(delay=0.04),
+        integrator='rk4',
+        ts=0.01,
+    )
+    pid = speed_controller(10.0, 20.0, 0.5, limit=4.0)
+    assert_same(ours, closed_loop(plant, pid, speed_reference=5.0, distance=30.0))
+
+
+def test_the_default_is_the_run() -> None:
+    assert_same(simulate(), closed_loop())
+    assert_same(simulate(noise=Deviation(s=0.1)), closed_loop(Plant(noise=Deviation(s=0.1))))
+
+
+def test_a_road_is_an_object_a_name_or_a_file(tmp_path: Path) -> None:
+    file = tmp_path / 'hills.csv'
+    file.write_text('start_m,grade_deg\n0,0\n10,5\n')
+    road = Road((0.0, 10.0), (0.0, 5.0))
+    assert_same(simulate(road=file, distance=30.0), simulate(road=road, distance=30.0))
+    assert_same(simulate(road=str(file), distance=30.0), simulate(road=road, distance=30.0))
+    with pytest.raises(UserError, match=r"road 'nowhere.csv' is neither"):
+        simulate(road='nowhere.csv')
+
+
+class LabPid:
+    """As students write it."""
+
+    def __init__(self) -> None:
+        self.integral = 0.0
+
+    def acc_calculate(self, speed_reference: float, speed_current: float) -> float:
+        """Return the acceleration."""
+        error = speed_reference - speed_current
+        self.integral += 20.0 * error * 0.02
+        return 10.0 * error + self.integral
+
+
+def test_a_controller_of_two_arguments_drives_within_the_limit_from_its_beginning() -> None:
+    own = LabPid()
+    first, second = simulate(controller=own), simulate(controller=own)
+    assert first.x[-1] >= 180.0
+    assert np.abs(first.motor).max() == 8.0
+    assert_same(first, second)
+
+
+def test_a_controller_of_three_arguments_receives_dt() -> None:
+    ours = simulate(controller=PID(30.0, 200.0, 0.1), distance=30.0)
+    assert_same(ours, simulate(distance=30.0))
+
+
+def test_gains_beside_a_controller_are_refused() -> None:
+    with pytest.raises(UserError, match=r'kp, kd are gains of the PID'):
+        simulate(kp=1.0, kd=2.0, controller=LabPid())
+
+
+def test_a_model_is_called_as_bikefe() -> None:
+    def lab_model(*args: float) -> list[float]:
+        return bikeFE(*args)
+
+    def with_options(*args: float, l_f: float, l_r: float, g: float) -> list[float]:
+        return bikeFE(*args, l_f=l_f, l_r=l_r, g=g)
+
+    expected = simulate(distance=30.0)
+    assert_same(simulate(model=lab_model, distance=30.0), expected)
+    assert_same(simulate(model=with_options, distance=30.0), expected)

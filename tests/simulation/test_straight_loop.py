@@ -1,0 +1,119 @@
+"""The fast loop: the same as the general one, to the last bit."""
+
+from __future__ import annotations
+
+from math import inf, nan
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barc_sim.control.pid import PID
+from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.specialise import specialised
+from barc_sim.vehicle.bike_model import State, Vehicle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+
+
+class General(PID):
+    """A PID that the general loop drives: it is not exactly `PID`."""
+
+
+roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_size=1, max_size=5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    stretches=roads,
+    state=st.builds(
+        State,
+        st.floats(-5.0, 5.0),
+        st.floats(-2.0, 2.0).map(lambda y: y or 0.0),
+        st.just(0.0),
+        st.floats(-5.0, 12.0),
+    ),
+    resistance=st.tuples(st.floats(500.0, 3000.0), st.floats(0.0, 50.0), st.floats(0.0, 500.0)),
+    gains=st.tuples(st.floats(-2.0, 80.0), st.floats(0.0, 3000.0), st.floats(0.0, 3.0)),
+    low=st.sampled_from([-8.0, -1.0, -inf]),
+    high=st.sampled_from([8.0, 2.0, inf]),
+    reference=st.floats(-3.0, 12.0),
+    ts=st.sampled_from([0.02, 0.013, 1.0 / 30.0]),
+)
+def test_log_and_what_is_left_are_those_of_the_general_loop(
+    stretches: list[tuple[float, float]],
+    state: State,
+    resistance: tuple[float, float, float],
+    gains: tuple[float, float, float],
+    low: float,
+    high: float,
+    reference: float,
+    ts: float,
+) -> None:
+    starts = [sum(length for length, _ in stretches[:i]) for i in range(len(stretches))]
+    road = Road(tuple(starts), tuple(grade for _, grade in stretches))
+    found = []
+    for make in (PID, General):
+        plant = Plant(road=road, vehicle=Vehicle(*resistance), ts=ts)
+        plant.place(state)
+        pid = make(*gains, output_min=low, output_max=high)
+        for distance in (10.0, 20.0):  # the second run goes on from the first
+            log = closed_loop(
+                plant, pid, speed_reference=reference, distance=distance, max_duration=4.0
+            )
+            columns = [each.tobytes() for each in log.columns().values()]
+            terms = (pid.proportional, pid.integral, pid.derivative, pid.saturated, pid.previous)
+            found.append((columns, plant.state, plant.observe(), terms))
+    assert found[:2] == found[2:]
+
+
+def test_numbers_that_grow_without_bound_are_left_to_the_general_loop() -> None:
+    gains = (-1e200, 200.0, 0.1)
+    logs = [closed_loop(controller=make(*gains), max_duration=1.0) for make in (PID, General)]
+    left, right = ([each.tobytes() for each in log.columns().values()] for log in logs)
+    assert left == right
+
+
+def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
+    assert len(closed_loop(controller=PID(nan, 0.0, 0.0), max_duration=0.2)) == 11
+
+
+@pytest.mark.parametrize(
+    'plant',
+    [Plant(integrator='rk4'), Plant(dynamics='dynamic'), Plant(model=lambda *_, **__: (0.0,) * 4)],
+)
+def test_only_the_labs_model_is_straight(plant: Plant) -> None:
+    assert not plant.is_straight
+    assert Plant().is_straight
+
+
+def double(a: float) -> float:
+    twice = 0.0
+    if a:
+        twice = 2.0 * a
+    return twice
+
+
+def both(a: float, b: float) -> tuple[float, float]:
+    total = a + b
+    return total, b
+
+
+def uses_them(a: float, b: float) -> float:
+    """Be rewritten."""
+    twice = 100.0
+    a = double(a)
+    c, d = both(a, b)
+    if EXTRA:
+        c = c + twice
+    return c - d
+
+
+EXTRA = False
+
+
+@pytest.mark.parametrize('extra', [True, False])
+def test_a_specialised_function_returns_the_same(extra: bool) -> None:
+    made = specialised(uses_them, both, double, EXTRA=extra)
+    assert made(3.0, 4.0) == 6.0 + 100.0 * extra
+    assert not {'double', 'both', 'EXTRA'} & {*made.__code__.co_names}
