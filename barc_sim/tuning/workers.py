@@ -65,8 +65,9 @@ def processes(cost: Costs) -> Iterator[Costs]:
 def cluster(cost: Costs, address: str) -> Iterator[Costs]:
     """Share the loops of `cost` among the workers of the Dask scheduler at `address`.
 
-    Loops that NumPy drives all at once are divided into few, large parts: a part of 40 loops takes
-    as long as one of 250.
+    Loops that NumPy drives all at once are divided into large parts only, as a part of 40 loops
+    takes as long as one of 250. A single part is driven here: its way to a worker and back would
+    only add to it.
 
     Raises
     ------
@@ -78,8 +79,10 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
         cores = sum(client.ncores().values())
 
         def shared(gains: Floats) -> Floats:
+            parts = _parts(gains, cores, _BATCH if batched else 1)
+            if len(parts) == 1:
+                return cost(gains)
             try:
-                parts = _parts(gains, cores, _BATCH if batched else 1)
                 futures = client.map(cost, parts, key='cost', pure=False)
                 return np.concatenate(client.gather(futures))
             except UserError:

@@ -43,8 +43,8 @@ def scheduler() -> Iterator[str]:
 
 def test_a_cluster_gives_what_one_process_gives(scheduler: str) -> None:
     with workers.cluster(GOAL, scheduler) as cost:
-        assert cost(GAINS).tolist() == GOAL(GAINS).tolist()
-        assert cost(GAINS[:1]).tolist() == GOAL(GAINS[:1]).tolist()
+        for gains in (GAINS, GAINS[:1], np.tile(GAINS, (250, 1))):
+            assert cost(gains).tolist() == GOAL(gains).tolist()
 
 
 def test_a_users_error_on_a_worker_is_passed_on(scheduler: str) -> None:
@@ -98,8 +98,9 @@ def test_without_dask_the_error_says_what_to_install(monkeypatch: pytest.MonkeyP
         pass
 
 
-def test_loops_that_numpy_drives_at_once_are_not_divided_small(
-    scheduler: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(('loops', 'parts'), [(260, [260]), (5000, [2500, 2500])])
+def test_loops_that_numpy_drives_at_once_are_divided_into_large_parts(
+    scheduler: str, monkeypatch: pytest.MonkeyPatch, loops: int, parts: list[int]
 ) -> None:
     sizes: list[int] = []
 
@@ -109,5 +110,5 @@ def test_loops_that_numpy_drives_at_once_are_not_divided_small(
 
     monkeypatch.setattr(Goal, '__call__', count)
     with workers.cluster(GOAL, scheduler) as cost:
-        cost(np.tile(GAINS, (13, 1)))
-    assert sizes == [260]
+        assert len(cost(np.tile(GAINS[:1], (loops, 1)))) == loops
+    assert sizes == parts
