@@ -1,4 +1,4 @@
-"""The figure of how errors fall with the step: one panel per manoeuvre, both axes logarithmic."""
+"""The figure of how errors fall with the step: one panel per test drive, both axes logarithmic."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _SLOPES = {1: 2e-3, 4: 1e-9}  # order, and error [m] at the longest step
 
 @style.context(STYLE)
 def convergence_figure(studies: Sequence[Study], *, figure: Figure | None = None) -> Figure:
-    """Draw the errors of `studies`, those of a manoeuvre next to each other.
+    """Draw the errors of `studies`, those of a test drive next to each other.
 
     `figure` is an empty one to draw on, such as a window's.
     """
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)
-    panels = [[*group] for _, group in groupby(studies, lambda study: study.manoeuvre)]
+    panels = [[*group] for _, group in groupby(studies, lambda study: study.test_drive)]
     rows = -(-(len(panels) + 1) // _COLUMNS)
     grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
     axes = [*grid.flat]
@@ -92,7 +92,7 @@ def _draw(axes: Axes, studies: Sequence[Study]) -> None:
     axes.xaxis.set_major_locator(FixedLocator(STEPS))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda ts, _: f'{1e3 * ts:g}'))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_title(studies[0].manoeuvre, loc='left', fontsize=11, fontweight='bold', pad=18.0)
+    axes.set_title(studies[0].test_drive, loc='left', fontsize=11, fontweight='bold', pad=18.0)
     text = axes.annotate(
         f'{studies[0].text}; against {studies[0].reference}',
         (0.0, 1.0),

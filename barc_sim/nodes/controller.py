@@ -30,7 +30,7 @@ from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
 from barc_sim.vehicle.bike_model import Input
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter

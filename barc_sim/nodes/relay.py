@@ -23,7 +23,7 @@ from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
 from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from barc_sim.vehicle.parameter import Parameter
+    from barc_sim.vehicle.parameters import Parameter
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.control.driver import DriverInput
     from barc_sim.vehicle.bike_model import Model, Vehicle
+    from barc_sim.vehicle.lateral_dynamics import LateralParameters
     from barc_sim.vehicle.plant import Observation
-    from barc_sim.vehicle.tyres import Handling
 
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
@@ -67,7 +67,7 @@ def simulate(
     acceleration_limit: float = ACCELERATION_LIMIT,
     integrator: str = 'euler',
     dynamics: str = 'kinematic',
-    handling: Handling | None = None,
+    lateral: LateralParameters | None = None,
     ts: float = 0.02,
 ) -> Log:
     """Return the log of a cruise-control run: the trajectory of `acc` with these options.
@@ -96,7 +96,7 @@ def simulate(
         Of the noise.
     acceleration_limit
         [m/s²] limit of the command either way.
-    integrator, dynamics, handling, ts
+    integrator, dynamics, lateral, ts
         As in `Plant`.
 
     Raises
@@ -121,7 +121,7 @@ def simulate(
         motor=Actuator(delay=delay),
         integrator=integrator,
         dynamics=dynamics,
-        handling=handling,
+        lateral=lateral,
     )
     driving: Controller = PID(**gains) if controller is None else as_controller(controller)
     driving.output_min, driving.output_max = -acceleration_limit, acceleration_limit

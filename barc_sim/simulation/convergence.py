@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.simulation.test_drives import MANOEUVRES
+from barc_sim.simulation.reference_drives import REFERENCE_DRIVES
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.integrators import INTEGRATORS
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
@@ -15,7 +15,7 @@ from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from barc_sim.simulation.test_drives import Manoeuvre
+    from barc_sim.simulation.reference_drives import ReferenceDrive
     from barc_sim.vehicle.bike_model import State
 
 #: [s] The lab's step, halved again and again.
@@ -27,9 +27,9 @@ ROUNDING = 1e-11
 
 
 class Study(NamedTuple):
-    """The errors of one integrator of one model in one manoeuvre."""
+    """The errors of one integrator of one model in one test drive."""
 
-    manoeuvre: str
+    test_drive: str
     text: str
     reference: str
     model: str
@@ -38,20 +38,20 @@ class Study(NamedTuple):
     order: float  #: the slope of the errors; NaN where rounding leaves fewer than two of them
 
 
-def studies(manoeuvres: Iterable[Manoeuvre] = MANOEUVRES) -> Iterator[Study]:
-    """Yield the study of each manoeuvre, model and integrator."""
-    for manoeuvre in manoeuvres:
-        for model in manoeuvre.models:
-            if manoeuvre.exact:
-                reference, (x, y) = 'the closed form', manoeuvre.exact(manoeuvre)
+def studies(drives: Iterable[ReferenceDrive] = REFERENCE_DRIVES) -> Iterator[Study]:
+    """Yield the study of each test drive, model and integrator."""
+    for test_drive in drives:
+        for model in test_drive.models:
+            if test_drive.exact:
+                reference, (x, y) = 'the closed form', test_drive.exact(test_drive)
             else:
-                reference, (x, y) = 'a fine solution', drive(manoeuvre, model, 'rk4', FINE)[:2]
+                reference, (x, y) = 'a fine solution', drive(test_drive, model, 'rk4', FINE)[:2]
             for integrator in INTEGRATORS:
-                ends = (drive(manoeuvre, model, integrator, ts) for ts in STEPS)
+                ends = (drive(test_drive, model, integrator, ts) for ts in STEPS)
                 errors = tuple(hypot(end.x - x, end.y - y) for end in ends)
                 yield Study(
-                    manoeuvre=manoeuvre.name,
-                    text=manoeuvre.text,
+                    test_drive=test_drive.name,
+                    text=test_drive.text,
                     reference=reference,
                     model=model,
                     integrator=integrator,
@@ -60,16 +60,16 @@ def studies(manoeuvres: Iterable[Manoeuvre] = MANOEUVRES) -> Iterator[Study]:
                 )
 
 
-def drive(manoeuvre: Manoeuvre, model: str, integrator: str, ts: float) -> State:
+def drive(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> State:
     """Return the state at the end, in steps of `ts` seconds."""
     bicycle: KinematicBicycle | DynamicBicycle = (
         DynamicBicycle(integrator=integrator)
         if model == 'dynamic'
         else KinematicBicycle(integrator)
     )
-    state = manoeuvre.start
-    for _ in range(round(manoeuvre.duration / ts)):
-        state = bicycle.step(state, manoeuvre.held, manoeuvre.grade, manoeuvre.vehicle, ts)
+    state = test_drive.start
+    for _ in range(round(test_drive.duration / ts)):
+        state = bicycle.step(state, test_drive.held, test_drive.grade, test_drive.vehicle, ts)
     return state
 
 

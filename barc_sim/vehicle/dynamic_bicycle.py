@@ -8,10 +8,10 @@
 2.3.) Tyres are linear up to a few degrees of slip, about 4 m/s² across on a dry road.
 
 The slip angles have no meaning at a standstill, and the equations become stiff on the way there:
-their rates grow with 1/v_x. Slower than `Handling.dynamic_above`, and in reverse, the car is the
-kinematic bicycle, as in the single-track model of Althoff et al., "CommonRoad: Composable
-benchmarks for motion planning on roads", IV 2017. v_y and ψ' begin there where the kinematic
-bicycle has them; slowing down they go to those in one step.
+their rates grow with 1/v_x. Slower than `LateralParameters.dynamic_above`, and in reverse, the car
+is the kinematic bicycle, as in the single-track model of Althoff et al., "CommonRoad: Composable
+benchmarks for motion planning on roads", IV 2017. On the way up v_y and ψ' begin at the values of
+the kinematic bicycle; on the way down they take these values in one step.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from barc_sim.vehicle.kinematic_bicycle import (
     direction_of,
     resisted,
 )
-from barc_sim.vehicle.tyres import Handling, eigenvalues
+from barc_sim.vehicle.lateral_dynamics import LateralParameters, eigenvalues
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +42,7 @@ class DynamicBicycle:
 
     is_lab = False
 
-    def __init__(self, handling: Handling | None = None, integrator: str = 'euler') -> None:
+    def __init__(self, lateral: LateralParameters | None = None, integrator: str = 'euler') -> None:
         """Begin without slip and yaw rate.
 
         Raises
@@ -50,7 +50,7 @@ class DynamicBicycle:
         UserError
             where there is no integrator of that name.
         """
-        self.handling = handling or Handling()
+        self.lateral = lateral or LateralParameters()
         self._integrator = named(integrator)
         self._slow = KinematicBicycle(integrator)
         self._beta = self._psi_dot = 0.0
@@ -60,8 +60,8 @@ class DynamicBicycle:
 
         They are where it makes a motion grow that decays, at the speed at which it begins.
         """
-        v = self.handling.dynamic_above
-        for rate in eigenvalues(vehicle, self.handling, v):
+        v = self.lateral.dynamic_above
+        for rate in eigenvalues(vehicle, self.lateral, v):
             if rate.real < 0.0 and self._integrator.amplification(rate * ts) > 1.0:
                 raise UserError(
                     f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where '
@@ -78,12 +78,12 @@ class DynamicBicycle:
         begin = self._motion(state)
 
         def end(direction: float) -> Motion:
-            slopes = rates(held, grade, vehicle, self.handling, direction)
+            slopes = rates(held, grade, vehicle, self.lateral, direction)
             return Motion(*self._integrator.step(slopes, begin, ts))
 
         found = end(direction_of(begin.v_x))
         v_x = resisted(begin.v_x, found.v_x, lambda: end(0.0).v_x)
-        if v_x <= self.handling.dynamic_above:
+        if v_x <= self.lateral.dynamic_above:
             v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
             self._follow(v, held.servo, vehicle)
         else:
@@ -102,7 +102,7 @@ class DynamicBicycle:
         return self._slow.motion(state, servo, vehicle)
 
     def _dynamic(self, state: State) -> bool:
-        return state.v * cos(self._beta) > self.handling.dynamic_above
+        return state.v * cos(self._beta) > self.lateral.dynamic_above
 
     def _motion(self, state: State) -> Motion:
         x, y, psi, v = state
@@ -115,7 +115,7 @@ class DynamicBicycle:
 
 
 def rates(
-    held: Input, grade: Grade, vehicle: Vehicle, handling: Handling, direction: float = 1.0
+    held: Input, grade: Grade, vehicle: Vehicle, lateral: LateralParameters, direction: float = 1.0
 ) -> Callable[[Vector], Vector]:
     """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
 
@@ -127,8 +127,8 @@ def rates(
 
     def derivative(motion: Vector) -> Vector:
         x, _, psi, v_x, v_y, psi_dot = motion
-        front = handling.front_stiffness * (servo - atan2(v_y + l_f * psi_dot, v_x))
-        rear = -handling.rear_stiffness * atan2(v_y - l_r * psi_dot, v_x)
+        front = lateral.front_stiffness * (servo - atan2(v_y + l_f * psi_dot, v_x))
+        rear = -lateral.rear_stiffness * atan2(v_y - l_r * psi_dot, v_x)
         free = along_the_road(hypot(v_x, v_y), motor, grade(x), vehicle, direction)
         return (
             v_x * cos(psi) - v_y * sin(psi),
@@ -136,7 +136,7 @@ def rates(
             psi_dot,
             free - front * sin_servo / mass + v_y * psi_dot,
             (front * cos_servo + rear) / mass - v_x * psi_dot,
-            (l_f * front * cos_servo - l_r * rear) / handling.yaw_inertia,
+            (l_f * front * cos_servo - l_r * rear) / lateral.yaw_inertia,
         )
 
     return derivative

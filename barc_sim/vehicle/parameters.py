@@ -1,13 +1,61 @@
-"""The parameters of the node `vehicle_simulator`; `plant_values` makes a plant of them."""
+"""The one table of the parameters of the node `vehicle_simulator`, and the plant made of them.
+
+A default stands in the record that it belongs to: `Vehicle`, `LateralParameters`. A new field of
+such a record needs a row here, and nothing else: `plant` fills the records by name.
+"""
 
 from __future__ import annotations
 
-from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.parameter import Parameter
-from barc_sim.vehicle.tyres import Handling
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Vehicle, bikeFE
+from barc_sim.vehicle.lateral_dynamics import LateralParameters
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from barc_sim.vehicle.bike_model import Model
+
+
+class Parameter(NamedTuple):
+    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
+
+    name: str
+    default: float | str | bool
+    description: str
+    between: tuple[float, float] | None = None
+    read_only: bool = False
+
+
+def _of(
+    record: Vehicle | LateralParameters, name: str, description: str, between: tuple[float, float]
+) -> Parameter:
+    """Return the parameter of a record's field."""
+    return Parameter(name, getattr(record, name), description, between)
+
 
 _VEHICLE = Vehicle()
-_HANDLING = Handling()
+_LATERAL = LateralParameters()
+_NOISE = [
+    Parameter(f'noise_{name}', 0.0, f'standard deviation of {signal}', (0.0, 1e3))
+    for name, signal in zip(
+        Deviation._fields,
+        (
+            'position along [m]',
+            'position across [m]',
+            'heading [rad]',
+            'v_x [m/s]',
+            'v_y [m/s]',
+            'yaw rate [rad/s]',
+        ),
+        strict=True,
+    )
+]
 _ACTUATORS = [
     Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, greatest))
     for name, unit, limit in (('motor', 'm/s²', 'acceleration'), ('servo', 'rad', 'steering'))
@@ -19,12 +67,12 @@ _ACTUATORS = [
     )
 ]
 PARAMETERS = [
-    Parameter('mass', _VEHICLE.mass, 'm, the mass [kg]', (1.0, 1e6)),
-    Parameter('air_drag_coeff', _VEHICLE.air_drag_coeff, 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
-    Parameter('friction', _VEHICLE.friction, 'F_f, rolling resistance [N]', (0.0, 1e6)),
-    Parameter('l_f', _VEHICLE.l_f, 'centre of mass to front axle [m]', (0.01, 100.0)),
-    Parameter('l_r', _VEHICLE.l_r, 'centre of mass to rear axle [m]', (0.01, 100.0)),
-    Parameter('gravity', _VEHICLE.gravity, 'g [m/s²]', (0.0, 100.0)),
+    _of(_VEHICLE, 'mass', 'm, the mass [kg]', (1.0, 1e6)),
+    _of(_VEHICLE, 'air_drag_coeff', 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
+    _of(_VEHICLE, 'friction', 'F_f, rolling resistance [N]', (0.0, 1e6)),
+    _of(_VEHICLE, 'l_f', 'centre of mass to front axle [m]', (0.01, 100.0)),
+    _of(_VEHICLE, 'l_r', 'centre of mass to rear axle [m]', (0.01, 100.0)),
+    _of(_VEHICLE, 'gravity', 'g [m/s²]', (0.0, 100.0)),
     Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
     Parameter('road', 'lab', "'lab', 'flat' or a CSV file with the columns start_m,grade_deg"),
     Parameter(
@@ -36,7 +84,7 @@ PARAMETERS = [
     Parameter(
         'clock',
         default=False,
-        description='whether /clock tells the simulated time where realtime_factor is 1, too',
+        description='whether /clock has the simulated time where realtime_factor is 1, too',
     ),
     Parameter('wait_for_controller', True, 'whether time begins only when somebody publishes ecu'),
     Parameter(
@@ -50,26 +98,56 @@ PARAMETERS = [
     Parameter('refuse_motor_above', 100.0, 'a command beyond is refused [m/s²]', (0.0, 1e6)),
     Parameter('refuse_servo_above', 1.5, 'a command beyond is refused [rad]', (0.0, 1.5)),
     Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
-    Parameter('noise_s', 0.0, 'standard deviation of position along [m]', (0.0, 1e3)),
-    Parameter('noise_ey', 0.0, 'standard deviation of position across [m]', (0.0, 1e3)),
-    Parameter('noise_epsi', 0.0, 'standard deviation of heading [rad]', (0.0, 1e3)),
-    Parameter('noise_v_x', 0.0, 'standard deviation of v_x [m/s]', (0.0, 1e3)),
-    Parameter('noise_v_y', 0.0, 'standard deviation of v_y [m/s]', (0.0, 1e3)),
-    Parameter('noise_psi_dot', 0.0, 'standard deviation of yaw rate [rad/s]', (0.0, 1e3)),
+    *_NOISE,
     *_ACTUATORS,
     Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
     Parameter('dynamics', 'kinematic', "'kinematic' or 'dynamic': the bicycle with linear tyres"),
-    Parameter('yaw_inertia', _HANDLING.yaw_inertia, 'I_z of the dynamic one [kg m²]', (1.0, 1e7)),
-    Parameter(
-        'front_stiffness', _HANDLING.front_stiffness, "C_f, front axle's tyres [N/rad]", (1.0, 1e8)
-    ),
-    Parameter(
-        'rear_stiffness', _HANDLING.rear_stiffness, "C_r, rear axle's tyres [N/rad]", (1.0, 1e8)
-    ),
-    Parameter(
+    _of(_LATERAL, 'yaw_inertia', 'I_z of the dynamic one [kg m²]', (1.0, 1e7)),
+    _of(_LATERAL, 'front_stiffness', "C_f, front axle's tyres [N/rad]", (1.0, 1e8)),
+    _of(_LATERAL, 'rear_stiffness', "C_r, rear axle's tyres [N/rad]", (1.0, 1e8)),
+    _of(
+        _LATERAL,
         'dynamic_above',
-        _HANDLING.dynamic_above,
         'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
         (0.1, 100.0),
     ),
 ]
+
+NANOSECONDS = 1_000_000_000
+
+
+def period_ns(values: Mapping[str, Any]) -> int:
+    """Return the time between two states [ns]."""
+    return round(NANOSECONDS / float(values['rate']))
+
+
+def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = None) -> Plant:
+    """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
+
+    Raises
+    ------
+    UserError
+        where the road can't be had, or what is asked for does not go together.
+    """
+    return Plant(
+        road=road or Road.named(values['road']),
+        vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
+        ts=period_ns(values) / NANOSECONDS,
+        noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
+        seed=values['seed'],
+        model=model,
+        motor=_actuator(values, 'motor'),
+        servo=_actuator(values, 'servo'),
+        integrator=values['integrator'],
+        dynamics=values['dynamics'],
+        lateral=LateralParameters(*(values[name] for name in LateralParameters._fields)),
+    )
+
+
+def _actuator(values: Mapping[str, Any], name: str) -> Actuator:
+    return Actuator(
+        delay=values[f'{name}_delay'],
+        lag=values[f'{name}_lag'],
+        rate=values[f'{name}_rate_limit'] or inf,
+        limit=values[f'{name}_limit'] or inf,
+    )

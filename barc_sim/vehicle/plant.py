@@ -14,7 +14,7 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation, Sensor
 
 if TYPE_CHECKING:
-    from barc_sim.vehicle.tyres import Handling
+    from barc_sim.vehicle.lateral_dynamics import LateralParameters
 
 
 class Observation(NamedTuple):
@@ -45,7 +45,7 @@ class Plant:
         servo: Actuator | None = None,
         integrator: str = 'euler',
         dynamics: str = 'kinematic',
-        handling: Handling | None = None,
+        lateral: LateralParameters | None = None,
     ) -> None:
         """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds.
 
@@ -59,7 +59,7 @@ class Plant:
             'euler' or 'rk4'. Over a step acceleration and steering are held: at the mean of what
             the actuators do in it.
         dynamics
-            'kinematic', or 'dynamic' for the bicycle with tyres of this `handling`.
+            'kinematic', or 'dynamic' for the bicycle with tyres of this `lateral`.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class Plant:
                 "'kinematic', or the model away"
             )
         else:
-            self._bicycle = DynamicBicycle(handling, integrator)
+            self._bicycle = DynamicBicycle(lateral, integrator)
             self._bicycle.check(self.vehicle, ts)
 
     @property

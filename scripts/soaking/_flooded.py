@@ -40,9 +40,9 @@ class _Watched(Plant):
 
 def main() -> int:
     """Run the command line."""
-    from barc_sim.vehicle import plant_values  # noqa: PLC0415
+    from barc_sim.vehicle import parameters  # noqa: PLC0415
 
-    plant_values.Plant = _Watched
+    parameters.Plant = _Watched
     code = run.main()
     names = ('not_finite', 'speed', 'motor', 'servo', 'seen', 'memory')
     print(json.dumps({name: getattr(_Watched, name) for name in names}))

@@ -19,7 +19,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros.parameters import declare
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -88,7 +88,7 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Ru
     told = json.loads(capsys.readouterr().out)
     assert told['steps'] == list(STEPS)
     assert told['studies'][0] == {
-        'manoeuvre': 'circle',
+        'test_drive': 'circle',
         'text': 'tight',
         'reference': 'the closed form',
         'model': 'kinematic',

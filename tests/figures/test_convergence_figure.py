@@ -10,14 +10,14 @@ from barc_sim.simulation.convergence import STEPS, Study
 FALLING = (1e-2, 5e-3, 2.5e-3, 1.25e-3, 6e-4)
 
 
-def study(manoeuvre: str, model: str, errors: tuple[float, ...] = FALLING) -> Study:
-    return Study(manoeuvre, 'text', 'the closed form', model, 'euler', errors, 1.0)
+def study(test_drive: str, model: str, errors: tuple[float, ...] = FALLING) -> Study:
+    return Study(test_drive, 'text', 'the closed form', model, 'euler', errors, 1.0)
 
 
 STUDIES = [study('circle', 'kinematic'), study('hills', 'kinematic'), study('hills', 'dynamic')]
 
 
-def test_each_manoeuvre_has_a_panel_with_a_line_for_each_of_its_studies() -> None:
+def test_each_drive_has_a_panel_with_a_line_for_each_of_its_studies() -> None:
     circle, hills, *rest = convergence_figure(STUDIES).axes
     assert (circle.get_title(loc='left'), hills.get_title(loc='left')) == ('circle', 'hills')
     solid = [

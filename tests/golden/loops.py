@@ -11,10 +11,10 @@ from barc_sim.simulation.closed_loop import closed_loop, drive
 # The only names of the package that the golden figures use, but for the command line.
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import State, Vehicle
+from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
-from barc_sim.vehicle.tyres import Handling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -47,7 +47,7 @@ _SERVO = Actuator(delay=0.05, lag=0.1, rate=0.5, limit=0.125)
 _HILLS = Road((-5.0, 7.5, 31.0, 33.0, 70.0), (2.5, -4.0, 12.25, 0.125, -20.0))
 _STEEP = Road((-30.0, -10.0, 0.0, 2.0), (-15.0, 10.0, 45.0, 60.0))
 _VEHICLE = Vehicle(mass=1500.0, air_drag_coeff=0.4, friction=150.0, l_f=1.1, l_r=1.7, gravity=9.81)
-_HANDLING = Handling(yaw_inertia=3200.0, front_stiffness=90e3)
+_LATERAL = LateralParameters(yaw_inertia=3200.0, front_stiffness=90e3)
 
 
 def _by_hand(plant: Plant | None = None, limits: Limits | None = None) -> Log:
@@ -93,7 +93,7 @@ LOOPS: dict[str, Callable[[], Log]] = {
     'drive_rk4': lambda: _by_hand(_flat(integrator='rk4')),
     'drive_dynamic': lambda: _by_hand(_flat(dynamics='dynamic')),
     'drive_dynamic_rk4': lambda: _by_hand(
-        _flat(dynamics='dynamic', integrator='rk4', vehicle=_VEHICLE, handling=_HANDLING)
+        _flat(dynamics='dynamic', integrator='rk4', vehicle=_VEHICLE, lateral=_LATERAL)
     ),
     'drive_actuators': lambda: _by_hand(_flat(motor=_MOTOR, servo=_SERVO)),
     'drive_actuators_rk4': lambda: _by_hand(

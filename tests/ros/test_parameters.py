@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from barc_sim.errors import UserError
 from barc_sim.ros.parameters import declare
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from rclpy.context import Context

@@ -30,10 +30,10 @@ from barc_sim.bags import reader as bag
 from barc_sim.control.pid import speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
-from barc_sim.vehicle.tyres import Handling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -147,7 +147,7 @@ def test_two_runs_in_lock_step_are_the_rollout_to_the_last_bit(tmp_path: Path) -
                 'servo': Actuator(0.01, 0.1, 0.5, 0.4),
                 'integrator': 'rk4',
                 'dynamics': 'dynamic',
-                'handling': Handling(3500.0, 110e3, 150e3, 4.0),
+                'lateral': LateralParameters(3500.0, 110e3, 150e3, 4.0),
                 'noise': Deviation(v_x=0.1, psi_dot=0.01),
                 'seed': 3,
             },

@@ -7,7 +7,7 @@ from math import isnan
 import pytest
 
 from barc_sim.simulation.convergence import ROUNDING, STEPS, Study, order, studies
-from barc_sim.simulation.test_drives import MANOEUVRES
+from barc_sim.simulation.reference_drives import REFERENCE_DRIVES
 from barc_sim.vehicle.integrators import INTEGRATORS
 
 
@@ -16,19 +16,19 @@ def found() -> list[Study]:
     return [*studies()]
 
 
-def test_each_model_and_integrator_is_studied_in_each_of_its_manoeuvres(
+def test_each_model_and_integrator_is_studied_in_each_of_its_drives(
     found: list[Study],
 ) -> None:
-    assert [(study.manoeuvre, study.model, study.integrator) for study in found] == [
-        (manoeuvre.name, model, integrator)
-        for manoeuvre in MANOEUVRES
-        for model in manoeuvre.models
+    assert [(study.test_drive, study.model, study.integrator) for study in found] == [
+        (test_drive.name, model, integrator)
+        for test_drive in REFERENCE_DRIVES
+        for model in test_drive.models
         for integrator in INTEGRATORS
     ]
 
 
 def test_smooth_drives_converge_with_the_integrators_order(found: list[Study]) -> None:
-    smooth = [study for study in found if study.manoeuvre != "lab's road"]
+    smooth = [study for study in found if study.test_drive != "lab's road"]
     for study in smooth:
         expected = INTEGRATORS[study.integrator].order
         assert study.order == pytest.approx(expected, abs=0.1 * expected), study
@@ -37,12 +37,12 @@ def test_smooth_drives_converge_with_the_integrators_order(found: list[Study]) -
 def test_rk4_is_far_closer_where_the_road_is_smooth(found: list[Study]) -> None:
     for euler, rk4 in zip(found[::2], found[1::2], strict=True):
         assert rk4.errors[0] < euler.errors[0]
-        if euler.manoeuvre != "lab's road":
+        if euler.test_drive != "lab's road":
             assert rk4.errors[0] < 1e-4 * euler.errors[0]
 
 
 def test_jumps_of_the_grade_leave_rk4_no_better_order(found: list[Study]) -> None:
-    lab = [study for study in found if study.manoeuvre == "lab's road"]
+    lab = [study for study in found if study.test_drive == "lab's road"]
     assert lab
     for study in lab:
         assert 0.3 < study.order < 1.5

@@ -14,8 +14,8 @@ from barc_sim.vehicle.bike_model import Input, Motion, State, Vehicle, motion
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle, rates
 from barc_sim.vehicle.integrators import rk4
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
-from barc_sim.vehicle.tyres import (
-    Handling,
+from barc_sim.vehicle.lateral_dynamics import (
+    LateralParameters,
     characteristic_speed,
     critical_speed,
     eigenvalues,
@@ -28,8 +28,8 @@ from barc_sim.vehicle.tyres import (
 TS = 0.005
 CAR = Vehicle(air_drag_coeff=0.0, friction=0.0)
 ODD = Vehicle(mass=1573.0, air_drag_coeff=0.0, friction=0.0, l_f=1.1, l_r=1.58)
-UNDERSTEERING = Handling()
-OVERSTEERING = Handling(front_stiffness=160e3, rear_stiffness=120e3)
+UNDERSTEERING = LateralParameters()
+OVERSTEERING = LateralParameters(front_stiffness=160e3, rear_stiffness=120e3)
 #: [rad] So small that the equations are the linear ones to about its square.
 SMALL = 1e-4
 properties = settings(deadline=None, derandomize=True)
@@ -56,15 +56,15 @@ def lateral_rates(v: float, v_y: float, psi_dot: float, servo: float = 0.0) -> t
 
 
 @pytest.mark.parametrize('integrator', ['euler', 'rk4'])
-@pytest.mark.parametrize(('vehicle', 'handling'), [(CAR, UNDERSTEERING), (ODD, UNDERSTEERING)])
+@pytest.mark.parametrize(('vehicle', 'lateral'), [(CAR, UNDERSTEERING), (ODD, UNDERSTEERING)])
 @pytest.mark.parametrize('v', [5.0, 20.0, 45.0])
 def test_steady_state_has_the_gains_of_the_closed_form(
-    integrator: str, vehicle: Vehicle, handling: Handling, v: float
+    integrator: str, vehicle: Vehicle, lateral: LateralParameters, v: float
 ) -> None:
-    bicycle = DynamicBicycle(handling, integrator)
+    bicycle = DynamicBicycle(lateral, integrator)
     seen = at_speed(bicycle, vehicle, v, SMALL, 6.0)
-    assert seen.psi_dot / SMALL == pytest.approx(yaw_gain(vehicle, handling, v), rel=1e-5)
-    assert seen.v_y / SMALL == pytest.approx(side_slip_gain(vehicle, handling, v), rel=1e-5)
+    assert seen.psi_dot / SMALL == pytest.approx(yaw_gain(vehicle, lateral, v), rel=1e-5)
+    assert seen.v_y / SMALL == pytest.approx(side_slip_gain(vehicle, lateral, v), rel=1e-5)
 
 
 def test_understeer_gradient_is_what_more_speed_demands_of_the_wheel() -> None:
@@ -201,7 +201,9 @@ def test_energy_changes_by_the_power_of_the_tyres_alone(
 def test_grade_resistance_and_command_act_along_the_car() -> None:
     vehicle = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0)
     theta = radians(7.0)
-    slopes = rates(Input(1.5), lambda _: theta, vehicle, Handling())((0, 0, 1.0, 10.0, 0.0, 0.0))
+    slopes = rates(Input(1.5), lambda _: theta, vehicle, LateralParameters())(
+        (0, 0, 1.0, 10.0, 0.0, 0.0)
+    )
     assert slopes[3] == pytest.approx(1.5 - 9.8 * sin(theta) - (2.0 * 100.0 + 30.0) / 1000.0)
     assert slopes[4:] == (0.0, 0.0)
 
@@ -280,7 +282,7 @@ def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> No
         UserError, match=f'^steps of {ts:g} s are too long .* raise the parameter rate'
     ):
         DynamicBicycle(integrator=integrator).check(Vehicle(), ts)
-    DynamicBicycle(Handling(dynamic_above=10.0), integrator).check(Vehicle(), ts)
+    DynamicBicycle(LateralParameters(dynamic_above=10.0), integrator).check(Vehicle(), ts)
 
 
 @pytest.mark.parametrize('integrator', ['euler', 'rk4'])

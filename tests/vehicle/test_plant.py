@@ -12,10 +12,10 @@ from barc_sim.vehicle.actuators import Actuator, Channel
 from barc_sim.vehicle.bike_model import Input, State, Vehicle, bikeFE, forces, motion, step
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
+from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation, Sensor
-from barc_sim.vehicle.tyres import Handling
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
 VEHICLE = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0, l_f=1.1, l_r=1.9, gravity=9.0)
@@ -28,7 +28,7 @@ ALL_ON: dict[str, Any] = {
     'servo': SLOW,
     'integrator': 'rk4',
     'dynamics': 'dynamic',
-    'handling': Handling(dynamic_above=5.0),
+    'lateral': LateralParameters(dynamic_above=5.0),
 }
 
 

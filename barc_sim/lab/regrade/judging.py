@@ -14,7 +14,7 @@ from barc_sim.lab.regrade import commands, states
 from barc_sim.lab.regrade.recorded import attached, read
 from barc_sim.lab.regrade.verdict import Verdict
 from barc_sim.vehicle.bike_model import bikeFE
-from barc_sim.vehicle.plant_values import plant
+from barc_sim.vehicle.parameters import plant
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,7 +17,7 @@ from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 #: [s] between two polls of the topics, while a client is subscribed and while none is.
 _PERIOD, _SLOW_PERIOD = 0.02, 0.1

@@ -38,7 +38,7 @@ from barc_sim.ros.parameters import declare
 from barc_sim.ros.polled import PolledCallbackGroup, polled, take
 from barc_sim.ros.process import spin
 from barc_sim.vehicle.bike_model import Motion, Vehicle
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from barc_sim.ros.executor.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

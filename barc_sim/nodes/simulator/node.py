@@ -29,9 +29,7 @@ from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RefusedInput
 from barc_sim.simulation.stepper import Settings, Stepper
 from barc_sim.vehicle.bike_model import Input, bikeFE
-from barc_sim.vehicle.parameter import Parameter
-from barc_sim.vehicle.parameters import PARAMETERS
-from barc_sim.vehicle.plant_values import plant
+from barc_sim.vehicle.parameters import PARAMETERS, Parameter, plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from barc_sim.ros.endpoints import publisher
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.polled import PolledCallbackGroup, polled, take
 from barc_sim.ros.process import spin
-from barc_sim.vehicle.parameter import Parameter
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

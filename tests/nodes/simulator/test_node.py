@@ -27,10 +27,10 @@ from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Input, motion
+from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
-from barc_sim.vehicle.tyres import Handling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -313,7 +313,7 @@ def test_steering_car_with_everything_on_is_the_plant_to_the_last_bit(world: Wor
         servo=Actuator(delay=0.05, lag=0.1, rate=0.4, limit=0.03),
         integrator='rk4',
         dynamics='dynamic',
-        handling=Handling(3500.0, 110e3, 150e3, 2.0),
+        lateral=LateralParameters(3500.0, 110e3, 150e3, 2.0),
         noise=Deviation(0.1, 0.1, 0.01, 0.1, 0.1, 0.01),
         seed=5,
     )

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Vehicle
 
 
-class Handling(NamedTuple):
+class LateralParameters(NamedTuple):
     """What the dynamic bicycle has beyond `Vehicle`; the defaults understeer mildly."""
 
     yaw_inertia: float = 4000.0  #: [kg m²] I_z
@@ -26,10 +26,10 @@ class Handling(NamedTuple):
 Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
-def lateral_matrix(vehicle: Vehicle, handling: Handling, v: float) -> Matrix:
+def lateral_matrix(vehicle: Vehicle, lateral: LateralParameters, v: float) -> Matrix:
     """Return A of d/dt (v_y, psi_dot) = A (v_y, psi_dot) + B δ, at speed `v` [m/s] above zero."""
     m, l_f, l_r = vehicle.mass, vehicle.l_f, vehicle.l_r
-    i_z, c_f, c_r, _ = handling
+    i_z, c_f, c_r, _ = lateral
     moment = l_f * c_f - l_r * c_r
     return (
         (-(c_f + c_r) / (m * v), -v - moment / (m * v)),
@@ -37,41 +37,41 @@ def lateral_matrix(vehicle: Vehicle, handling: Handling, v: float) -> Matrix:
     )
 
 
-def eigenvalues(vehicle: Vehicle, handling: Handling, v: float) -> tuple[complex, complex]:
+def eigenvalues(vehicle: Vehicle, lateral: LateralParameters, v: float) -> tuple[complex, complex]:
     """Return the eigenvalues [1/s] of `lateral_matrix`, that of the greater real part first."""
-    (a, b), (c, d) = lateral_matrix(vehicle, handling, v)
+    (a, b), (c, d) = lateral_matrix(vehicle, lateral, v)
     mean, root = 0.5 * (a + d), complex_sqrt(0.25 * (a - d) ** 2 + b * c)
     return mean + root, mean - root
 
 
-def understeer_gradient(vehicle: Vehicle, handling: Handling) -> float:
+def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
     """Return K [rad s²/m]: on a circle of radius R the steering is (l_f + l_r)/R + K v²/R.
 
     It is positive where the car understeers, zero where it is neutral.
     """
     load = vehicle.mass / (vehicle.l_f + vehicle.l_r)
-    return load * (vehicle.l_r / handling.front_stiffness - vehicle.l_f / handling.rear_stiffness)
+    return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)
 
 
-def yaw_gain(vehicle: Vehicle, handling: Handling, v: float) -> float:
+def yaw_gain(vehicle: Vehicle, lateral: LateralParameters, v: float) -> float:
     """Return the steady yaw rate by steering angle [1/s] at speed `v` [m/s]."""
-    return v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, handling) * v**2)
+    return v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, lateral) * v**2)
 
 
-def side_slip_gain(vehicle: Vehicle, handling: Handling, v: float) -> float:
+def side_slip_gain(vehicle: Vehicle, lateral: LateralParameters, v: float) -> float:
     """Return the steady v_y by steering angle [m/s per rad] at speed `v` [m/s]."""
     load = vehicle.mass * vehicle.l_f / (vehicle.l_f + vehicle.l_r)
-    drift = load * v**2 / handling.rear_stiffness
-    return (vehicle.l_r - drift) * yaw_gain(vehicle, handling, v)
+    drift = load * v**2 / lateral.rear_stiffness
+    return (vehicle.l_r - drift) * yaw_gain(vehicle, lateral, v)
 
 
-def characteristic_speed(vehicle: Vehicle, handling: Handling) -> float:
+def characteristic_speed(vehicle: Vehicle, lateral: LateralParameters) -> float:
     """Return the speed [m/s] of greatest yaw gain; infinite unless the car understeers."""
-    gradient = understeer_gradient(vehicle, handling)
+    gradient = understeer_gradient(vehicle, lateral)
     return sqrt((vehicle.l_f + vehicle.l_r) / gradient) if gradient > 0.0 else inf
 
 
-def critical_speed(vehicle: Vehicle, handling: Handling) -> float:
+def critical_speed(vehicle: Vehicle, lateral: LateralParameters) -> float:
     """Return the speed [m/s] from which the car is unstable; infinite unless it oversteers."""
-    gradient = understeer_gradient(vehicle, handling)
+    gradient = understeer_gradient(vehicle, lateral)
     return sqrt((vehicle.l_f + vehicle.l_r) / -gradient) if gradient < 0.0 else inf

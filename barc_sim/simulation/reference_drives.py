@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _LAB = Road.lab()
 
 
-class Manoeuvre(NamedTuple):
+class ReferenceDrive(NamedTuple):
     """A drive of the bicycles named in `models`."""
 
     name: str
@@ -25,7 +25,7 @@ class Manoeuvre(NamedTuple):
     vehicle: Vehicle
     duration: float  #: [s]
     models: tuple[str, ...] = ('kinematic', 'dynamic')
-    exact: Callable[[Manoeuvre], tuple[float, float]] | None = None  #: x and y [m] at the end
+    exact: Callable[[ReferenceDrive], tuple[float, float]] | None = None  #: x and y [m] at the end
 
 
 def _flat(_: float) -> float:
@@ -44,30 +44,30 @@ def _lab(x: float) -> float:
     return radians(_LAB.grade_deg(x))
 
 
-def _circle(manoeuvre: Manoeuvre) -> tuple[float, float]:
+def _circle(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return where a circle at constant speed ends."""
-    beta = slip_angle(manoeuvre.held.servo)
-    radius = manoeuvre.vehicle.l_r / sin(beta)
-    angle = manoeuvre.start.v * manoeuvre.duration / radius
+    beta = slip_angle(test_drive.held.servo)
+    radius = test_drive.vehicle.l_r / sin(beta)
+    angle = test_drive.start.v * test_drive.duration / radius
     return radius * (sin(angle + beta) - sin(beta)), radius * (cos(beta) - cos(angle + beta))
 
 
-def _descent(manoeuvre: Manoeuvre) -> tuple[float, float]:
+def _descent(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car rolls that slows down to where drag and friction balance gravity."""
-    vehicle = manoeuvre.vehicle
-    pull = -vehicle.mass * vehicle.gravity * sin(manoeuvre.grade(0.0)) - vehicle.friction
+    vehicle = test_drive.vehicle
+    pull = -vehicle.mass * vehicle.gravity * sin(test_drive.grade(0.0)) - vehicle.friction
     terminal = sqrt(pull / vehicle.air_drag_coeff)
     rate = sqrt(pull * vehicle.air_drag_coeff) / vehicle.mass
-    begin = atanh(terminal / manoeuvre.start.v)
-    return terminal / rate * log(sinh(begin + rate * manoeuvre.duration) / sinh(begin)), 0.0
+    begin = atanh(terminal / test_drive.start.v)
+    return terminal / rate * log(sinh(begin + rate * test_drive.duration) / sinh(begin)), 0.0
 
 
-def _stretches(manoeuvre: Manoeuvre) -> tuple[float, float]:
+def _stretches(test_drive: ReferenceDrive) -> tuple[float, float]:
     """Return how far a car without drag comes on stretches of constant grade."""
-    vehicle, left = manoeuvre.vehicle, manoeuvre.duration
-    x, _, _, v = manoeuvre.start
+    vehicle, left = test_drive.vehicle, test_drive.duration
+    x, _, _, v = test_drive.start
     for end in (*_LAB.starts[1:], inf):
-        a = manoeuvre.held.motor - vehicle.gravity * sin(_lab(x)) - vehicle.friction / vehicle.mass
+        a = test_drive.held.motor - vehicle.gravity * sin(_lab(x)) - vehicle.friction / vehicle.mass
         time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x))) if end < inf else inf
         if time > left:
             break
@@ -75,8 +75,8 @@ def _stretches(manoeuvre: Manoeuvre) -> tuple[float, float]:
     return x + left * (v + 0.5 * a * left), 0.0
 
 
-MANOEUVRES = (
-    Manoeuvre(
+REFERENCE_DRIVES = (
+    ReferenceDrive(
         name='circle',
         text='15 m/s, 0.4 rad',
         start=State(v=15.0),
@@ -87,7 +87,7 @@ MANOEUVRES = (
         models=('kinematic',),
         exact=_circle,
     ),
-    Manoeuvre(
+    ReferenceDrive(
         name='step steer',
         text='20 m/s, 0.05 rad',
         start=State(v=20.0),
@@ -97,7 +97,7 @@ MANOEUVRES = (
         duration=4.0,
         models=('dynamic',),
     ),
-    Manoeuvre(
+    ReferenceDrive(
         name='descent',
         text='30° down, strong drag',
         start=State(v=20.0),
@@ -107,7 +107,7 @@ MANOEUVRES = (
         duration=2.0,
         exact=_descent,
     ),
-    Manoeuvre(
+    ReferenceDrive(
         name='hills',
         text='smooth, ±10°, 0.03 rad',
         start=State(v=10.0),
@@ -116,7 +116,7 @@ MANOEUVRES = (
         vehicle=Vehicle(),
         duration=6.0,
     ),
-    Manoeuvre(
+    ReferenceDrive(
         name="lab's road",
         text='its grade jumps',
         start=State(v=8.0),

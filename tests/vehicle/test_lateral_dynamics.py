@@ -7,8 +7,8 @@ from math import inf, sqrt
 import pytest
 
 from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.tyres import (
-    Handling,
+from barc_sim.vehicle.lateral_dynamics import (
+    LateralParameters,
     characteristic_speed,
     critical_speed,
     eigenvalues,
@@ -20,14 +20,14 @@ from barc_sim.vehicle.tyres import (
 
 #: Rajamani's passenger car, 80,000 N/rad to a tyre.
 BOOK = Vehicle(mass=1573.0, l_f=1.1, l_r=1.58)
-BOOK_HANDLING = Handling(2873.0, 160e3, 160e3)
-OVERSTEERING = Handling(4000.0, 160e3, 120e3)
-NEUTRAL = Handling(4000.0, 140e3, 140e3)
+BOOK_HANDLING = LateralParameters(2873.0, 160e3, 160e3)
+OVERSTEERING = LateralParameters(4000.0, 160e3, 120e3)
+NEUTRAL = LateralParameters(4000.0, 140e3, 140e3)
 CAR = Vehicle()
 
 
 def test_defaults_understeer() -> None:
-    assert understeer_gradient(CAR, Handling()) > 0.0
+    assert understeer_gradient(CAR, LateralParameters()) > 0.0
 
 
 def test_textbook_car_has_the_gradient_of_the_textbooks_formula() -> None:
@@ -37,15 +37,17 @@ def test_textbook_car_has_the_gradient_of_the_textbooks_formula() -> None:
 
 
 @pytest.mark.parametrize(
-    ('vehicle', 'handling'), [(CAR, Handling()), (BOOK, BOOK_HANDLING), (CAR, OVERSTEERING)]
+    ('vehicle', 'lateral'), [(CAR, LateralParameters()), (BOOK, BOOK_HANDLING), (CAR, OVERSTEERING)]
 )
 @pytest.mark.parametrize('v', [2.0, 8.0, 20.0])
-def test_gains_solve_the_linear_equations(vehicle: Vehicle, handling: Handling, v: float) -> None:
-    (a, b), (c, d) = lateral_matrix(vehicle, handling, v)
-    v_y, psi_dot = side_slip_gain(vehicle, handling, v), yaw_gain(vehicle, handling, v)
-    per_steer = handling.front_stiffness
+def test_gains_solve_the_linear_equations(
+    vehicle: Vehicle, lateral: LateralParameters, v: float
+) -> None:
+    (a, b), (c, d) = lateral_matrix(vehicle, lateral, v)
+    v_y, psi_dot = side_slip_gain(vehicle, lateral, v), yaw_gain(vehicle, lateral, v)
+    per_steer = lateral.front_stiffness
     assert a * v_y + b * psi_dot == pytest.approx(-per_steer / vehicle.mass)
-    moment = vehicle.l_f * per_steer / handling.yaw_inertia
+    moment = vehicle.l_f * per_steer / lateral.yaw_inertia
     assert c * v_y + d * psi_dot == pytest.approx(-moment)
 
 
@@ -55,10 +57,10 @@ def test_slow_car_turns_as_the_kinematic_one() -> None:
 
 
 def test_yaw_gain_is_greatest_at_the_characteristic_speed() -> None:
-    v = characteristic_speed(CAR, Handling())
-    assert yaw_gain(CAR, Handling(), v) == pytest.approx(v / (2.0 * 3.0))
+    v = characteristic_speed(CAR, LateralParameters())
+    assert yaw_gain(CAR, LateralParameters(), v) == pytest.approx(v / (2.0 * 3.0))
     for other in (0.9 * v, 1.1 * v):
-        assert yaw_gain(CAR, Handling(), other) < yaw_gain(CAR, Handling(), v)
+        assert yaw_gain(CAR, LateralParameters(), other) < yaw_gain(CAR, LateralParameters(), v)
 
 
 def test_critical_speed_is_where_stability_ends() -> None:
@@ -77,7 +79,9 @@ def test_critical_speed_has_its_other_closed_form() -> None:
 def test_neutral_car_has_neither_speed() -> None:
     assert understeer_gradient(CAR, NEUTRAL) == 0.0
     assert characteristic_speed(CAR, NEUTRAL) == critical_speed(CAR, NEUTRAL) == inf
-    assert critical_speed(CAR, Handling()) == characteristic_speed(CAR, OVERSTEERING) == inf
+    assert (
+        critical_speed(CAR, LateralParameters()) == characteristic_speed(CAR, OVERSTEERING) == inf
+    )
 
 
 @pytest.mark.parametrize('v', [3.0, 15.0, 40.0])

@@ -7,29 +7,31 @@ from math import radians, sin
 import pytest
 
 from barc_sim.simulation.convergence import drive
-from barc_sim.simulation.test_drives import MANOEUVRES, Manoeuvre
+from barc_sim.simulation.reference_drives import REFERENCE_DRIVES, ReferenceDrive
 from barc_sim.vehicle.bike_model import Input, State
 
-EXACT = [manoeuvre for manoeuvre in MANOEUVRES if manoeuvre.exact]
+EXACT = [test_drive for test_drive in REFERENCE_DRIVES if test_drive.exact]
 
 
 def test_names_are_distinct() -> None:
-    assert len({manoeuvre.name for manoeuvre in MANOEUVRES}) == len(MANOEUVRES)
+    assert len({test_drive.name for test_drive in REFERENCE_DRIVES}) == len(REFERENCE_DRIVES)
 
 
-@pytest.mark.parametrize('manoeuvre', EXACT, ids=lambda manoeuvre: manoeuvre.name)
+@pytest.mark.parametrize('test_drive', EXACT, ids=lambda test_drive: test_drive.name)
 @pytest.mark.parametrize('share', [0.1, 0.55, 1.0])
-def test_closed_form_is_where_a_fine_solution_goes(manoeuvre: Manoeuvre, share: float) -> None:
-    assert manoeuvre.exact
-    part = manoeuvre._replace(duration=share * manoeuvre.duration)
+def test_closed_form_is_where_a_fine_solution_goes(
+    test_drive: ReferenceDrive, share: float
+) -> None:
+    assert test_drive.exact
+    part = test_drive._replace(duration=share * test_drive.duration)
     found = drive(part, 'kinematic', 'rk4', 1e-3)
     # On the lab's road a step of 1 ms at 10 m/s is 1 cm of the wrong grade, at each jump.
-    tolerance = 2e-2 if manoeuvre.name == "lab's road" else 1e-8
-    assert found[:2] == pytest.approx(manoeuvre.exact(part), abs=tolerance)
+    tolerance = 2e-2 if test_drive.name == "lab's road" else 1e-8
+    assert found[:2] == pytest.approx(test_drive.exact(part), abs=tolerance)
 
 
 def test_car_on_the_labs_road_is_where_its_stretches_take_it() -> None:
-    (lab,) = (manoeuvre for manoeuvre in MANOEUVRES if manoeuvre.name == "lab's road")
+    (lab,) = (test_drive for test_drive in REFERENCE_DRIVES if test_drive.name == "lab's road")
     assert lab.exact
     unresisted = lab._replace(start=State(v=10.0), held=Input(0.01711 / 2000.0))
     assert lab.exact(unresisted._replace(duration=1.5)) == pytest.approx((15.0, 0.0))
@@ -38,9 +40,9 @@ def test_car_on_the_labs_road_is_where_its_stretches_take_it() -> None:
     assert lab.exact(lab)[0] > 100.0
 
 
-def test_dynamic_bicycle_stays_dynamic_in_its_manoeuvres() -> None:
-    for manoeuvre in MANOEUVRES:
-        if 'dynamic' in manoeuvre.models:
+def test_dynamic_bicycle_stays_dynamic_in_its_drive() -> None:
+    for test_drive in REFERENCE_DRIVES:
+        if 'dynamic' in test_drive.models:
             for share in (0.0, 0.5, 1.0):
-                part = manoeuvre._replace(duration=share * manoeuvre.duration)
+                part = test_drive._replace(duration=share * test_drive.duration)
                 assert drive(part, 'dynamic', 'rk4', 0.01).v > 3.0
