@@ -89,7 +89,7 @@ class Log:
     derivative: Annotated[Floats, Column('m/s²', PID.terms['derivative'], PID_STATE)]
     saturated: Annotated[Flags, Column('', 'whether a limit cut the command', PID_STATE)]
     #: The terms of a controller that is no PID [m/s²], by name, each of shape `(n,)`.
-    own_terms: Mapping[str, Floats] = field(default_factory=lambda: MappingProxyType({}))
+    own_terms: Mapping[str, Floats] = field(default_factory=dict)
 
     #: Draws a log. Figures lie behind this room, so that `barc_sim` sets it with what it exports.
     draw: ClassVar[Callable[..., Any] | None] = None
