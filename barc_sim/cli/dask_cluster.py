@@ -30,10 +30,10 @@ def client(address: str) -> Iterator[Any]:
         raise UserError(
             f'--scheduler {address!r} needs Dask, which is not installed: pip install distributed'
         ) from None
-    # What goes wrong is told in a sentence of ours.
+    # Errors are reported in a sentence of ours.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
-        # A client with an address that is none would hang when it is taken down.
+        # A client with an invalid address would hang when it is taken down.
         distributed.comm.resolve_address(address)
         connected = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

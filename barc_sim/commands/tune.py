@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
-from barc_sim.tuning import options as asked
+from barc_sim.tuning import options as tune_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -30,7 +30,7 @@ PROG = 'barc tune'
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
 #: Population, generations and points along a side of the map: for the PID, whose loops are driven
-#: all at once, and for a controller of somebody's own, one by one.
+#: all at once, and for a user's controller, one by one.
 _BATCHED = (256, 80, 101)
 _OWN = (24, 40, 25)
 
@@ -52,11 +52,11 @@ def tune(options: Namespace) -> None:
 
     began = time.monotonic()
     path = output.target(options.save, FORMATS) if options.save is not None else None
-    low, high = asked.ranges(options)
+    low, high = tune_options.ranges(options)
     if path:
         surface.free_axes(low, high)
-    start = np.array([getattr(options, gain) for gain in asked.GAINS])
-    goal = asked.goal(
+    start = np.array([getattr(options, gain) for gain in tune_options.GAINS])
+    goal = tune_options.goal(
         options, UserControllerFile(options.controller) if options.controller else None
     )
     goal(start[np.newaxis])  # an error in the controller ends the command here
@@ -83,15 +83,15 @@ def tune(options: Namespace) -> None:
     for course in goal.courses:
         console.print_scores(goal, course, {'start': start, 'found': found.gains})
     print(f'{found.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
-    for command in asked.commands(options, found.gains.tolist()):
+    for command in tune_options.commands(options, found.gains.tolist()):
         print(command)  # noqa: T201
     if path and plane:
-        _draw(path, plane, goal, (start, found.gains), asked.settings(options))
+        _draw(path, plane, goal, (start, found.gains), tune_options.settings(options))
         print(path)  # noqa: T201
 
 
 def _shared(goal: Goal, scheduler: str | None) -> AbstractContextManager[Costs]:
-    """Give the goal as those work it out who are to."""
+    """Share the goal's loops among the processes that the options select."""
     from barc_sim.tuning import workers  # noqa: PLC0415
 
     if scheduler:
@@ -120,7 +120,7 @@ def _draw(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    options = asked.parse(PROG, argv)
+    options = tune_options.parse(PROG, argv)
     return call(PROG, lambda: tune(options))
 
 

@@ -1,4 +1,4 @@
-"""Command: how far forward Euler and Runge-Kutta are from the truth, and how that falls."""
+"""Command: the errors of forward Euler and Runge-Kutta, by the length of the step."""
 
 from __future__ import annotations
 
@@ -22,10 +22,9 @@ DPI = 150
 _HEADING = 'Error of the position at the end [m], by the length of the step'
 _REMARK = """\
 The order is the slope of the errors: 1 is forward Euler's, 4 Runge-Kutta's. Errors below
-{rounding:g} m are rounding's, and count for nothing. The fine solution is rk4's, in steps of
+{rounding:g} m are rounding's and do not count. The fine solution is rk4's, in steps of
 {fine:g} ms. The grade of the lab's road jumps: a step that passes a jump is wrong by a part of it
-whatever the integrator, and so the errors fall by fits and starts there, on the whole with
-order 1."""
+whatever the integrator, so that the errors fall irregularly there, on the whole with order 1."""
 
 
 def parse(argv: Sequence[str] | None = None) -> Namespace:
@@ -41,9 +40,7 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
         help='save the figure as .png, .pdf or .svg; default: a window, or convergence.png '
         'without a display',
     )
-    parser.add_argument(
-        '--json', action='store_true', help='print JSON, and draw nothing but what is to be saved'
-    )
+    parser.add_argument('--json', action='store_true', help='print JSON, and draw only with --save')
     return parser.parse_args(argv)
 
 
@@ -82,7 +79,7 @@ def validate(options: Namespace) -> None:
 
 
 def table(studies: Sequence[Study]) -> Iterator[str]:
-    """Yield the lines that tell errors and orders."""
+    """Yield the lines of the table of errors and orders."""
     from barc_sim.simulation.convergence import FINE, ROUNDING, STEPS  # noqa: PLC0415 (see `validate`)
 
     yield _HEADING
@@ -99,7 +96,7 @@ def table(studies: Sequence[Study]) -> Iterator[str]:
 
 
 def as_json(studies: Sequence[Study]) -> str:
-    """Return the same as JSON; an order that cannot be told is null."""
+    """Return the same as JSON; an unknown order is null."""
     from barc_sim.simulation.convergence import STEPS  # noqa: PLC0415 (see `validate`)
 
     rows = [

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 STEPS = tuple(0.02 / 2**k for k in range(5))
 #: [s] That of the solution by rk4 that stands for the true one where there is no closed form.
 FINE = 0.02 / 128
-#: [m] What rounding leaves of an error: smaller ones say nothing of the method.
+#: [m] Errors below this are rounding's, not the method's.
 ROUNDING = 1e-11
 
 
@@ -75,8 +75,8 @@ def drive(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) ->
 
 def order(errors: tuple[float, ...]) -> float:
     """Return the slope of log error over log step, for errors [m] of `STEPS`."""
-    told = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
-    if len(told) < 2:  # noqa: PLR2004 (a slope's least)
+    counted = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
+    if len(counted) < 2:  # noqa: PLR2004 (a slope's least)
         return float('nan')
-    steps, found = np.log(told).T
+    steps, found = np.log(counted).T
     return float(np.polyfit(steps, found, 1)[0])

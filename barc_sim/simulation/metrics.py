@@ -29,7 +29,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Summary:
-    """The true speed against the reference; NaN where there is nothing to tell."""
+    """The true speed against the reference; NaN where no state counts."""
 
     rms_error: float  #: [m/s] over all states
     max_error: float  #: [m/s] greatest absolute error
@@ -42,7 +42,7 @@ class Summary:
 
 
 class SpeedErrors:
-    """Takes a run's states one by one, and tells of them what `Summary` holds.
+    """Computes the `Summary` of a run, state by state.
 
     Overshoot and settling time are those of the step from standstill to the reference, read on
     the first stretch of road, before the first change of grade disturbs it; the settling time is
@@ -50,7 +50,7 @@ class SpeedErrors:
     """
 
     def __init__(self) -> None:
-        """No state yet."""
+        """Begin without states."""
         self._all = _Errors()
         self._after_run_up = _Errors()
         self._stretches: list[_Errors] = []
@@ -84,7 +84,7 @@ class SpeedErrors:
             self._settled_at = t
 
     def summary(self, missed_deadlines: int = 0) -> Summary:
-        """Return what there is to tell of the states up to now."""
+        """Return the summary of the states so far."""
         return Summary(
             rms_error=self._all.rms,
             max_error=self._all.greatest,
@@ -101,7 +101,7 @@ class SpeedErrors:
 
 
 def summary(log: Log) -> Summary:
-    """Return what a table or a caption says of a run."""
+    """Return how well a run held its speed."""
     errors = SpeedErrors()
     columns = (log.t, log.distance, log.speed, log.reference, log.theta_deg)
     for row in zip(*(column.tolist() for column in columns), strict=True):

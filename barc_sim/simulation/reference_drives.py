@@ -1,4 +1,4 @@
-"""Drives with motor and servo held, on which steps are judged; most have a closed form."""
+"""Test drives with motor and servo held, to compare integrators; most have a closed form."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LAB = Road.lab()
 
 
 class ReferenceDrive(NamedTuple):
-    """A drive of the bicycles named in `models`."""
+    """A test drive of the bicycles named in `models`."""
 
     name: str
     text: str

@@ -1,4 +1,4 @@
-"""What a closed loop costs: scores, and a weighted sum of them."""
+"""The cost of a closed loop: a weighted sum of its scores."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Scores(NamedTuple):
     effort: Floats  #: [m/s²] RMS of the command, over the whole run
 
 
-#: What they are called, in their order.
+#: Their labels, in their order.
 LABELS = (
     'RMS speed error [m/s]',
     'Greatest speed error [m/s]',
@@ -41,18 +41,18 @@ LABELS = (
 
 
 def scores(course: Course, result: Result) -> Scores:
-    """Return the scores of the loops over `course` that left `result`."""
+    """Return the scores of loops over `course` with these sums."""
     arrived = result.steps >= 0
 
-    def known(values: Floats) -> Floats:
+    def where_arrived(values: Floats) -> Floats:
         return np.where(arrived, values, np.inf)
 
     with np.errstate(divide='ignore', invalid='ignore'):
         return Scores(
-            rms=known(np.sqrt(result.squares / result.count)),
-            max=known(result.greatest),
-            overshoot=known(np.maximum(result.peak / course.speed - 1.0, 0.0)),
-            effort=known(np.sqrt(result.effort / (result.steps + 1))),
+            rms=where_arrived(np.sqrt(result.squares / result.count)),
+            max=where_arrived(result.greatest),
+            overshoot=where_arrived(np.maximum(result.peak / course.speed - 1.0, 0.0)),
+            effort=where_arrived(np.sqrt(result.effort / (result.steps + 1))),
         )
 
 
@@ -94,13 +94,13 @@ class Cost:
 
     @property
     def label(self) -> str:
-        """What an axis of it is called."""
+        """The label of an axis with this cost."""
         if sorted(self.weights) != [0.0, 0.0, 0.0, 1.0]:
             return f'Cost: {self.text}'
         return LABELS[self.weights.index(1.0)]
 
     def __str__(self) -> str:
-        """Return it as it was written."""
+        """Return the text that it was parsed from."""
         return self.text
 
 

@@ -1,4 +1,4 @@
-"""The options of a search, and what they ask for."""
+"""The options of a search, and the goal and ranges that they define."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-#: By gain, where a search begins, and the end of the range from zero that it searches.
+#: By gain: the first guess, and the end of the searched range, which begins at zero.
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
 _ROAD, _DISTANCE = 'lab', 180.0
 _PERIOD = 0.02  #: [s] of a step
@@ -38,7 +38,7 @@ def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
         '--cost',
         default='rms',
         metavar='COST',
-        help='what is to be small: rms or max, the speed error after the first 10 m [m/s]; '
+        help='what to minimise: rms or max, the speed error after the first 10 m [m/s]; '
         'overshoot, a share of the speed; effort, the RMS command [m/s²]; or a weighted sum such '
         "as 'rms+0.01*effort' (rms)",
     )
@@ -156,7 +156,7 @@ def ranges(options: Namespace) -> tuple[Floats, Floats]:
 
 
 def commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
-    """Yield what runs `gains`, for each of the roads."""
+    """Yield the command that runs `gains`, for each of the roads."""
     for road in options.road or [_ROAD]:
         words = ['python', '-m', 'barc_sim.run', 'acc']
         for name, gain in zip(GAINS, gains, strict=True):
@@ -185,7 +185,7 @@ def typed(value: float) -> str:
 
 
 def settings(options: Namespace) -> str:
-    """Return in a line what the loops are driven on."""
+    """Return the conditions of the loops in a line."""
     parts = [f'road {", ".join(options.road or [_ROAD])}', f'{options.speed:g} m/s']
     if options.noise:
         parts.append(f'noise {options.noise:g} m/s')

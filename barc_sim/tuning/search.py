@@ -2,8 +2,8 @@
 
 Storn and Price, "Differential evolution: a simple and efficient heuristic for global optimization
 over continuous spaces", Journal of Global Optimization 11 (1997), in its variant best/1/bin with
-dithered weights. It wants no derivative, which a cost with limits and a road in it does not have,
-and passes by local minima and unstable gains.
+dithered weights. It needs no derivative, which a cost with limits and a road does not have,
+and it is not caught by local minima and unstable gains.
 """
 
 from __future__ import annotations
@@ -53,13 +53,13 @@ def search(
     Parameters
     ----------
     cost
-        Tells the cost of each of the gains it is given, shape `(n, d)`, as an array `(n,)`.
+        Returns the cost of each of the gains, shape `(n, d)`, as an array `(n,)`.
     low, high, start
         Shape `(d,)`; `start`, moved between the other two, is one of the first gains tried.
     population
         Gains in a generation, at least 4.
     generations
-        The most there are.
+        The greatest number of them.
     on_generation
         Called after each with the number of those before it and the least cost up to now.
     """

@@ -60,7 +60,7 @@ def surface(
     Parameters
     ----------
     cost
-        Tells what gains, shape `(n, 3)`, cost, shape `(n,)`.
+        Returns the costs, shape `(n,)`, of gains, shape `(n, 3)`.
     low, high
         The ranges, shape `(3,)`, of which no more is taken than shows both points well.
     start, found

@@ -1,4 +1,4 @@
-"""What a search for gains shows in the terminal: its progress, and what it found."""
+"""The terminal output of a search: its progress, and a table of its results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FORMS = ('.4f', '.4f', '.2%', '.3f')
 
 @contextmanager
 def progress(generations: int) -> Iterator[Callable[[int, float], None]]:
-    """Give what shows a search's progress, on stderr where that is a terminal."""
+    """Show a search's progress on stderr where that is a terminal."""
     shown = Progress(
         BarColumn(bar_width=24),
         TextColumn('{task.description}'),

@@ -1,4 +1,4 @@
 """What moves: bicycles, tyres, integrators, actuators, the sensor, the road, and their parameters.
 
-Nothing here decides or knows of ROS.
+Nothing here decides, and nothing here imports ROS.
 """

@@ -1,4 +1,4 @@
-"""What lies between a command and what it moves: delay, limits, lag; each is off by default."""
+"""Actuators: delay, limits and lag between a command and its effect; each is off by default."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _WHOLE = 1e-6
 
 
 class Actuator(NamedTuple):
-    """An actuator's parameters; the defaults are those of one that obeys at once.
+    """An actuator's parameters; with the defaults a command takes effect at once.
 
-    A command is heard `delay` later, cut to `limit`, and followed as by
+    A command u takes effect `delay` later, cut to `limit`. The value w follows it by
 
         dw/dt = (u - w) / lag, cut to ±rate
 
@@ -84,7 +84,7 @@ class Channel:
         return early * mean + (1.0 - early) * late
 
     def stop(self) -> None:
-        """Be at zero, and forget the commands that wait."""
+        """Set the value to zero, and drop the waiting commands."""
         self.value = 0.0
         self._queue.extend([0.0] * len(self._queue))
 
@@ -93,7 +93,7 @@ class Channel:
 
 
 class Actuators:
-    """Motor and servo: from what is commanded to what the car does.
+    """Motor and servo: from the commanded to the actual acceleration and steering.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class Actuators:
         return mean
 
     def stop(self) -> None:
-        """Be at rest, and forget the commands that wait."""
+        """Set both to zero, and drop the waiting commands."""
         self._motor.stop()
         self._servo.stop()
         self.now = Input()
@@ -127,8 +127,8 @@ class Actuators:
     def brake(self, command: Input) -> Input:
         """Go one step with the acceleration of `command` in force at once.
 
-        It is the brakes': no delay, lag or limit of the motor holds it up. The motor is cut off
-        meanwhile, and begins anew from zero.
+        The brakes have no delay, lag or limit. The motor is cut off meanwhile, and begins anew
+        from zero.
         """
         self._motor.stop()
         servo = self._servo.advance(command.servo)

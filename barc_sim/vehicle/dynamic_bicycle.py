@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class DynamicBicycle:
-    """Steps a state of which it keeps the part that `State` lacks: slip angle and yaw rate."""
+    """Makes steps of the dynamic bicycle; it keeps slip angle and yaw rate, which `State` lacks."""
 
     is_lab = False
 

@@ -1,4 +1,4 @@
-"""How a bicycle with linear tyres answers its steering, in closed form.
+"""Lateral dynamics of the bicycle with linear tyres, in closed form.
 
 After Rajamani, "Vehicle Dynamics and Control", 2nd ed., sections 2.3 and 3.3, where a tyre's
 stiffness is half of an axle's here. All of it is of small angles at a constant speed.
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class LateralParameters(NamedTuple):
-    """What the dynamic bicycle has beyond `Vehicle`; the defaults understeer mildly."""
+    """Parameters of the dynamic bicycle beyond `Vehicle`; the defaults understeer mildly."""
 
     yaw_inertia: float = 4000.0  #: [kg m²] I_z
     front_stiffness: float = 120e3  #: [N/rad] C_f, of the front axle's tyres together

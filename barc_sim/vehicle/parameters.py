@@ -127,7 +127,7 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
     Raises
     ------
     UserError
-        where the road can't be had, or what is asked for does not go together.
+        where the road cannot be read, or the values contradict one another.
     """
     return Plant(
         road=road or Road.named(values['road']),

@@ -1,4 +1,4 @@
-"""The vehicle on its road with its sensors: what the simulator node and the rollout step alike."""
+"""The plant: the vehicle on its road, with actuators and sensors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Observation(NamedTuple):
-    """All there is to tell of one state."""
+    """One state: true, measured, and what acts on it."""
 
     true: Motion
     measured: Motion
@@ -52,9 +52,9 @@ class Plant:
         Parameters
         ----------
         model
-            What makes a step in the place of the lab's kinematic bicycle.
+            Makes a step in the place of `bikeFE`.
         motor, servo
-            Actuators that do not obey at once.
+            Delay, lag and limits of the actuators.
         integrator
             'euler' or 'rk4'. Over a step acceleration and steering are held: at the mean of what
             the actuators do in it.
@@ -89,7 +89,7 @@ class Plant:
 
     @property
     def is_straight(self) -> bool:
-        """Whether `bikeFE` alone moves the car, straight ahead, observed without noise."""
+        """Whether `bikeFE` alone moves the car, straight ahead and without noise."""
         return (
             type(self) is Plant
             and self._bicycle.is_lab
