@@ -7,10 +7,9 @@ requests of a driver. A plain PID in a plain car takes the fast way of `straight
 from __future__ import annotations
 
 import inspect
-from array import array
 from collections import deque
-from itertools import repeat
-from math import isfinite, nan, radians
+from math import nan
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +27,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation import straight_loop
 from barc_sim.simulation.log import Log, recordable
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Input, bikeFE, forces
+from barc_sim.vehicle.bike_model import Input, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
@@ -152,117 +151,24 @@ def closed_loop(
     controller = speed_controller() if controller is None else as_controller(controller)
     steps = round(max_duration / plant.ts)
     if type(controller) is PID and plant.is_straight:
-        log = _straight(plant, controller, speed_reference, distance, steps)
+        log = straight_loop.log_of(plant, controller, speed_reference, distance, steps)
         if log is not None:
             return log
     terms = recordable(controller.terms)
-    rows = _Rows(plant.ts)
+    # With one name alone, an attrgetter would return no tuple.
+    read = attrgetter('saturated', *terms) if terms else lambda each: (each.saturated,)
+    rows = _Rows(plant.period_ns)
     dt = FIRST_DT
     for _ in range(steps + 1):
         seen = plant.observe()
         motor = controller.acc_calculate(speed_reference, seen.measured.v_x, dt)
         command = Input(motor, 0.0)
-        rows.add(
-            (
-                seen,
-                command,
-                controller.saturated,
-                [getattr(controller, name) for name in terms],
-            )
-        )
+        rows.add((seen, command, read(controller)))
         if plant.state.x >= distance:
             break
         plant.advance(command)
-        dt = _period_ns(plant.ts) / 1e9  # as the nodes take it from stamps
+        dt = plant.period_ns / 1e9  # as the nodes take it from stamps
     return rows.log(speed_reference, terms)
-
-
-def _straight(
-    plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
-) -> Log | None:
-    """Return the log by the fast loop; None, with nothing done, where a number is not finite."""
-    state, vehicle, road = plant.state, plant.vehicle, plant.road
-    dt = _period_ns(plant.ts) / 1e9
-    setting = straight_loop.Setting(
-        reference=speed_reference,
-        low=pid.output_min,
-        high=pid.output_max,
-        drag=vehicle.air_drag_coeff,
-        friction=vehicle.friction,
-        mass=vehicle.mass,
-        ts=plant.ts,
-        dt=dt,
-        distance=distance,
-    )
-    start = straight_loop.Start(state.x, state.v, pid.integral)
-    if pid.previous is not None:
-        start = start._replace(previous=pid.previous, dt=FIRST_DT)
-    lists: tuple[list[float], ...] = tuple([] for _ in range(7))
-    straight_loop.trace(
-        pid.kp,
-        pid.ki,
-        pid.kd,
-        setting,
-        straight_loop.Stretches.of(road, vehicle),
-        repeat(-0.0, steps + 1),  # which also leaves a speed of -0.0 as it is
-        [],
-        start,
-        tuple(each.append for each in lists),
-    )
-    columns = tuple(array('d', each) for each in lists[:-1])
-    x, v, motor, proportional, integral, derivative = map(np.frombuffer, columns)
-    if not all(isfinite(column[-1]) for column in columns):
-        return None
-    n, zero = len(x), np.zeros(len(x))
-    _catch_up(plant, pid, setting, columns)
-    stretch, elevation = road.profile(x)
-    acting: Any = forces(v, 0.0, vehicle)  # type: ignore[arg-type]  # arrays
-    theta_deg = np.array(road.grades_deg)[stretch]
-    gravity = [forces(0.0, radians(grade), vehicle).gravity for grade in road.grades_deg]
-    return Log(
-        t=_times(n, plant.ts),
-        x=x,
-        y=np.full(n, state.y),
-        psi=zero,
-        v_x=v,
-        v_y=v * 0.0,
-        psi_dot=v * 0.0,
-        e_s=zero,
-        e_ey=zero,
-        e_epsi=zero,
-        e_v_x=zero,
-        e_v_y=zero,
-        e_psi_dot=zero,
-        motor=motor,
-        servo=zero,
-        missed=np.zeros(n, np.bool_),
-        theta_deg=theta_deg,
-        elevation=elevation,
-        friction=acting.friction,
-        drag=acting.drag,
-        gravity=np.array(gravity)[stretch],
-        reference=np.full(n, speed_reference),
-        proportional=proportional,
-        integral=integral,
-        derivative=derivative,
-        saturated=np.frombuffer(bytes(map(bool, lists[-1])), np.bool_),
-    )
-
-
-def _catch_up(
-    plant: Plant, pid: PID, setting: straight_loop.Setting, columns: tuple[array[float], ...]
-) -> None:
-    """Leave plant and controller as the general loop does: repeat the last step by them."""
-    x, v, motor, _, integral, _ = columns
-    arrived = x[-1] >= setting.distance
-    last = len(x) - 1
-    if last > 0:
-        pid.previous, pid.integral = v[last - 1], integral[last - 1]
-    pid.acc_calculate(setting.reference, v[last], setting.dt if last else FIRST_DT)
-    step = last - 1 if arrived else last
-    if step >= 0:
-        plant.place(plant.state._replace(x=x[step], v=v[step]))
-        plant.advance(Input(motor[step], 0.0))
 
 
 def drive(
@@ -282,9 +188,9 @@ def drive(
     plant = plant or Plant(road=Road.flat())
     driver = driver or Driver()
     waiting = deque(sorted(requests, key=lambda request: request[0]))
-    rows = _Rows(plant.ts)
+    rows = _Rows(plant.period_ns)
     command = Input()
-    period_ns, dt_ns = _period_ns(plant.ts), _period_ns(driver.dt)
+    period_ns, dt_ns = plant.period_ns, round(driver.dt * 1e9)
     due_ns = 0
     for k in range(round(duration / plant.ts) + 1):
         seen = plant.observe()
@@ -295,27 +201,28 @@ def drive(
                 driver.receive(request, received)
             command = driver.command(t, seen.measured.v_x)
             due_ns += dt_ns
-        rows.add((seen, command, False, ()))
+        rows.add((seen, command, (False,)))
         plant.advance(command)
     return rows.log()
 
 
 class _Rows:
-    """The rows of a log in the making: observation, command, saturation and terms."""
+    """The rows of a log in the making: observation, command, and saturation with terms."""
 
-    def __init__(self, ts: float) -> None:
-        """Begin without rows, for steps of `ts` seconds."""
-        self._ts = ts
-        self._rows: list[tuple[Observation, Input, bool, Sequence[float]]] = []
+    def __init__(self, period_ns: int) -> None:
+        """Begin without rows, for steps of `period_ns` nanoseconds."""
+        self._period_ns = period_ns
+        self._rows: list[tuple[Observation, Input, tuple[float, ...]]] = []
         self.add = self._rows.append
 
     def log(self, speed_reference: float = nan, terms: Sequence[str] = ()) -> Log:
         """Return the log; its columns have the names of the records' fields, and of `terms`."""
-        seen, commands, saturated, values = zip(*self._rows, strict=True)
+        seen, commands, values = zip(*self._rows, strict=True)
         n = len(seen)
-        found = dict(zip(terms, np.array(values, dtype=np.float64).T.copy(), strict=True))
+        saturated, *columns = np.array(values, dtype=np.float64).T.copy()
+        found = dict(zip(terms, columns, strict=True))
         return Log(
-            t=_times(n, self._ts),
+            t=np.arange(n) * self._period_ns / 1e9,
             **_columns([each.measured for each in seen]),
             **_columns([each.error for each in seen], 'e_'),
             **_columns(commands),
@@ -324,7 +231,7 @@ class _Rows:
             elevation=np.array([each.elevation for each in seen]),
             **_columns([each.forces for each in seen]),
             reference=np.full(n, speed_reference),
-            saturated=np.array(saturated, np.bool_),
+            saturated=saturated.astype(np.bool_),
             **{name: found.pop(name, np.full(n, nan)) for name in PID.terms},
             own_terms=found,
         )
@@ -334,15 +241,6 @@ def _columns(records: Sequence[Any], prefix: str = '') -> dict[str, NDArray[np.f
     """Return an array, shape `(n,)`, for each field of `n` records."""
     names = [prefix + name for name in records[0]._fields]
     return dict(zip(names, np.array(records, dtype=np.float64).T.copy(), strict=True))
-
-
-def _period_ns(ts: float) -> int:
-    """Return a step of `ts` seconds in whole nanoseconds, as the stamps of states have it."""
-    return round(ts * 1e9)
-
-
-def _times(n: int, ts: float) -> NDArray[np.float64]:
-    return np.arange(n) * _period_ns(ts) / 1e9
 
 
 def _with_options(model: Model) -> Model:

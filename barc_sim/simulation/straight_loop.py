@@ -1,23 +1,31 @@
 """The closed loop straight ahead in plain floats: PID and bicycle over hills, fast.
 
 `run` is the loop, with the laws `pid_step` and `next_speed`. `drive` and `trace` are `run` without
-and with the columns of a log: the same bits, several times as many steps a second.
+and with the columns of a log, and `log_of` makes a log of these: the same bits as `closed_loop`,
+several times as many steps a second.
 """
 
 from __future__ import annotations
 
+from array import array
 from bisect import bisect_right
-from math import inf, radians, sin, sqrt
+from itertools import repeat
+from math import inf, isfinite, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.control.pid import pid_step
+import numpy as np
+
+from barc_sim.control.pid import FIRST_DT, pid_step
+from barc_sim.simulation.log import Log
 from barc_sim.simulation.specialise import specialised
-from barc_sim.vehicle.bike_model import next_speed, resistance
+from barc_sim.vehicle.bike_model import Input, forces, next_speed, resistance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from barc_sim.control.pid import PID
     from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.plant import Plant
     from barc_sim.vehicle.road import Road
 
 
@@ -165,3 +173,92 @@ LOGGED = True
 _LAWS = (pid_step, next_speed, resistance)
 drive = specialised(run, *_LAWS, LOGGED=False)
 trace = specialised(run, *_LAWS, LOGGED=True)
+
+
+def log_of(
+    plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
+) -> Log | None:
+    """Return the log of `closed_loop`, for a straight plant.
+
+    It is None, and nothing is done, where a number is not finite.
+    """
+    state, vehicle, road = plant.state, plant.vehicle, plant.road
+    dt = plant.period_ns / 1e9
+    setting = Setting(
+        reference=speed_reference,
+        low=pid.output_min,
+        high=pid.output_max,
+        drag=vehicle.air_drag_coeff,
+        friction=vehicle.friction,
+        mass=vehicle.mass,
+        ts=plant.ts,
+        dt=dt,
+        distance=distance,
+    )
+    start = Start(state.x, state.v, pid.integral)
+    if pid.previous is not None:
+        start = start._replace(previous=pid.previous, dt=FIRST_DT)
+    lists: tuple[list[float], ...] = tuple([] for _ in range(7))
+    trace(
+        pid.kp,
+        pid.ki,
+        pid.kd,
+        setting,
+        Stretches.of(road, vehicle),
+        repeat(-0.0, steps + 1),  # which also leaves a speed of -0.0 as it is
+        [],
+        start,
+        tuple(each.append for each in lists),
+    )
+    columns = tuple(array('d', each) for each in lists[:-1])
+    x, v, motor, proportional, integral, derivative = map(np.frombuffer, columns)
+    if not all(isfinite(column[-1]) for column in columns):
+        return None
+    n, zero = len(x), np.zeros(len(x))
+    _catch_up(plant, pid, setting, columns)
+    stretch, elevation = road.profile(x)
+    acting: Any = forces(v, 0.0, vehicle)  # type: ignore[arg-type]  # arrays
+    theta_deg = np.array(road.grades_deg)[stretch]
+    gravity = [forces(0.0, radians(grade), vehicle).gravity for grade in road.grades_deg]
+    return Log(
+        t=np.arange(n) * plant.period_ns / 1e9,
+        x=x,
+        y=np.full(n, state.y),
+        psi=zero,
+        v_x=v,
+        v_y=v * 0.0,
+        psi_dot=v * 0.0,
+        e_s=zero,
+        e_ey=zero,
+        e_epsi=zero,
+        e_v_x=zero,
+        e_v_y=zero,
+        e_psi_dot=zero,
+        motor=motor,
+        servo=zero,
+        missed=np.zeros(n, np.bool_),
+        theta_deg=theta_deg,
+        elevation=elevation,
+        friction=acting.friction,
+        drag=acting.drag,
+        gravity=np.array(gravity)[stretch],
+        reference=np.full(n, speed_reference),
+        proportional=proportional,
+        integral=integral,
+        derivative=derivative,
+        saturated=np.frombuffer(bytes(map(bool, lists[-1])), np.bool_),
+    )
+
+
+def _catch_up(plant: Plant, pid: PID, setting: Setting, columns: tuple[array[float], ...]) -> None:
+    """Leave plant and controller as the general loop does: repeat the last step by them."""
+    x, v, motor, _, integral, _ = columns
+    arrived = x[-1] >= setting.distance
+    last = len(x) - 1
+    if last > 0:
+        pid.previous, pid.integral = v[last - 1], integral[last - 1]
+    pid.acc_calculate(setting.reference, v[last], setting.dt if last else FIRST_DT)
+    step = last - 1 if arrived else last
+    if step >= 0:
+        plant.place(plant.state._replace(x=x[step], v=v[step]))
+        plant.advance(Input(motor[step], 0.0))

@@ -88,6 +88,11 @@ class Plant:
             self._bicycle.check(self.vehicle, ts)
 
     @property
+    def period_ns(self) -> int:
+        """The step in whole nanoseconds, as the stamps of states have it."""
+        return round(self.ts * 1e9)
+
+    @property
     def is_straight(self) -> bool:
         """Whether `bikeFE` alone moves the car, straight ahead and without noise."""
         return (
@@ -101,11 +106,10 @@ class Plant:
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
         state = self.state
-        theta_deg = self.road.grade_deg(state.x)
+        theta_deg, elevation = self.road.at(state.x)
         acting = self._actuators.now
         true = self._bicycle.motion(state, acting.servo, self.vehicle)
         measured, error = self._sensor.measure(true)
-        elevation = self.road.elevation(state.x)
         acting_forces = forces(state.v, radians(theta_deg), self.vehicle)
         return Observation(true, measured, error, theta_deg, elevation, acting_forces, acting)
 

@@ -115,8 +115,13 @@ class Road:
 
     def elevation(self, s: float) -> float:
         """Return the height [m] at `s` metres along the road, above the first stretch's start."""
-        i = self._stretch(s)
-        return self._heights[i] + (s - self.starts[i]) * self._sines[i]
+        return self.at(s)[1]
+
+    def at(self, s: float) -> tuple[float, float]:
+        """Return incline [deg] and elevation [m] at `s` metres along the road."""
+        i = max(bisect_right(self.starts, s) - 1, 0)
+        elevation = self._heights[i] + (s - self.starts[i]) * self._sines[i]
+        return self.grades_deg[i], elevation
 
     def profile(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
         """Return the number of the stretch, and the elevation [m], at each of `s` [m], `(n,)`."""
