@@ -1,12 +1,47 @@
 """What cannot be declared in setup.cfg; everything else is."""
 
-from setuptools import setup
+from pathlib import Path
+from runpy import run_path
+
+from setuptools import Distribution, setup
+
+# An executable for each command and each node, where `ros2 run barc_sim NAME` looks for it.
+_EXECUTABLE = """\
+#!/bin/sh
+# ros2 run barc_sim {name}
+here=$(dirname "$0")
+barc=$here/barc                              # colcon's place
+[ -x "$barc" ] || barc=$here/../../bin/barc  # pip's place
+exec "$barc" {words} "$@"
+"""
+
+
+def executables() -> list[str]:
+    """Write the executables, and return their paths."""
+    tables = run_path('barc_sim/commands/__init__.py')
+    words = {name: name for name in tables['COMMANDS'] if name != 'node'}
+    words |= {name: f'node {name}' for name in tables['NODES']}
+    folder = Path('build', 'ros2_run')
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in words:
+        (folder / name).write_text(_EXECUTABLE.format(name=name, words=words[name]))
+        (folder / name).chmod(0o755)
+    return [str(folder / name) for name in words]
+
+
+class WithData(Distribution):
+    """Installs `data_files` also in editable mode, which asks for `has_data` by mistake."""
+
+    has_data = Distribution.has_data_files
+
 
 setup(
+    distclass=WithData,
     # colcon cannot read what setup.cfg would make of it.
     python_requires='>=3.10,<3.14',
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/barc_sim']),
         ('share/barc_sim', ['package.xml']),
+        ('lib/barc_sim', executables()),
     ],
 )

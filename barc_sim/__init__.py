@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.road import Road
 
-__version__ = '0.1.0'
+__version__ = '0.2.0'
 __all__ = [
     'LQR',
     'PID',

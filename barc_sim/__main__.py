@@ -1,49 +1,92 @@
-"""`python -m barc_sim COMMAND`, and `barc COMMAND`."""
+"""`barc COMMAND`, the same as `python -m barc_sim COMMAND`: finds the command and runs it.
+
+Only the chosen command's module is imported, so that `--help` is quick.
+"""
 
 from __future__ import annotations
 
+import argparse
+import os
 import sys
 from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-COMMANDS = (
-    'check',
-    'echo',
-    'grade',
-    'graph',
-    'new',
-    'param',
-    'plot',
-    'record',
-    'recover',
-    'regrade',
-    'replay',
-    'report',
-    'topics',
-    'tune',
-    'validate',
-)
-#: Modules of the nodes, each to be run alone: `barc node NAME`.
-NODES = {
-    'bag_recorder': 'recorder.node',
-    'controller': 'controller',
-    'foxglove_server': 'foxglove',
-    'keyboard': 'keyboard.node',
-    'mirror': 'mirrors.node',
-    'relay': 'relay',
-    'vehicle_simulator': 'simulator.node',
-    'view': 'view.node',
-}
+from barc_sim import __version__
+from barc_sim.cli.parser import ROS_ARGS, Parser, call, did_you_mean
+from barc_sim.commands import COMMANDS, GROUPS, NODES
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_SHELLS = ('bash', 'zsh', 'fish')
+_COMPLETION = 'complete commands and options: put eval "$(barc --completion bash)" in ~/.bashrc'
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command line `argv`; return the exit code."""
-    argv = sys.argv[1:] if argv is None else argv
-    if argv[:1] == ['node'] and argv[1:] and argv[1] in NODES:
-        return int(import_module(f'barc_sim.nodes.{NODES[argv[1]]}').main(argv[2:]))
-    if not argv or argv[0] not in COMMANDS:
-        print(f'usage: barc {{{",".join(COMMANDS)}}} ...', file=sys.stderr)  # noqa: T201
-        return 2
-    return int(import_module(f'barc_sim.commands.{argv[0]}').main(argv[1:]))
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` and return its exit code."""
+    if '_ARGCOMPLETE' in os.environ:
+        _complete()
+    name, *words = argv = [*(sys.argv[1:] if argv is None else argv)] or ['--help']
+    if name in COMMANDS:
+        return call(f'barc {name}', lambda: _command(name).run(parse(name, words)))
+    return call('barc', lambda: _print_about(argv))
+
+
+def parse(name: str, words: Sequence[str]) -> argparse.Namespace:
+    """Return the options of a command; `argv` in them is the whole command line.
+
+    Of a command that accepts `--ros-args`, they and what follows are `ros_args`.
+    """
+    parser = Parser(prog=f'barc {name}')
+    _command(name).add_arguments(parser)
+    end = len(words)
+    if parser.get_default('ros_args') is not None and ROS_ARGS in words:
+        end = words.index(ROS_ARGS)
+        parser.set_defaults(ros_args=[*words[end:]])
+    return parser.parse_args(words[:end], argparse.Namespace(argv=[name, *words]))
+
+
+def _command(name: str) -> Any:  # noqa: ANN401 (a module)
+    return import_module(f'barc_sim.commands.{name}')
+
+
+def _print_about(argv: Sequence[str]) -> None:
+    """Print help, version or the shell's completion script; refuse an unknown command."""
+    groups = [
+        f'{group}:\n' + ''.join(f'  {name:10}{text}\n' for name, text in commands.items())
+        for group, commands in GROUPS.items()
+    ]
+    parser = Parser(
+        prog='barc',
+        usage='barc COMMAND [OPTION...]',
+        description='\n'.join([*groups, 'barc COMMAND --help lists the options of a command.']),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument('--version', action='version', version=f'barc {__version__}')
+    parser.add_argument('--completion', choices=_SHELLS, metavar='SHELL', help=_COMPLETION)
+    if not argv[0].startswith('-'):
+        names = [*COMMANDS, *(f'node {name}' for name in NODES)]
+        parser.error(f'there is no command {argv[0]!r}{did_you_mean(argv[0], names)}')
+    if shell := parser.parse_args(argv).completion:
+        import argcomplete  # noqa: PLC0415
+
+        print(argcomplete.shellcode(['barc'], shell=shell))  # type: ignore[attr-defined]  # noqa: T201
+    else:
+        parser.print_help()
+
+
+def _complete() -> None:
+    """Answer the shell's request for completions, and end the process."""
+    import argcomplete  # noqa: PLC0415 (not for a run)
+
+    parser = Parser(prog='barc')
+    commands = parser.add_subparsers()
+    chosen = os.environ['COMP_LINE'].split()[1:2]
+    for name, text in COMMANDS.items():
+        command = commands.add_parser(name, help=text)
+        if name in chosen:
+            _command(name).add_arguments(command)
+    argcomplete.autocomplete(parser)
 
 
 if __name__ == '__main__':

@@ -22,7 +22,8 @@ set_up() {
   inputs[venv]="Python $version, $root, ${ros:-wheels}"$'\n'$(sha256sum "$root/scripts/setup.bash")
   inputs[interfaces]=$(cd "$root/barc_interfaces" &&
     sha256sum package.xml pyproject.toml CMakeLists.txt cmake/*.cmake msg/*.msg)
-  inputs[package]=$(sha256sum "$root"/{setup.cfg,setup.py,package.xml,pyproject.toml})
+  inputs[package]=$(sha256sum "$root"/{setup.cfg,setup.py,package.xml,pyproject.toml} \
+    "$root"/barc_sim/commands/__init__.py)
   [[ -z $extra ]] || inputs[$extra]=${inputs[package]}
   up_to_date || bring_up_to_date
   use_place

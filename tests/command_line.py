@@ -23,15 +23,10 @@ if TYPE_CHECKING:
 ENVIRONMENT = {'PYTHONPATH': str(Path(barc_sim.__file__).parents[1])}
 
 
-def _words(module: str) -> list[str]:
-    """Return how Python runs it: `run` as a module, the others as commands."""
-    return ['barc_sim.run'] if module == 'run' else ['barc_sim', module]
-
-
-def call(module: str, *options: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-    """Run `python -m barc_sim.<module>` to its end."""
+def call(command: str, *options: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
+    """Run `barc COMMAND` to its end."""
     return subprocess.run(
-        [sys.executable, '-m', *_words(module), *options],
+        [sys.executable, '-m', 'barc_sim', command, *options],
         env=os.environ | ENVIRONMENT,
         capture_output=True,
         text=True,
@@ -41,10 +36,10 @@ def call(module: str, *options: str, timeout: float = 60.0) -> subprocess.Comple
 
 
 @contextmanager
-def started(module: str, *options: str) -> Iterator[subprocess.Popen[str]]:
+def started(command: str, *options: str) -> Iterator[subprocess.Popen[str]]:
     """Start it; it is gone afterwards."""
     with subprocess.Popen(
-        [sys.executable, '-m', *_words(module), *options],
+        [sys.executable, '-m', 'barc_sim', command, *options],
         env=os.environ | ENVIRONMENT,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

@@ -9,12 +9,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 GREATEST_PORT = 65_535
-#: Where the Foxglove app looks first.
+#: The Foxglove app's default port.
 FOXGLOVE_PORT = 8765
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
-    """Return what converts a text to a number between `low` and `high`, ends included."""
+    """Return a converter from text to a number between `low` and `high`, ends included."""
 
     def convert(text: str) -> float:
         try:
@@ -28,12 +28,13 @@ def number(low: float, high: float) -> Callable[[str], float]:
     return convert
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """Return what converts a text to a whole number between `low` and `high`, ends included."""
+def whole(low: int, high: int | None = None) -> Callable[[str], int]:
+    """Return a converter from text to a whole number between `low` and `high`, ends included."""
+    bounds = f'from {low} to {high}' if high is not None else f'of at least {low}'
 
     def convert(text: str) -> int:
-        if not text.isdecimal() or not low <= int(text) <= high:
-            raise ArgumentTypeError(f'{text!r} is not a whole number from {low} to {high}')
+        if not text.isdecimal() or not low <= int(text) <= (int(text) if high is None else high):
+            raise ArgumentTypeError(f'{text!r} is not a whole number {bounds}')
         return int(text)
 
     return convert

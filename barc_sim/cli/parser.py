@@ -1,42 +1,93 @@
-"""What the commands share: one-line errors and exit codes."""
+"""What the commands share: a parser, one-line errors, exit codes, and the path of `barc`."""
 
 from __future__ import annotations
 
 import argparse
 import os
+import shlex
 import sys
+from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-#: What the set-up brings, by package.
+#: By package, what the set-up installs.
 _ROS = {'rclpy': 'ROS 2 (rclpy)', 'barc_interfaces': 'barc_interfaces'}
+ROS_ARGS = '--ros-args'
+_ROS_ARGS_HELP = (
+    'Arguments after --ros-args go to ROS, for example '
+    '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
+)
 USAGE_ERROR = 2
 INTERRUPTED = 130
 
 
 class Parser(argparse.ArgumentParser):
-    """An ArgumentParser whose errors are one line; `--help` says the rest."""
+    """An ArgumentParser whose errors are one line; `--help` shows the rest."""
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
         self.exit(USAGE_ERROR, f'{_error_line(self.prog, message)} (see --help)\n')
 
 
+def accept_ros_args(parser: argparse.ArgumentParser) -> None:
+    """Let the command line end with `--ros-args …`, which becomes `options.ros_args`."""
+    parser.set_defaults(ros_args=[])
+    parser.epilog = f'{parser.epilog or ""} {_ROS_ARGS_HELP}'.strip()
+
+
+def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the bag to read and, in it, the car."""
+    parser.add_argument(
+        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
+    )
+    parser.add_argument(
+        '--namespace', metavar='NS', help='the car, in a bag of several, as in /car1'
+    )
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return the end of a sentence that names what is known and close to `name`; '' if nothing."""
+    from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
+
+    close = get_close_matches(name, known)
+    return f': did you mean {" or ".join(close)}?' if close else ''
+
+
+def barc_path() -> str:
+    """Return `barc` as it can be typed in this shell and directory, quoted."""
+    program = Path(sys.executable).with_name('barc')
+    for folder in map(Path, os.get_exec_path()):
+        if (folder / 'barc').exists():
+            if (folder / 'barc').samefile(program):
+                return 'barc'
+            break
+    if not program.exists():  # under colcon, for one
+        return f'{_quoted(Path(sys.executable))} -m barc_sim'
+    return _quoted(program)
+
+
+def _quoted(path: Path) -> str:
+    with suppress(ValueError):
+        path = path.relative_to(Path.cwd())
+    return shlex.quote(str(path))
+
+
 def call(prog: str, main: Callable[[], int | None]) -> int:
     """Run `main` and return the command's exit code.
 
     A UserError becomes one line on stderr and code 2, so does a Python without ROS; Ctrl-C becomes
-    code 130, and a reader that went away (`| head`) ends the command silently.
+    code 130. A closed pipe (`| head`) ends the command silently.
     """
     try:
         try:
             return main() or 0
         finally:
-            # What waits in the buffer would otherwise fail at exit, where nobody can catch it.
+            # Flush here, where a failure can still be caught.
             if sys.stdout:
                 sys.stdout.flush()
     except UserError as error:
@@ -58,7 +109,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         if error.filename:
             raise
         if sys.stdout:
-            # Python flushes stdout at exit once more: let that go nowhere.
+            # Python flushes stdout once more at exit: redirect that to nowhere.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             return 0

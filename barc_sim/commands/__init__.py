@@ -1,1 +1,49 @@
-"""One thin module for each command of `barc`: its options, and the call that does the work."""
+"""One thin module for each command of `barc`, listed here; what it does lives in the other rooms.
+
+A module has `add_arguments(parser)`, which describes the command and its options, and
+`run(options)`, which returns the exit code (None: 0) and raises UserError.
+"""
+
+#: By group, in the order of `barc --help`: the commands, and what each does.
+GROUPS = {
+    'drive': {
+        'acc': 'drive with the cruise control over the hills',
+        'teleop': 'drive by hand',
+    },
+    'look': {
+        'plot': 'draw speed, grade and command of a run',
+        'replay': 'play a run in a window, a web page or a video',
+        'validate': 'measure the error of each integrator',
+    },
+    'lab': {
+        'new': 'make a folder with templates of model, controller and relay',
+        'check': 'find mistakes in a model and a controller, and their causes',
+        'tune': 'search the gains that hold the speed best',
+        'report': 'write a run as one HTML page to hand in',
+        'regrade': 'check that a bag can come from its code',
+        'grade': 'grade one submission or a class',
+    },
+    'bags': {
+        'record': 'record any ROS 2 system',
+        'recover': 'repair the bag of a run that was killed',
+    },
+    'ROS': {
+        'topics': 'list topics, their publishers, subscribers and rates',
+        'echo': 'print the messages of a topic',
+        'param': 'list, read and set the parameters of running nodes',
+        'graph': 'draw nodes and topics, running or in a bag',
+        'node': 'run one node alone in this process',
+    },
+}
+COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
+#: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: the module in `nodes` with `main`.
+NODES = {
+    'bag_recorder': 'recorder.node',
+    'controller': 'controller',
+    'foxglove_server': 'foxglove.node',
+    'keyboard': 'keyboard.node',
+    'mirror': 'mirrors.node',
+    'relay': 'relay',
+    'vehicle_simulator': 'simulator.node',
+    'view': 'view.node',
+}

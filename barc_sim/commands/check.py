@@ -1,60 +1,54 @@
-"""Command: tell a user what is right and what is wrong in a folder, and where to look."""
+"""Finds mistakes in a model and a controller, and names their causes."""
 
 from __future__ import annotations
 
-import sys
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import Parser, call
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
 
+    from barc_sim.cli.parser import Parser
     from barc_sim.lab.check.worker import Report
 
-PROG = 'barc check'
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
 NOT_PASSED = 1
 
 
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(
-        prog=PROG,
-        description='Check a bike_model.py and a controller.py against the reference.',
-    )
-    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder that holds them')
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Check a bike_model.py and a controller.py against the reference.'
+    parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
+    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of both files')
     parser.add_argument(
-        '--seed', type=int, default=0, metavar='N', help='of states and roads (default: 0)'
+        '--seed', type=int, default=0, metavar='N', help='of the random states and roads (0)'
     )
     for name in ('kp', 'ki', 'kd'):
         parser.add_argument(
             f'--{name}',
             type=float,
             metavar='GAIN',
-            help='to drive the roads with (default: that of a run)',
+            help='for the drives over the roads (default: that of a run)',
         )
     parser.add_argument(
-        '--save', metavar='FILE', help='the figure: .png, .pdf or .svg (default: LAB/check.png)'
+        '--save', metavar='FILE', help='the figure: .png, .pdf or .svg (LAB/check.png)'
     )
     parser.add_argument('--no-plot', action='store_true', help='draw no figure')
-    return parser.parse_args(argv)
 
 
-def check(options: Namespace) -> int:
-    """Judge, print and draw; return the exit code: 1 if a criterion is not met in full.
+def run(options: Namespace) -> int:
+    """Print and draw the findings; return 1 if any of them is a mistake.
 
     Raises
     ------
     UserError
-        where there is nothing to check, or the figure can't be saved as asked.
+        where there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.lab.check import GAINS  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim.lab.check import GAINS  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.lab.check.report import print_report  # noqa: PLC0415
     from barc_sim.lab.check.worker import judge_folder  # noqa: PLC0415
 
@@ -84,7 +78,7 @@ def _path(options: Namespace) -> Path:
 
 
 def _draw(report: Report, path: Path, title: str, settings: str) -> None:
-    """Save the figure, where there is anything to draw."""
+    """Save the figure, if any finding has data to draw."""
     from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.check import figure as check_figure  # noqa: PLC0415
     from barc_sim.lab.check.findings import Comparison, Trajectory  # noqa: PLC0415
@@ -98,13 +92,3 @@ def _draw(report: Report, path: Path, title: str, settings: str) -> None:
     with output.replacing(path) as part:
         figure.savefig(part, dpi=DPI)
     print(path)  # noqa: T201
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = parse(argv)
-    return call(PROG, lambda: check(options))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,4 +1,4 @@
-"""Command: grade submissions, one or many, each confined to a process of its own."""
+"""Grades submissions, one or many, each in a confined process of its own."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import INTERRUPTED, Parser, call
+from barc_sim.cli.option_types import whole
+from barc_sim.cli.parser import INTERRUPTED
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
+    from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.batch import Failure
     from barc_sim.lab.grade.report import Report
 
-PROG = 'barc grade'
 _RUBRIC = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubric.yaml'
-# Submissions under way on a cluster: enough for all of its workers, little enough for the memory.
+# Submissions in progress on a cluster: enough for all workers, few enough for the memory.
 _ON_A_CLUSTER = 64
 
 
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(
-        prog=PROG,
-        description='Grade submissions: results.json (for Gradescope), report.html and report.png '
-        'of each, class.csv of all. Their code can read Python, NumPy and its own files, and can '
-        'write, start and connect to nothing.',
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Grade submissions: results.json (for Gradescope), report.html and report.png for each, '
+        'class.csv for all. Their code can read only Python, NumPy and its own files; it cannot '
+        'write files, start processes or use the network.'
     )
     parser.add_argument(
         'submissions',
@@ -38,15 +38,13 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
         metavar='SUBMISSIONS',
         help='a submission: a folder or .zip, or a folder of those',
     )
+    parser.add_argument('--rubric', type=Path, metavar='FILE', help=f'the points ({_RUBRIC})')
     parser.add_argument(
-        '--rubric', type=Path, metavar='FILE', help=f'the points; default: {_RUBRIC}'
+        '--out', type=Path, default=Path('grades'), metavar='DIR', help='(%(default)s)'
     )
+    parser.add_argument('--seed', type=whole(0), metavar='N', help="in place of the rubric's")
     parser.add_argument(
-        '--out', type=Path, default=Path('grades'), metavar='DIR', help='default: %(default)s'
-    )
-    parser.add_argument('--seed', type=int, metavar='N', help="in place of the rubric's")
-    parser.add_argument(
-        '--jobs', type=int, metavar='N', help='how many at once; default: one for each core'
+        '--jobs', type=whole(1), metavar='N', help='how many at once (one for each core)'
     )
     parser.add_argument(
         '--scheduler', metavar='ADDRESS', help='grade on the Dask cluster of this scheduler'
@@ -54,26 +52,20 @@ def parse(argv: Sequence[str] | None = None) -> Namespace:
     parser.add_argument(
         '--no-sandbox',
         action='store_true',
-        help='run the code unconfined, in a container that holds nothing but one submission, '
-        'where the kernel has no Landlock',
+        help='run the code unconfined, for a kernel without Landlock: only in a container that '
+        'holds a single submission',
     )
-    options = parser.parse_args(argv)
-    if options.seed is not None and options.seed < 0:
-        parser.error(f'--seed {options.seed} must be a whole number from 0 on')
-    if options.jobs is not None and options.jobs < 1:
-        parser.error(f'--jobs {options.jobs} must be 1 at least')
-    return options
 
 
-def grade(options: Namespace) -> int:
-    """Do what the options ask for; return the exit code.
+def run(options: Namespace) -> int:
+    """Write the reports and print the table; return the exit code.
 
     Raises
     ------
     UserError
-        where there is nothing to grade, no way to do it, or no place for the reports.
+        where there is nothing to grade, the code cannot be confined, or no report can be written.
     """
-    from rich.console import Console  # noqa: PLC0415 (--help need not wait for it)
+    from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
 
     from barc_sim.lab.grade import batch, rubric, submissions, summary  # noqa: PLC0415
     from barc_sim.lab.grade.process import check  # noqa: PLC0415
@@ -98,7 +90,7 @@ def grade(options: Namespace) -> int:
             sandbox=not options.no_sandbox,
         ) as outcomes,
     ):
-        # Alone, a submission's files are where Gradescope looks for them.
+        # Gradescope looks for the files of a single submission in the folder itself.
         alone = paths == [options.submissions.resolve()]
         folders = {path: out if alone else out / path.name for path in paths}
         reports, failures, interrupted = _collect(outcomes, folders)
@@ -106,7 +98,7 @@ def grade(options: Namespace) -> int:
     Console().print(summary.as_table(reports, points))
     print(out)  # noqa: T201
     for name, failure in failures.items():
-        print(f'{PROG}: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
+        print(f'barc grade: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
     if interrupted:
         return INTERRUPTED
     return 1 if failures else 0
@@ -115,7 +107,7 @@ def grade(options: Namespace) -> int:
 def _collect(
     outcomes: Iterable[tuple[Path, Report | Failure]], folders: dict[Path, Path]
 ) -> tuple[list[Report], dict[str, Failure], bool]:
-    """Write each submission's files as it is finished; also return whether Ctrl-C ended that."""
+    """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn  # noqa: PLC0415
 
@@ -141,7 +133,7 @@ def _collect(
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write a file that is there as a whole or not at all."""
+    """Write a file atomically: whole or not at all."""
     part = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -153,12 +145,3 @@ def _write(path: Path, data: bytes) -> None:
         ) from None
     finally:
         part.unlink(missing_ok=True)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; return its exit code."""
-    return call(PROG, lambda: grade(parse(argv)))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,42 +1,39 @@
-"""Command: write a folder with the lab's templates."""
+"""Makes a folder with the lab's templates."""
 
 from __future__ import annotations
 
 import shlex
-import sys
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.parser import barc_path
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
 
-PROG = 'barc new'
+    from barc_sim.cli.parser import Parser
+
 _FILES = ('README.md', 'bike_model.py', 'controller.py', 'relay.py')
 
 
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(
-        prog=PROG,
-        description='Write a folder with the templates of bike_model.py, controller.py, relay.py.',
-        epilog='A file that is there already is never written over.',
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Make a folder with templates of bike_model.py, controller.py and relay.py.'
     )
+    parser.epilog = 'An existing file is never overwritten.'
     parser.add_argument('folder', type=Path, metavar='DIR', help='the folder to make')
-    return parser.parse_args(argv)
 
 
 def write(folder: Path) -> None:
-    """Write the templates into `folder`, which is made unless it is there.
+    """Write the templates into `folder`; make it if it does not exist.
 
     Raises
     ------
     UserError
-        where it has one of the files already, or can't be written to.
+        where one of the files exists already, or the folder cannot be written to.
     """
     template = resources.files('barc_sim.lab') / 'templates'
     texts = {name: (template / name).read_bytes() for name in _FILES}
@@ -45,8 +42,8 @@ def write(folder: Path) -> None:
         there = [name for name in _FILES if (folder / name).exists()]
         if there:
             raise UserError(
-                f'{str(folder)!r} has {", ".join(there)} already: name another folder, or move '
-                'what is there'
+                f'{str(folder)!r} already has {", ".join(there)}: name another folder, or move '
+                'the old files'
             )
         for name, text in texts.items():
             with (folder / name).open('xb') as file:
@@ -57,19 +54,16 @@ def write(folder: Path) -> None:
         ) from error
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = parse(argv)
+def run(options: Namespace) -> None:
+    """Make the folder and print what to do next.
 
-    def run() -> None:
-        write(options.folder)
-        folder = shlex.quote(str(options.folder))
-        print(f'{folder}: write bike_model.py, controller.py and relay.py; README.md says how')  # noqa: T201
-        print(f'check   python -m barc_sim check {folder}')  # noqa: T201
-        print(f'run     python -m barc_sim.run acc --lab {folder}')  # noqa: T201
-
-    return call(PROG, run)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    Raises
+    ------
+    UserError
+        where the folder has such files already, or cannot be written to.
+    """
+    write(options.folder)
+    barc, folder = barc_path(), shlex.quote(str(options.folder))
+    print(f'{folder}: write bike_model.py, controller.py and relay.py, as README.md explains')  # noqa: T201
+    print(f'check   {barc} check {folder}')  # noqa: T201
+    print(f'run     {barc} acc --lab {folder}')  # noqa: T201

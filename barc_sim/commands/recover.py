@@ -1,38 +1,30 @@
-"""Command: make a whole bag of one whose run was killed."""
+"""Repairs the bag of a run that was killed."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import Parser, call
-
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from barc_sim.bags.recovery import Recovered
+    from barc_sim.cli.parser import Parser
 
-PROG = 'barc recover'
 
-
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(
-        prog=PROG,
-        description='Rebuild index, summary and metadata.yaml of a bag whose run was killed.',
-        epilog='A file of which more than the last chunk is damaged is kept, as FILE.damaged.',
-    )
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Rebuild index, summary and metadata.yaml of a bag whose run was killed.'
+    parser.epilog = 'A file damaged before its last chunk is also kept, as FILE.damaged.'
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
-    return parser.parse_args(argv)
 
 
 def report(found: Recovered) -> Iterator[str]:
-    """Yield the lines that say what there was."""
+    """Yield the lines of the summary: damages, kept files, messages by topic."""
     for name, damage in found.damages.items():
         if damage.unreadable_chunks:
-            yield f'{name}: {damage.unreadable_chunks} damaged chunks are left out'
+            yield f'{name}: {damage.unreadable_chunks} damaged chunks were left out'
         if damage.unfinished:
             yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
     for path in found.kept:
@@ -44,18 +36,15 @@ def report(found: Recovered) -> Iterator[str]:
     yield f'{span.count:9} messages in {duration:.3f} s'
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = parse(argv)
+def run(options: Namespace) -> None:
+    """Repair the bag and print what it holds.
 
-    def run() -> None:
-        from barc_sim.bags.recovery import recover  # noqa: PLC0415 (--help need not wait for it)
+    Raises
+    ------
+    UserError
+        where there is no bag, or it cannot be written.
+    """
+    from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
 
-        for line in report(recover(options.bag)):
-            print(line)  # noqa: T201
-
-    return call(PROG, run)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    for line in report(recover(options.bag)):
+        print(line)  # noqa: T201

@@ -1,51 +1,39 @@
-"""Command: tell whether a bag could have come from barc_sim, and from the code attached to it."""
+"""Checks that a bag can come from barc_sim, and from the code attached to it."""
 
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.parser import add_bag_arguments
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
 
+    from barc_sim.cli.parser import Parser
     from barc_sim.lab.regrade.judging import Judgement
 
-PROG = 'barc regrade'
 
-
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(
-        prog=PROG,
-        description='Do a recorded run again: its commands through the model, its speeds through '
-        'the controller, of barc_sim and of user code that is attached to the bag.',
-        epilog='Exit code 0: the bag could have come from the code that it claims to come from.',
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Repeat a recorded run: its commands through the model and its speeds through the '
+        "controller, of barc_sim and of the user's code attached to the bag."
     )
-    parser.add_argument(
-        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
-    )
-    parser.add_argument(
-        '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
-    )
-    parser.add_argument('--json', action='store_true', help='print all that was found as JSON')
+    parser.epilog = 'Exit code 0: the bag could have come from the code that it names; 1: not.'
+    add_bag_arguments(parser)
+    parser.add_argument('--json', action='store_true', help='print all results as JSON')
     parser.add_argument(
         '--no-sandbox',
         dest='sandbox',
         action='store_false',
-        help='run the attached code with only its time and memory limited: it may read and write '
-        'your files',
+        help='limit only time and memory of the attached code: it can read and write your files',
     )
-    return parser.parse_args(argv)
 
 
 def in_words(judgement: Judgement) -> str:
-    """Return what was found as lines of text."""
+    """Return the results as lines of text."""
     lines = [f'{judgement.states} states, {judgement.duration:.2f} s']
     first = judgement.verdicts[0]
     lines += [
@@ -72,25 +60,22 @@ def in_words(judgement: Judgement) -> str:
     return '\n'.join([*lines, f'The bag {could} have come from {claimed}.'])
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = parse(argv)
+def run(options: Namespace) -> int:
+    """Print the results; return 0 if the bag could have come from the code that it names.
 
-    def run() -> int:
-        from barc_sim.bags import reader  # noqa: PLC0415 (--help need not wait for it)
-        from barc_sim.lab.regrade.judging import judge  # noqa: PLC0415
+    Raises
+    ------
+    UserError
+        where the bag cannot be read, or the code cannot be confined.
+    """
+    from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.lab.regrade.judging import judge  # noqa: PLC0415
 
-        source = options.bag or reader.newest()
-        judgement = judge(source, options.namespace, sandbox=options.sandbox)
-        if options.json:
-            whole = asdict(judgement) | {'possible': judgement.possible}
-            print(json.dumps(whole, indent=2))  # noqa: T201
-        else:
-            print(in_words(judgement))  # noqa: T201
-        return 0 if judgement.possible else 1
-
-    return call(PROG, run)
-
-
-if __name__ == '__main__':
-    sys.exit(main())
+    source = options.bag or reader.newest()
+    judgement = judge(source, options.namespace, sandbox=options.sandbox)
+    if options.json:
+        whole = asdict(judgement) | {'possible': judgement.possible}
+        print(json.dumps(whole, indent=2))  # noqa: T201
+    else:
+        print(in_words(judgement))  # noqa: T201
+    return 0 if judgement.possible else 1

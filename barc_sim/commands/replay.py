@@ -1,62 +1,54 @@
-"""Command: play a run from its bag again, in a window, in a web page or into a video."""
+"""Plays a recorded run at real speed, in a window, a web page or a video."""
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.parser import add_bag_arguments
 from barc_sim.runs.view_options import add_address_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
+    from pathlib import Path
 
     from matplotlib.figure import Figure
 
+    from barc_sim.cli.parser import Parser
     from barc_sim.figures.animation import View
     from barc_sim.simulation.log import Log
 
-PROG = 'barc replay'
 FORMATS = ('mp4', 'gif')
 MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state
-GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and counts in hundredths of a second
+GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and its unit of time is 10 ms
 
 
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(prog=PROG, description='Play a run at real speed.')
-    parser.add_argument(
-        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
-    )
-    parser.add_argument(
-        '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
-    )
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument(
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Play a run at real speed.'
+    add_bag_arguments(parser)
+    target = parser.add_mutually_exclusive_group()
+    target.add_argument(
         '--save',
         metavar='FILE',
-        help='save as .mp4 or .gif; without it a window opens, or BAG/replay.mp4 is saved where '
-        'there is no display',
+        help='save as .mp4 or .gif; default: a window, or BAG/replay.mp4 without a display',
     )
-    how.add_argument(
+    target.add_argument(
         '--web', action='store_true', help='serve a page to watch it in, with a time slider'
     )
     add_address_options(parser)
-    return parser.parse_args(argv)
 
 
-def play(options: Namespace) -> None:
-    """Do what the options ask for.
+def run(options: Namespace) -> None:
+    """Play the run.
 
     Raises
     ------
     UserError
-        where the bag cannot be read, the video not be saved as asked, or the page not be served.
+        where the bag cannot be read, the video cannot be saved, or the page cannot be served.
     """
-    from barc_sim.bags import reader  # noqa: PLC0415 (--help need not wait for NumPy)
-    from barc_sim.figures import output  # noqa: PLC0415 (--help need not wait for NumPy)
+    from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.figures import output  # noqa: PLC0415
 
     path = output.target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or reader.newest()
@@ -77,7 +69,7 @@ def play(options: Namespace) -> None:
 
 
 def _play_in_window(log: Log, title: str) -> bool:
-    """Play until the user closes the window; return whether there could be one."""
+    """Play until the user closes the window; return False without a display."""
     from barc_sim.figures import animation, output, side_view  # noqa: PLC0415
 
     figure = output.window(side_view.SIZE, title)
@@ -85,12 +77,12 @@ def _play_in_window(log: Log, title: str) -> bool:
         return False
     playing = animation.animate(view_of(log, figure, title))
     output.show()
-    del playing  # it played for as long as it was kept
+    del playing  # an animation stops when its last reference goes
     return True
 
 
 def view_of(log: Log, figure: Figure, title: str) -> View:
-    """Return the view that suits the run: from above where it was driven by hand."""
+    """Return the view for this run: from above if a driver steered."""
     from barc_sim.figures import side_view, top_view  # noqa: PLC0415
 
     kind = top_view.TopView if top_view.suits(log) else side_view.SideView
@@ -98,9 +90,9 @@ def view_of(log: Log, figure: Figure, title: str) -> View:
 
 
 def save(log: Log, path: Path, *, title: str = '') -> None:
-    """Write the run as a video to `path`, which ends in .mp4 or .gif, at real speed.
+    """Write the run at real speed to `path`, which ends in .mp4 or .gif.
 
-    Where stderr is a terminal, a bar shows how far it is.
+    A progress bar appears if stderr is a terminal.
     """
     from matplotlib.figure import Figure  # noqa: PLC0415
     from rich.console import Console  # noqa: PLC0415
@@ -124,13 +116,3 @@ def save(log: Log, path: Path, *, title: str = '') -> None:
     else:
         width, height = view.figure.canvas.get_width_height()
         video.write_mp4(path, images, size=(width, height), fps=fps)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = parse(argv)
-    return call(PROG, lambda: play(options))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

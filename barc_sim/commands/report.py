@@ -1,50 +1,41 @@
-"""Command: write a run's plots, figures and code as one HTML page, to be handed in."""
+"""Writes plots, metrics and code of a run as one HTML page to hand in."""
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.parser import add_bag_arguments
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
 
-PROG = 'barc report'
+    from barc_sim.cli.parser import Parser
+
 FORMATS = ('html',)
 
 
-def parse(argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(
-        prog=PROG,
-        description='Write plots, metrics, gains, code, graph, versions and hashes of a run as one '
-        'HTML file, which needs no network to be read.',
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Write plots, metrics, gains, code, graph, versions and hashes of a run as one HTML file '
+        'that can be read without a network.'
     )
+    add_bag_arguments(parser)
     parser.add_argument(
-        'bag', nargs='?', type=Path, metavar='BAG', help='default: the newest in ./bags'
+        '-o', '--save', metavar='FILE', help='the file to write (report.html in the bag)'
     )
-    parser.add_argument(
-        '--namespace', metavar='NS', help='the car, where the bag has several, as in /car1'
-    )
-    parser.add_argument(
-        '-o', '--save', metavar='FILE', help='where to write it (report.html in the bag)'
-    )
-    return parser.parse_args(argv)
 
 
-def write(options: Namespace) -> None:
-    """Do what the options ask for.
+def run(options: Namespace) -> None:
+    """Write the page and print its path.
 
     Raises
     ------
     UserError
-        where the bag cannot be read, or the page not be written.
+        where the bag cannot be read, or the page cannot be written.
     """
-    from barc_sim.bags import reader  # noqa: PLC0415 (--help need not wait for NumPy)
-    from barc_sim.figures import output  # noqa: PLC0415 (--help need not wait for matplotlib)
+    from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.report.facts import read  # noqa: PLC0415
     from barc_sim.lab.report.page import page  # noqa: PLC0415
 
@@ -55,13 +46,3 @@ def write(options: Namespace) -> None:
     with output.replacing(path) as part:
         part.write_text(text, encoding='utf-8')
     print(path)  # noqa: T201
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = parse(argv)
-    return call(PROG, lambda: write(options))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,19 +1,16 @@
-"""Command: search the gains that hold the speed best."""
+"""Searches the gains that hold the speed best."""
 
 from __future__ import annotations
 
-import sys
 import time
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.tuning import options as tune_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -26,24 +23,24 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-PROG = 'barc tune'
+add_arguments = tune_options.add_arguments
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
-#: Population, generations and points along a side of the map: for the PID, whose loops are driven
-#: all at once, and for a user's controller, one by one.
+#: Population, generations and points along a side of the map: for the PID, whose loops run as one
+#: batch, and for user code, whose loops run one by one.
 _BATCHED = (256, 80, 101)
-_OWN = (24, 40, 25)
+_USER_CODE = (24, 40, 25)
 
 
-def tune(options: Namespace) -> None:
-    """Do what the options ask for.
+def run(options: Namespace) -> None:
+    """Search, and print the gains with the lines to run them.
 
     Raises
     ------
     UserError
-        where an option cannot be used, or no gains in the ranges arrive.
+        where an option cannot be used, or no gains in the ranges reach the end of the road.
     """
-    import numpy as np  # noqa: PLC0415 (--help need not wait for it)
+    import numpy as np  # noqa: PLC0415 (slow: not for --help)
 
     from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.user_code.adapters import UserControllerFile  # noqa: PLC0415
@@ -59,9 +56,9 @@ def tune(options: Namespace) -> None:
     goal = tune_options.goal(
         options, UserControllerFile(options.controller) if options.controller else None
     )
-    goal(start[np.newaxis])  # an error in the controller ends the command here
-    population, generations, points = _OWN if options.controller else _BATCHED
-    with _shared(goal, options.scheduler) as cost, console.progress(generations) as show:
+    goal(start[np.newaxis])  # a mistake in the controller is reported from here
+    population, generations, points = _USER_CODE if options.controller else _BATCHED
+    with _distributed(goal, options.scheduler) as cost, console.progress(generations) as show:
         found = search.search(
             cost,
             low,
@@ -74,9 +71,9 @@ def tune(options: Namespace) -> None:
         )
         if not np.isfinite(found.cost):
             raise UserError(
-                f'no gains in these ranges bring the car {options.distance:g} m far within '
-                f'{goal.courses[0].max_duration:.0f} s on every road: widen the ranges, or take '
-                'roads that it can climb'
+                f'no gains in these ranges drive {options.distance:g} m within '
+                f'{goal.courses[0].max_duration:.0f} s on every road: widen the ranges, or choose '
+                'roads that the car can climb'
             )
         took = time.monotonic() - began
         plane = surface.surface(cost, low, high, start, found.gains, points) if path else None
@@ -90,8 +87,8 @@ def tune(options: Namespace) -> None:
         print(path)  # noqa: T201
 
 
-def _shared(goal: Goal, scheduler: str | None) -> AbstractContextManager[Costs]:
-    """Share the goal's loops among the processes that the options select."""
+def _distributed(goal: Goal, scheduler: str | None) -> AbstractContextManager[Costs]:
+    """Give the goal, evaluated here, in worker processes or on a cluster."""
     from barc_sim.tuning import workers  # noqa: PLC0415
 
     if scheduler:
@@ -116,13 +113,3 @@ def _draw(
     )
     with output.replacing(path) as part:
         figure.savefig(part, dpi=DPI)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code."""
-    options = tune_options.parse(PROG, argv)
-    return call(PROG, lambda: tune(options))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import shlex
 import shutil
-import sys
-from contextlib import suppress
-from pathlib import Path
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +11,7 @@ import yaml
 
 from barc_sim import __version__
 from barc_sim.bags.losses import summary
+from barc_sim.cli.parser import barc_path
 from barc_sim.control.types import GAINS
 from barc_sim.lab.user_code.adapters import attachments
 from barc_sim.lab.user_code.adapters import describe as user_code_metadata
@@ -83,12 +81,12 @@ class RunBag:
 
     def print_commands(self) -> None:
         """Print the bag's path, and the commands that read it."""
-        python = shlex.quote(_short(sys.executable))
+        barc = barc_path()
         print(summary(self.recorder.counts, self.recorder.lost))  # noqa: T201
         path = shlex.quote(str(self.recorder.path))
         print(f'bag     {path}')  # noqa: T201
-        print(f'plot    {python} -m barc_sim plot {path}')  # noqa: T201
-        print(f'replay  {python} -m barc_sim replay {path}')  # noqa: T201
+        print(f'plot    {barc} plot {path}')  # noqa: T201
+        print(f'replay  {barc} replay {path}')  # noqa: T201
 
 
 def _description(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
@@ -97,7 +95,7 @@ def _description(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
     # By parameter, not by node: `-r __node:=car` gives all nodes one name.
     own = {name: value for _, parameters in values for name, value in parameters.items()}
     return {
-        'command': shlex.join(['python', '-m', 'barc_sim.run', *argv]),
+        'command': shlex.join(['barc', *argv]),
         'barc_sim': __version__,
         'python': python_version(),
         'platform': platform(),
@@ -112,10 +110,3 @@ def _description(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
 def _parameters(node: Node) -> dict[str, Any]:
     names = node.list_parameters(prefixes=[], depth=0).names
     return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
-
-
-def _short(path: str) -> str:
-    """Return `path` relative to the current directory if it lies below it."""
-    with suppress(ValueError):
-        return str(Path(path).relative_to(Path.cwd()))
-    return path

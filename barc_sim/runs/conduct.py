@@ -73,7 +73,7 @@ def conduct(
             run.close()
     run.print_end()
     if run.failure:
-        report('barc_sim.run', run.failure)
+        report(f'barc {options.mode}', run.failure)
     return 1 if run.failure or (run.bag and run.bag.recorder.failure) else 0
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.option_types import number, whole
-from barc_sim.cli.parser import Parser
+from barc_sim.cli.parser import barc_path
 from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from barc_sim.cli.parser import Parser
     from barc_sim.control.controller import Controller
     from barc_sim.tuning.goal import Goal
 
@@ -31,9 +32,9 @@ _MAX_GAIN = 1e6
 _MAX_SEED = 2**53
 
 
-def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
-    """Return the options on the command line."""
-    parser = Parser(prog=prog, description='Search the gains that hold the speed best.')
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Search the gains that hold the speed best.'
     parser.add_argument(
         '--cost',
         default='rms',
@@ -87,7 +88,6 @@ def parse(prog: str, argv: Sequence[str] | None = None) -> Namespace:
     parser.add_argument(
         '--save', metavar='FILE', help='draw a map of the cost, and the runs: .png, .pdf or .svg'
     )
-    return parser.parse_args(argv)
 
 
 def _add_gains(parser: Parser) -> None:
@@ -158,7 +158,7 @@ def ranges(options: Namespace) -> tuple[Floats, Floats]:
 def commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
     """Yield the command that runs `gains`, for each of the roads."""
     for road in options.road or [_ROAD]:
-        words = ['python', '-m', 'barc_sim.run', 'acc']
+        words = ['acc']
         for name, gain in zip(GAINS, gains, strict=True):
             words += [f'--{name}', typed(gain)]
         for name, value, default in (
@@ -176,7 +176,7 @@ def commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
         for name, value in parameters.items():
             if value:
                 words += ['-p', f'vehicle_simulator:{name}:={float(typed(value))}']
-        yield shlex.join(words)
+        yield f'{barc_path()} {shlex.join(words)}'
 
 
 def typed(value: float) -> str:

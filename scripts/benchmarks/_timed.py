@@ -6,8 +6,8 @@ import time
 
 import numpy as np
 
+from barc_sim.__main__ import parse
 from barc_sim.lab.user_code.loading import UserCode
-from barc_sim.run import parser
 from barc_sim.runs.conduct import Setup
 from barc_sim.runs.cruise_control import CruiseControl
 from barc_sim.runs.terminal.user_output import UserOutput
@@ -28,7 +28,7 @@ class TimedRun(CruiseControl):
         self.steps: list[float] = []  #: [s]
         self.processor: list[float] = []  #: [s] of processor time
         self.first = 0.0  #: [s] since the epoch
-        options = parser().parse_args(['acc', '--quiet', *arguments])
+        options = parse('acc', ['--quiet', *arguments])
         super().__init__(Setup(options, [], None, UserCode(), UserOutput(quiet=True)))
         (self._car,) = self.cars
         self._car.show = self.note

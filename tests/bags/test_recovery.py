@@ -11,11 +11,11 @@ from made_bags import VALUE
 from mcap.records import Message
 from rosbags.highlevel import AnyReader
 
+from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
 from barc_sim.bags.records import files, records
 from barc_sim.bags.recovery import recover as make_whole
 from barc_sim.bags.writer import BagWriter, FileLimits
-from barc_sim.commands import recover
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def test_full_disk_leaves_the_bag_unchanged(killed: Path, monkeypatch: pytest.Mo
 def test_command_prints_what_was_recovered(
     killed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert recover.main([str(killed)]) == 0
+    assert barc(['recover', str(killed)]) == 0
     assert capsys.readouterr().out.splitlines() == [
         'run_0.mcap: was unfinished; 0 bytes at its end could not be read',
         '     1000 /value',
@@ -153,7 +153,7 @@ def test_command_prints_what_was_recovered(
 
 
 def test_command_names_a_missing_bag(capsys: pytest.CaptureFixture[str]) -> None:
-    assert recover.main(['/nowhere']) == 2
+    assert barc(['recover', '/nowhere']) == 2
     assert capsys.readouterr().err == (
         "barc recover: error: there is no bag '/nowhere': name the directory of a bag\n"
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 from rich.console import Console
 
-from barc_sim.commands import check
+from barc_sim.__main__ import main as barc
 from barc_sim.lab.check import GAINS, report
 from barc_sim.lab.check.worker import judge_folder
 
@@ -61,7 +61,7 @@ def wrong(folder: Path) -> Path:
 def test_all_met_is_exit_code_0_and_a_figure(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert check.main([str(folder)]) == 0
+    assert barc(['check', str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == 'model.x             100 %  right in all 3,750 states'
     assert 'pid.proportional        -  there is no controller.py' in lines
@@ -72,7 +72,7 @@ def test_all_met_is_exit_code_0_and_a_figure(
 def test_not_all_met_is_exit_code_1_and_the_reasons(
     wrong: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert check.main([str(wrong), '--no-plot', '--kp', '2']) == 1
+    assert barc(['check', str(wrong), '--no-plot', '--kp', '2']) == 1
     out = capsys.readouterr().out
     assert 'pid.integral          0 %  there is no I: with ki alone the output is always 0' in out
     assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 gives' in out
@@ -85,7 +85,7 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(
 def test_a_cause_is_named_once(wrong: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = MODEL.replace('0.5 * tan', '-0.5 * tan')
     (wrong / 'bike_model.py').write_text(text, encoding='utf-8')
-    assert check.main([str(wrong), '--no-plot']) == 1
+    assert barc(['check', str(wrong), '--no-plot']) == 1
     out = capsys.readouterr().out
     assert out.count('is the sign of beta right?') == 1
     assert 'model.y            14.2 %  see model.x\n' in out
@@ -104,7 +104,7 @@ def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
 
 @pytest.mark.parametrize('name', ['a.svg', 'a.pdf'])
 def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path, name: str) -> None:
-    assert check.main([str(folder), '--save', str(tmp_path / name)]) == 0
+    assert barc(['check', str(folder), '--save', str(tmp_path / name)]) == 0
     assert (tmp_path / name).stat().st_size > 1000
     assert not (folder / 'check.png').exists()
 
@@ -127,7 +127,7 @@ def test_misuse_is_one_line_and_exit_code_2(
     complaint: str,
 ) -> None:
     monkeypatch.chdir(folder.parent)
-    assert check.main(args) == 2
+    assert barc(['check', *args]) == 2
     captured = capsys.readouterr()
     assert captured.out == ''
     assert captured.err.startswith('barc check: error: ')

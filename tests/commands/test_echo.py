@@ -120,7 +120,7 @@ def test_best_effort_is_heard_and_more_is_not_on_offer(ros: Context) -> None:
         refused = call('echo', 'told', '--once', '--qos-reliability', 'reliable')
     assert (refused.returncode, refused.stdout) == (2, '')
     assert refused.stderr == (
-        'barc echo: error: nobody offers /told as reliable and volatile: ask for best_effort '
+        'barc echo: error: no publisher offers /told as reliable and volatile: request best_effort '
         'and volatile at most\n'
     )
 
@@ -142,7 +142,7 @@ def test_best_effort_is_heard_and_more_is_not_on_offer(ros: Context) -> None:
             "there is no field 'motor.x': 'x' is within a float, which has no fields",
         ),
         (['/c ar'], "'/c ar' cannot be a topic: "),
-        (['/car/ecu', '-n', '0'], "argument -n: '0' is not a whole number from 1 on"),
+        (['/car/ecu', '-n', '0'], "argument -n: '0' is not a whole number of at least 1"),
     ],
 )
 @pytest.mark.usefixtures('talker')

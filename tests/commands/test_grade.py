@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.commands.grade import main
+from barc_sim.__main__ import main as barc
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.process import check
 
@@ -156,7 +156,7 @@ def graded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int]:
     with zipfile.ZipFile(folder / 'submissions' / 'packed.zip', 'w') as archive:
         archive.writestr('lab/controller.py', CONTROLLER)
     out = folder / 'grades'
-    exit_code = main([str(folder / 'submissions'), '--out', str(out), '--jobs', '2'])
+    exit_code = barc(['grade', str(folder / 'submissions'), '--out', str(out), '--jobs', '2'])
     return folder / 'submissions', out, exit_code
 
 
@@ -244,7 +244,7 @@ def test_nothing_is_written_beside_the_reports(graded: tuple[Path, Path, int]) -
 def test_the_same_is_found_each_time(graded: tuple[Path, Path, int], tmp_path: Path) -> None:
     submissions, out, _ = graded
 
-    assert main([str(submissions / 'reference'), '--out', str(tmp_path)]) == 0
+    assert barc(['grade', str(submissions / 'reference'), '--out', str(tmp_path)]) == 0
 
     for name in ('results.json', 'report.html', 'report.png'):
         assert (tmp_path / name).read_bytes() == (out / 'reference' / name).read_bytes()
@@ -255,7 +255,7 @@ def test_seed_and_rubric_are_taken(graded: tuple[Path, Path, int], tmp_path: Pat
     rubric.write_text('criteria: {pid.reset: 2, model.x: 1}')
     arguments = ['--out', str(tmp_path / 'out'), '--rubric', str(rubric), '--seed', '7']
 
-    assert main([str(graded[0] / 'packed.zip'), *arguments]) == 0
+    assert barc(['grade', str(graded[0] / 'packed.zip'), *arguments]) == 0
 
     content = results(tmp_path, 'out')
     assert content['score'] == 2.0
@@ -267,8 +267,8 @@ def test_seed_and_rubric_are_taken(graded: tuple[Path, Path, int], tmp_path: Pat
     ('arguments', 'message'),
     [
         (['nowhere'], "there is no folder 'nowhere'"),
-        (['.', '--jobs', '0'], '--jobs 0 must be 1 at least'),
-        (['.', '--seed', '-1'], '--seed -1 must be a whole number from 0 on'),
+        (['.', '--jobs', '0'], "argument --jobs: '0' is not a whole number of at least 1"),
+        (['.', '--seed', '-1'], "argument --seed: '-1' is not a whole number of at least 0"),
         (['.', '--rubric', 'none.yaml'], "the rubric 'none.yaml' cannot be read"),
     ],
 )
@@ -276,7 +276,7 @@ def test_what_is_typed_wrong_is_said(
     capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     try:
-        code: object = main(arguments)
+        code: object = barc(['grade', *arguments])
     except SystemExit as error:
         code = error.code
 

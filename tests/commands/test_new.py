@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from barc_sim.__main__ import main as barc
 from barc_sim.commands import new
 from barc_sim.lab.user_code.loading import UserCodeError, load_folder
 
@@ -19,9 +20,9 @@ UNFINISHED = r'is not written yet \(TODO\)'
 def test_a_folder_has_the_templates_and_how_to_go_on_is_printed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert new.main([str(tmp_path / 'my lab')]) == 0
+    assert barc(['new', str(tmp_path / 'my lab')]) == 0
     assert sorted(path.name for path in (tmp_path / 'my lab').iterdir()) == FILES
-    assert f"run acc --lab '{tmp_path}/my lab'" in capsys.readouterr().out
+    assert f"bin/barc acc --lab '{tmp_path}/my lab'" in capsys.readouterr().out
 
 
 def test_each_template_can_be_loaded_and_is_unfinished(tmp_path: Path) -> None:
@@ -49,8 +50,8 @@ def test_nothing_is_written_over(
     tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / name).write_text('mine')
-    assert new.main([str(tmp_path)]) == 2
-    assert f'has {name} already' in capsys.readouterr().err
+    assert barc(['new', str(tmp_path)]) == 2
+    assert f'already has {name}' in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == 'mine'
 
@@ -66,5 +67,5 @@ def test_a_place_that_cannot_be_written_to_is_named(
 ) -> None:
     file = tmp_path / 'file'
     file.write_text('')
-    assert new.main([place.format(file=file)]) == 2
+    assert barc(['new', place.format(file=file)]) == 2
     assert capsys.readouterr().err.count('\n') == 1

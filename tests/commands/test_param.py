@@ -109,7 +109,7 @@ def test_description_and_bounds_are_told() -> None:
         (
             'set /one/car mass 1000.0',
             (
-                'parameter mass of /one/car is read-only: give it at the start '
+                'parameter mass of /one/car is read-only: set it at the start '
                 '(--ros-args -p car:mass:=1000.0)'
             ),
         ),
@@ -142,7 +142,7 @@ def test_dump_is_loaded_again(car: Node, tmp_path: Path) -> None:
     done = call('param', 'load', '/one/car', str(path))
     assert (done.returncode, done.stderr) == (0, '')
     assert 'Set parameter gain successful\n' in done.stdout
-    assert 'Set parameter mass successful: read-only, and as it was\n' in done.stdout
+    assert 'Set parameter mass successful: read-only, and unchanged\n' in done.stdout
     assert [value(car, name) for name in default] == [1e-7, '7', 2**53, False]
 
 
@@ -201,7 +201,7 @@ def dumped(ros: Context, tmp_path: Path) -> Path:
 
 def drive(folder: Path, *ros_args: str) -> list[tuple[float, ...]]:
     """Drive, and return the states and commands."""
-    done = call('run', 'acc', '-q', '--bag-dir', str(folder), '--ros-args', *ros_args)
+    done = call('acc', '-q', '--bag-dir', str(folder), '--ros-args', *ros_args)
     assert (done.returncode, done.stderr) == (0, '')
     return states(folder / done.stdout.strip())
 

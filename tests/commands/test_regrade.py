@@ -9,7 +9,7 @@ import pytest
 from made_bags import make, parameters
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.commands import regrade
+from barc_sim.__main__ import main as barc
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.adapters import UserController
@@ -55,7 +55,7 @@ def bag_of(tmp_path: Path, lab: UserCode, **changed: bytes) -> Path:
 
 
 def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert regrade.main([str(make(tmp_path / 'bag', closed_loop(distance=30.0)))]) == 0
+    assert barc(['regrade', str(make(tmp_path / 'bag', closed_loop(distance=30.0)))]) == 0
     out = capsys.readouterr().out
     assert 'model of barc_sim       yes, bit for bit' in out
     assert out.endswith('The bag could have come from barc_sim.\n')
@@ -64,7 +64,7 @@ def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFi
 def test_a_run_with_user_code_came_from_that(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert regrade.main([str(bag_of(tmp_path, lab))]) == 0
+    assert barc(['regrade', str(bag_of(tmp_path, lab))]) == 0
     out = capsys.readouterr().out
     assert 'model of bike_model.py       yes, bit for bit' in out
     assert 'controller of barc_sim       no: at ' in out
@@ -76,7 +76,7 @@ def test_a_changed_file_is_named(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.0\n')
-    assert regrade.main([str(bag)]) == 1
+    assert barc(['regrade', str(bag)]) == 1
     assert 'helpers.py: is not the file that the run had' in capsys.readouterr().out
 
 
@@ -84,7 +84,7 @@ def test_other_code_did_not_make_the_commands(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.01\n')
-    assert regrade.main([str(bag)]) == 1
+    assert barc(['regrade', str(bag)]) == 1
     out = capsys.readouterr().out
     assert 'controller of controller.py  no: at ' in out
     assert out.endswith('could not have come from bike_model.py and controller.py.\n')
@@ -93,14 +93,14 @@ def test_other_code_did_not_make_the_commands(
 def test_code_that_fails_is_told_in_a_sentence(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert regrade.main([str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
+    assert barc(['regrade', str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
     assert 'ZeroDivisionError' in capsys.readouterr().out
 
 
 def test_what_was_found_can_be_had_as_json(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert regrade.main([str(bag_of(tmp_path, lab)), '--json']) == 0
+    assert barc(['regrade', str(bag_of(tmp_path, lab)), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['possible'] is True
     assert found['claimed'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
@@ -118,7 +118,7 @@ def test_files_of_two_folders_are_told_apart(tmp_path: Path) -> None:
         (tmp_path / name / 'code.py').write_text(source)
     both = {'model': tmp_path / 'one' / 'code.py', 'controller': tmp_path / 'other' / 'code.py'}
     bag = bag_of(tmp_path, load_files(both))
-    assert regrade.main([str(bag)]) == 0
+    assert barc(['regrade', str(bag)]) == 0
 
 
 def test_a_drive_by_hand_has_no_controller(
@@ -126,7 +126,7 @@ def test_a_drive_by_hand_has_no_controller(
 ) -> None:
     told = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
     log = drive([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
-    assert regrade.main([str(make(tmp_path / 'bag', log, {'parameters': told}))]) == 0
+    assert barc(['regrade', str(make(tmp_path / 'bag', log, {'parameters': told}))]) == 0
     assert 'controller' not in capsys.readouterr().out
 
 
@@ -135,7 +135,7 @@ def test_a_bag_without_its_parameters_is_refused(
     tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = make(tmp_path / 'bag', closed_loop(distance=1.0), {'parameters': text})
-    assert regrade.main([str(bag)]) == 2
+    assert barc(['regrade', str(bag)]) == 2
     assert 'parameters of ' in capsys.readouterr().err
 
 
@@ -145,10 +145,10 @@ def test_a_bag_cannot_write_elsewhere(
 ) -> None:
     bag = bag_of(tmp_path, lab, **{name: b'x'})
     # The name ends in .py there; it leads out of the folder all the same.
-    assert regrade.main([str(bag)]) == 1
+    assert barc(['regrade', str(bag)]) == 1
     assert 'which no run attaches' in capsys.readouterr().out
 
 
 def test_no_bag_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert regrade.main([str(tmp_path / 'none')]) == 2
+    assert barc(['regrade', str(tmp_path / 'none')]) == 2
     assert 'there is no bag' in capsys.readouterr().err

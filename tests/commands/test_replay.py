@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.commands import replay
 from barc_sim.figures import output, video
 from barc_sim.simulation.closed_loop import closed_loop
 
@@ -41,7 +41,7 @@ def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_the_run(
     directory: Path, tmp_path: Path, log: Log, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / 'run.mp4'
-    assert replay.main([str(directory), '--save', str(path)]) == 0
+    assert barc(['replay', str(directory), '--save', str(path)]) == 0
     frames, seconds = imageio_ffmpeg.count_frames_and_secs(path)
     assert frames == len(log)
     assert seconds == pytest.approx(log.t[-1] + 0.02, abs=0.011)
@@ -50,7 +50,7 @@ def test_an_mp4_has_a_frame_per_state_and_lasts_as_long_as_the_run(
 
 def test_a_gif_lasts_as_long_as_the_run(directory: Path, tmp_path: Path, log: Log) -> None:
     path = tmp_path / 'run.gif'
-    assert replay.main([str(directory), '--save', str(path)]) == 0
+    assert barc(['replay', str(directory), '--save', str(path)]) == 0
     with Image.open(path) as gif:
         assert gif.size == (960, 540)
         duration = 0
@@ -63,7 +63,7 @@ def test_a_gif_lasts_as_long_as_the_run(directory: Path, tmp_path: Path, log: Lo
 def test_without_display_and_name_the_newest_bag_gets_an_mp4(
     directory: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert replay.main([]) == 0
+    assert barc(['replay']) == 0
     path = directory / 'replay.mp4'
     assert imageio_ffmpeg.count_frames_and_secs(path)[0] > 1
     assert capsys.readouterr().out == f'{path}\n'
@@ -76,7 +76,7 @@ def test_with_a_display_the_run_plays_in_a_window(
     canvas = FigureCanvasAgg(window)
     monkeypatch.setattr(output, 'window', lambda *_: window)
     monkeypatch.setattr(output, 'show', canvas.draw)
-    assert replay.main([str(directory)]) == 0
+    assert barc(['replay', str(directory)]) == 0
     assert window.axes
     assert not list(directory.iterdir())
     assert capsys.readouterr().out == ''
@@ -98,7 +98,7 @@ def test_what_cannot_be_saved_is_said_in_a_line(
     complaint: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert replay.main([str(directory), '--save', name]) == 2
+    assert barc(['replay', str(directory), '--save', name]) == 2
     captured = capsys.readouterr()
     assert captured.out == ''
     assert captured.err.startswith('barc replay: error: ')
@@ -114,5 +114,5 @@ def test_ctrl_c_leaves_no_half_a_video(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(video, 'write_mp4', broken_off)
-    assert replay.main([str(directory), '--save', str(tmp_path / 'run.mp4')]) == 130
+    assert barc(['replay', str(directory), '--save', str(tmp_path / 'run.mp4')]) == 130
     assert list(tmp_path.iterdir()) == [directory]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from made_bags import GRAPH, make
 
-from barc_sim.commands import report
+from barc_sim.__main__ import main as barc
 from barc_sim.control.driver import DriverInput
 from barc_sim.simulation.closed_loop import closed_loop, drive
 
@@ -56,7 +56,7 @@ class Page(HTMLParser):
 
 
 def page_of(bag: Path) -> Page:
-    assert report.main([str(bag)]) == 0
+    assert barc(['report', str(bag)]) == 0
     page = Page((bag / 'report.html').read_text(encoding='utf-8'))
     assert not page.open
     return page
@@ -152,7 +152,7 @@ def test_the_page_goes_where_it_is_wanted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag, path = make(tmp_path / 'bag', closed_loop(distance=1.0)), tmp_path / 'page.html'
-    assert report.main([str(bag), '-o', str(path)]) == 0
+    assert barc(['report', str(bag), '-o', str(path)]) == 0
     assert capsys.readouterr().out == f'{path}\n'
     assert path.is_file()
     assert not (bag / 'report.html').exists()
@@ -171,7 +171,7 @@ def test_what_cannot_be_done_is_a_sentence(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
 ) -> None:
     places = {'bag': make(tmp_path / 'bag', closed_loop(distance=1.0)), 'none': tmp_path / 'none'}
-    assert report.main([argument.format(**places) for argument in arguments]) == 2
+    assert barc(['report', *(argument.format(**places) for argument in arguments)]) == 2
     err = capsys.readouterr().err
     assert words in err
     assert err.count('\n') == 1

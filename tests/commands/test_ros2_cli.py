@@ -38,7 +38,7 @@ pytestmark = [
 def run(ros_domain: int) -> Iterator[None]:
     """Drive for as long as the test needs it; end the daemon of its domain, too."""
     assert ros_domain
-    with started('run', 'acc', '--distance', '0', '--no-bag') as process:
+    with started('acc', '--distance', '0', '--no-bag') as process:
         assert process.stdout
         process.stdout.readline()  # it drives
         end = time.monotonic() + 40.0

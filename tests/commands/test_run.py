@@ -102,7 +102,7 @@ def assert_whole(path: Path) -> None:
 @pytest.mark.parametrize(
     ('command', 'words'),
     [
-        ('', 'MODE'),
+        ('', 'acc or teleop was expected'),
         ('fly', "'fly'"),
         ('acc --hill', '--hill'),
         ('acc --kp nan', "'nan' is not a number from 0 to"),
@@ -151,7 +151,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 def test_python_without_ros_is_told_so(run: Run, package: str, name: str) -> None:
     code, out, err = run('acc', prelude=f"import sys; sys.modules['{package}'] = None\n")
     assert (code, out) == (2, '')
-    assert err.startswith(f'barc_sim.run: error: {name} is not installed in this Python: ')
+    assert err.startswith(f'barc acc: error: {name} is not installed in this Python: ')
     assert err.count('\n') == 1
 
 
@@ -228,8 +228,8 @@ def test_pipe_gets_plain_lines_a_table_and_what_to_do_next(run: Run, here: Path)
     bag_line, plot_line, replay_line = lines[-3:]
     path = bag_line.removeprefix('bag').strip()
     assert_whole(here / path)
-    assert plot_line.endswith(f'-m barc_sim plot {path}')
-    assert replay_line.endswith(f'-m barc_sim replay {path}')
+    assert plot_line.endswith(f'bin/barc plot {path}')
+    assert replay_line.endswith(f'bin/barc replay {path}')
 
 
 class Terminal:
@@ -292,7 +292,7 @@ def test_second_run_is_refused_beside_the_first_until_that_is_gone(
     driving(first)
     code, out, err = run('acc', '-q', *SHORT)
     assert (code, out) == (2, '')
-    assert err.startswith('barc_sim.run: error: another simulator publishes /z_vhcl in ROS domain')
+    assert err.startswith('barc acc: error: another simulator publishes /z_vhcl in ROS domain')
     assert err.count('\n') == 1
     assert not list(here.iterdir())
     assert run('acc', '-q', *SHORT, '--no-bag', '--ros-args', '-r', '__ns:=/car2')[0] == 0

@@ -134,7 +134,7 @@ def test_an_error_in_the_run_ends_it_with_all_up_to_there_in_the_bag(
     code, out, err = finish(start('acc', *MAX, '--lab', 'lab'))
     sentence = 'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current='
     assert code == 1
-    assert f'barc_sim.run: error: {sentence}' in err
+    assert f'barc acc: error: {sentence}' in err
     assert 'Traceback' not in err
     assert 'bag     ' in out
     path = bag.newest(tmp_path / 'bags')

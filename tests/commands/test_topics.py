@@ -78,4 +78,4 @@ def test_topic_that_nobody_uses_is_one_sentence() -> None:
 def test_time_that_cannot_be_is_refused(seconds: str) -> None:
     done = call('topics', f'--hz={seconds}')
     assert done.returncode == 2
-    assert f"'{seconds}' is not a number of seconds" in done.stderr
+    assert f"'{seconds}' is not a number from 0.001 to 3600" in done.stderr

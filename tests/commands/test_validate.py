@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.commands import validate
+from barc_sim.__main__ import main as barc
 from barc_sim.figures import output
 from barc_sim.simulation import convergence
 from barc_sim.simulation.convergence import STEPS, Study
@@ -38,7 +38,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_table_tells_each_error_and_order_under_its_step(capsys: Run) -> None:
-    assert validate.main([]) == 0
+    assert barc(['validate']) == 0
     lines = capsys.readouterr().out.splitlines()
     heading, euler, rk4 = lines[2], lines[4], lines[5]
     assert re.findall(r'[\d.]+ ms|order', heading) == [*MILLISECONDS, 'order']
@@ -51,19 +51,19 @@ def test_table_tells_each_error_and_order_under_its_step(capsys: Run) -> None:
 
 
 def test_table_says_in_words_what_the_labs_road_does(capsys: Run) -> None:
-    validate.main([])
+    barc(['validate'])
     assert "grade of the lab's road jumps" in capsys.readouterr().out
 
 
 def test_figure_is_saved_here_where_there_is_no_display(here: Path, capsys: Run) -> None:
-    validate.main([])
+    barc(['validate'])
     assert capsys.readouterr().out.splitlines()[-1] == 'convergence.png'
     assert (here / 'convergence.png').read_bytes().startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize(('name', 'begin'), [('a.svg', b'<?xml'), ('a.pdf', b'%PDF')])
 def test_figure_is_saved_as_its_name_says(here: Path, name: str, begin: bytes) -> None:
-    assert validate.main(['--save', name]) == 0
+    assert barc(['validate', '--save', name]) == 0
     assert (here / name).read_bytes().startswith(begin)
     assert [path.name for path in here.iterdir()] == [name]
 
@@ -77,14 +77,14 @@ def test_figure_is_shown_where_there_is_a_display(
     window = Figure()
     monkeypatch.setattr(output, 'window', lambda *_: window)
     monkeypatch.setattr(output, 'show', lambda: shown.append(window))
-    assert validate.main([]) == 0
+    assert barc(['validate']) == 0
     assert shown == [window]
     assert window.axes
     assert not list(here.iterdir())
 
 
 def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Run) -> None:
-    assert validate.main(['--json']) == 0
+    assert barc(['validate', '--json']) == 0
     told = json.loads(capsys.readouterr().out)
     assert told['steps'] == list(STEPS)
     assert told['studies'][0] == {
@@ -101,7 +101,7 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Ru
 
 
 def test_json_and_figure_can_be_had_together(here: Path, capsys: Run) -> None:
-    assert validate.main(['--json', '--save', 'b.png']) == 0
+    assert barc(['validate', '--json', '--save', 'b.png']) == 0
     assert len(json.loads(capsys.readouterr().out)['studies']) == len(STUDIES)
     assert (here / 'b.png').is_file()
 
@@ -110,7 +110,7 @@ def test_json_and_figure_can_be_had_together(here: Path, capsys: Run) -> None:
 def test_figure_that_cannot_be_saved_is_one_line_and_code_2(
     capsys: Run, arguments: Sequence[str]
 ) -> None:
-    assert validate.main(arguments) == 2
+    assert barc(['validate', *arguments]) == 2
     told = capsys.readouterr().err
     assert told.startswith('barc validate: error: cannot save ')
     assert told.count('\n') == 1

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, Browser, wait_until
 
+from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.commands import replay
 from barc_sim.page import replay as page_replay
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.replay import Replay
@@ -82,7 +82,7 @@ def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.Mo
     served: list[object] = []
     monkeypatch.setattr(bag, 'read', lambda *_: log)
     monkeypatch.setattr(page_replay, 'serve', lambda *given: served.extend(given))
-    assert replay.main([str(tmp_path), '--web', '--view-port', '8080']) == 0
+    assert barc(['replay', str(tmp_path), '--web', '--view-port', '8080']) == 0
     assert served == [log, tmp_path.name, '127.0.0.1', 8080]
 
 

@@ -17,8 +17,8 @@ pytest.importorskip('rclpy')
 from rosbags.highlevel import AnyReader
 
 import barc_sim
+from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.commands import regrade
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS as ALL_COLUMNS
@@ -108,6 +108,6 @@ def test_each_car_is_regraded_by_its_own_parameters(
     options = ['--cars', '2', '--realtime-factor', 'max', '--distance', '10', '--ros-args']
     path = bag_of(tmp_path, [*options, '-p', 'noise_v_x:=0.1'])
     for namespace in ('/car1', '/car2'):
-        assert regrade.main([str(path), '--namespace', namespace]) == 0
+        assert barc(['regrade', str(path), '--namespace', namespace]) == 0
         assert 'could have come from' in capsys.readouterr().out
-    assert regrade.main([str(path)]) == 2
+    assert barc(['regrade', str(path)]) == 2

@@ -247,7 +247,7 @@ for node in (CruiseController, VehicleSimulator):
 
 def test_bag_says_what_run_it_holds(path: Path) -> None:
     info = bag.info(path)
-    assert info['command'].startswith('python -m barc_sim.run acc -q --realtime-factor max')
+    assert info['command'].startswith('barc acc -q --realtime-factor max')
     assert (info['kp'], info['road'], info['missed_deadlines']) == ('29.0', 'lab', '0')
     parameters = yaml.safe_load(info['parameters'])
     assert parameters['/controller']['ros__parameters']['kp'] == 29.0
@@ -290,7 +290,7 @@ VehicleSimulator.{moment} = refuse
     (folder / 'bags' if folder_exists else folder).mkdir(parents=True)
     done = drive(folder, script=refusal)
     assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == 'barc_sim.run: error: not here\n'
+    assert done.stderr == 'barc acc: error: not here\n'
     assert list(folder.rglob('*')) == ([folder / 'bags'] if folder_exists else [])
 
 

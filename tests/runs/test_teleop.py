@@ -356,7 +356,7 @@ def test_as_fast_as_it_goes_is_refused_with_one_sentence(tmp_path: Path) -> None
     )
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1] == (
-        "barc_sim.run: error: a driver's time cannot run as fast as it goes: give teleop a "
+        "barc teleop: error: a driver's time cannot run as fast as it goes: give teleop a "
         '--realtime-factor above 0'
     )
     assert not (tmp_path / 'bags').exists()

@@ -117,8 +117,7 @@ def _check_there(folder: Path) -> None:
 
     if not folder.is_dir():
         raise UserError(
-            f'there is no folder {str(folder)!r}: python -m barc_sim new {folder.name or "my_lab"} '
-            'writes one'
+            f'there is no folder {str(folder)!r}: barc new {folder.name or "my_lab"} writes one'
         )
     names = [FILES['model'], FILES['controller']]
     if not any((folder / name).exists() for name in names):

@@ -100,8 +100,7 @@ def find_files(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dic
     folder = Path(folder)
     if not folder.is_dir():
         raise UserCodeError(
-            f'there is no folder {str(folder)!r}: python -m barc_sim new '
-            f'{shlex.quote(str(folder))} writes one'
+            f'there is no folder {str(folder)!r}: barc new {shlex.quote(str(folder))} writes one'
         )
     files = {part: folder / FILES[part] for part in parts if (folder / FILES[part]).exists()}
     if not files:

@@ -1,1 +1,1 @@
-"""Looks at a running ROS graph: topics, messages and parameters."""
+"""Reads a running ROS graph from outside: its topics, messages and parameters."""

@@ -1,8 +1,9 @@
-"""Messages as they arrive, taken by whoever wants them, with those that were lost."""
+"""Messages of a topic as they arrive, their rate, and how many were lost."""
 
 from __future__ import annotations
 
 import importlib
+from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -15,13 +16,13 @@ from barc_sim.ros.polled import PolledCallbackGroup
 from barc_sim.ros.serialized import Taker
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from rclpy.node import Node
 
     from barc_sim.ros.serialized import Taken
 
-#: Messages that may wait for the next look.
+#: Messages that can wait for the next `take`.
 DEPTH = 10_000
 
 
@@ -31,11 +32,11 @@ class Messages:
     Attributes
     ----------
     losses
-        What is missing between those that were taken, by publisher.
+        Gaps between the messages taken, by publisher.
     """
 
     def __init__(self, node: Node, topic: str, kind: type[Any], qos: QoSProfile) -> None:
-        """Listen; `kind` is the class of the messages."""
+        """Subscribe; `kind` is the class of the messages."""
         self.losses = Losses()
         self._taker = Taker()
         self._subscription = node.create_subscription(
@@ -49,19 +50,19 @@ class Messages:
         )
 
     def take(self) -> Iterator[Taken]:
-        """Yield those that have arrived, serialized."""
+        """Yield the messages that have arrived, serialized."""
         for taken in self._taker.take(self._subscription):
             self.losses.count(taken.publisher, taken.number)
             yield taken
 
     def close(self) -> None:
-        """Take no more."""
+        """Unsubscribe."""
         self._taker.close()
         self._subscription.destroy()
 
     @property
     def lost(self) -> int:
-        """How many were lost."""
+        """Number of messages lost."""
         return sum(self.losses.by_publisher.values())
 
 
@@ -73,16 +74,16 @@ def quality(
     reliability: str | None = None,
     durability: str | None = None,
 ) -> QoSProfile:
-    """Return what to ask of the publishers of `topic`: the most that all offer, or as given.
+    """Return the strictest quality of service that all publishers of `topic` offer, or as given.
 
     Raises
     ------
     UserError
-        where no publisher that there is offers as much as is given.
+        where no present publisher offers what is given.
     """
     publishers = node.get_publishers_info_by_topic(topic)
     profile = request(publishers, depth)
-    if not publishers:  # nothing is known: ask for the least
+    if not publishers:  # none to match yet: request the least
         profile.reliability = ReliabilityPolicy.BEST_EFFORT
         profile.durability = DurabilityPolicy.VOLATILE
     if reliability:
@@ -92,9 +93,25 @@ def quality(
     if publishers and not any(matches(publisher, profile) for publisher in publishers):
         offered = request(publishers, depth)
         raise UserError(
-            f'nobody offers {topic} as {_in_words(profile)}: ask for {_in_words(offered)} at most'
+            f'no publisher offers {topic} as {_in_words(profile)}: request {_in_words(offered)} at '
+            'most'
         )
     return profile
+
+
+def describe_rate(times: Sequence[int]) -> str:
+    """Return the mean rate of events at `times` [ns] in the words of `ros2 topic hz`.
+
+    The window is the number of periods between them.
+    """
+    if len(times) < 2:  # noqa: PLR2004 (a period has two ends)
+        return ('no message', '1 message')[len(times)]
+    periods = [(new - old) * 1e-9 for old, new in zip(times, times[1:])]  # noqa: B905, RUF007
+    mean = fmean(periods)
+    return (
+        f'average rate: {1.0 / mean if mean else 0.0:.3f} min: {min(periods):.3f}s '
+        f'max: {max(periods):.3f}s std dev: {pstdev(periods):.5f}s window: {len(periods)}'
+    )
 
 
 def message_class(type_name: str) -> type[Any]:
@@ -110,7 +127,7 @@ def message_class(type_name: str) -> type[Any]:
         return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]
     except (ImportError, AttributeError):
         raise UserError(
-            f'the type {type_name} is not installed here: source the workspace that has {package}'
+            f'the type {type_name} is not installed here: source the workspace of {package}'
         ) from None
 
 

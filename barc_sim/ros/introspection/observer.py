@@ -1,10 +1,9 @@
-"""A node that looks at the running system, and waits that end when the process is to stop."""
+"""A hidden node that observes the running system; its waits end when the process must stop."""
 
 from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import rclpy
@@ -14,6 +13,7 @@ from rclpy.node import Node
 from rclpy.topic_or_service_is_hidden import topic_or_service_is_hidden
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
+from barc_sim.cli.parser import did_you_mean
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
 from barc_sim.ros.process import ros
@@ -24,96 +24,96 @@ if TYPE_CHECKING:
     from rclpy.task import Future
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-#: [s] for which something that is not there is waited for.
+#: [s] to wait for something that is not there.
 PATIENCE = 3.0
-#: [s] while nobody at all is seen: a busy machine may take so long to see the first.
+#: [s] to wait for the first other node: discovery on a busy machine can take this long.
 _ALONE = 8.0
-#: [s] The system is looked at until it has stayed the same for so long.
+#: [s] without a change, after which the system counts as stable.
 _STEADY = 0.5
-_LOOK_PERIOD = 0.02  #: [s]
-#: [s] for an answer, after which it is asked for again: a service may be seen before it sees who
-#: calls it, and its answer is lost then.
-_ANSWER_PATIENCE = 2.0
+_POLL_PERIOD = 0.02  #: [s]
+#: [s] to wait for a response before the request is sent again. The client can discover a service
+#: before the service discovers the client; a response is lost then.
+_RESPONSE_PATIENCE = 2.0
 _ATTEMPTS = 3
 
 
 @contextmanager
-def looking(name: str) -> Iterator[Look]:
-    """Start ROS and return a look at the system by a hidden node `_name`; end both at the end."""
+def observe(name: str) -> Iterator[GraphObserver]:
+    """Start ROS and give an observer with the hidden node `_name`; both end with the block."""
     with StopSignals() as stop, ros([]):
         node = Node(f'_{name}', enable_rosout=False, start_parameter_services=False)
         try:
-            yield Look(node, stop)
+            yield GraphObserver(node, stop)
         finally:
             node.destroy_node()
 
 
-class Look:
-    """What `node` sees.
+class GraphObserver:
+    """The ROS graph as `node` discovers it.
 
-    Every wait raises KeyboardInterrupt when the process is asked to stop, by whatever signal.
+    Every wait raises KeyboardInterrupt after a signal that ends the process.
     """
 
     def __init__(self, node: Node, stop: StopSignals) -> None:
-        """Look as `node`, which nobody spins."""
+        """Observe with `node`, which no executor spins."""
         self.node = node
         self.domain = node.context.get_domain_id()
         self._stop = stop
 
     def pause(self, seconds: float) -> None:
-        """Wait for a while [s]."""
+        """Wait for this time [s]."""
         if self._stop.requested.wait(seconds):
             raise KeyboardInterrupt
 
-    def until(self, condition: Callable[[], object], seconds: float = PATIENCE) -> bool:
-        """Wait for `condition`; return whether it came true within `seconds`."""
+    def wait_for(self, condition: Callable[[], object], seconds: float = PATIENCE) -> bool:
+        """Wait for `condition`; return False if it is not true within `seconds`."""
         end = time.monotonic() + seconds
         while not condition():
             if time.monotonic() > end:
                 return False
-            self.pause(_LOOK_PERIOD)
+            self.pause(_POLL_PERIOD)
         return True
 
-    def settled(self, look: Callable[[], Any]) -> Any:  # noqa: ANN401 (as it is looked at)
-        """Return what `look` returns once it is something, and the same for a while."""
-        seen, begin = look(), time.monotonic()
+    def wait_until_stable(self, read: Callable[[], Any]) -> Any:  # noqa: ANN401 (of any type)
+        """Call `read` until its result is not empty and no longer changes; return that."""
+        seen, begin = read(), time.monotonic()
         changed = begin
         while (now := time.monotonic()) - changed < (_STEADY if seen else _ALONE):
             if now - begin > _ALONE:
                 break
-            self.pause(_LOOK_PERIOD)
-            new = look()
+            self.pause(_POLL_PERIOD)
+            new = read()
             if new != seen:
                 seen, changed = new, time.monotonic()
         return seen
 
     def topics(self, *, hidden: bool = False) -> dict[str, list[str]]:
-        """Return the topics that there are now, in order, and their types."""
+        """Return the present topics in order, and their types."""
         return {
             name: types
             for name, types in sorted(self.node.get_topic_names_and_types())
             if hidden or not topic_or_service_is_hidden(name)
         }
 
-    def topic(self, name: str) -> str:
-        """Return the full name of a topic that has a publisher or a subscriber, waiting for it.
+    def find_topic(self, name: str) -> str:
+        """Wait for a topic with a publisher or a subscriber; return its full name.
 
         Raises
         ------
         UserError
-            where it isn't there, or can't be the name of a topic.
+            where it does not exist, or the name is invalid.
         """
         try:
             full = expand_topic_name(name, self.node.get_name(), self.node.get_namespace())
             validate_full_topic_name(full)
         except (InvalidTopicNameException, ValueError) as error:
             raise UserError(f'{name!r} cannot be a topic: {_first_words(error)}') from None
-        if not self._appears(lambda: full in self.topics(hidden=True)):
-            raise UserError(f'there is no topic {full}{self._instead(full, self.topics())}')
+        if not self._wait_to_find(lambda: full in self.topics(hidden=True)):
+            raise UserError(f'there is no topic {full}{self._alternatives(full, self.topics())}')
         return str(full)
 
-    def ends(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
-        """Return the publishers and the subscriptions of a topic, but those of this node."""
+    def endpoints(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
+        """Return the publishers and the subscriptions of a topic, except those of this node."""
         here = self.node.get_name()
         publishers = self.node.get_publishers_info_by_topic(topic)
         subscriptions = self.node.get_subscriptions_info_by_topic(topic)
@@ -123,7 +123,7 @@ class Look:
         )
 
     def nodes(self, *, hidden: bool = False) -> list[str]:
-        """Return the full names of the nodes that there are now, but this one, in order."""
+        """Return the full names of the present nodes, except this one, in order."""
         here = self.node.get_name()
         return sorted(
             f'{namespace.rstrip("/")}/{name}'
@@ -131,60 +131,59 @@ class Look:
             if name != here and (hidden or not name.startswith('_'))
         )
 
-    def peer(self, name: str) -> str:
-        """Return the full name of the node `name`, waiting for it.
+    def find_node(self, name: str) -> str:
+        """Wait for the node `name`; return its full name.
 
         Raises
         ------
         UserError
-            where it isn't there.
+            where it does not exist, or the name is invalid.
         """
         full = f'/{name.lstrip("/")}'
         try:
-            validate_full_topic_name(full)  # which tells more than the check of a node's name
+            validate_full_topic_name(full)  # its errors say more than those for a node's name
         except InvalidTopicNameException as error:
             raise UserError(f'{name!r} cannot be a node: {_first_words(error)}') from None
-        if not self._appears(lambda: full in self.nodes(hidden=True)):
-            raise UserError(f'there is no node {full}{self._instead(full, self.nodes())}')
+        if not self._wait_to_find(lambda: full in self.nodes(hidden=True)):
+            raise UserError(f'there is no node {full}{self._alternatives(full, self.nodes())}')
         return full
 
-    def answer(self, ask: Callable[[], Future], whom: str) -> Any:  # noqa: ANN401 (a service's own)
-        """Return the response that the future of `ask` brings.
+    def request(self, send: Callable[[], Future], node: str) -> Any:  # noqa: ANN401 (a service's own)
+        """Send a request to `node` and return its response.
+
+        `send` sends it and returns the future of the response.
 
         Raises
         ------
         UserError
-            where none comes from `whom`.
+            where no response comes.
         """
         for _ in range(_ATTEMPTS):
-            future = ask()
-            end = time.monotonic() + _ANSWER_PATIENCE
+            future = send()
+            end = time.monotonic() + _RESPONSE_PATIENCE
             while time.monotonic() < end:
-                rclpy.spin_once(self.node, timeout_sec=_LOOK_PERIOD)
+                rclpy.spin_once(self.node, timeout_sec=_POLL_PERIOD)
                 if future.done():
                     return future.result()
                 self.pause(0.0)
-        raise UserError(
-            f'{whom} does not answer: it is busy or stands still; look at it, and try again'
-        )
+        raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
 
-    def _appears(self, condition: Callable[[], object]) -> bool:
-        """Wait for `condition`, for longer while there is nobody."""
-        self.until(lambda: condition() or self.nodes(hidden=True), _ALONE)
-        return self.until(condition)
+    def _wait_to_find(self, condition: Callable[[], object]) -> bool:
+        """Wait for `condition`; wait longer while no other node is discovered."""
+        self.wait_for(lambda: condition() or self.nodes(hidden=True), _ALONE)
+        return self.wait_for(condition)
 
-    def _instead(self, name: str, names: Iterable[str]) -> str:
-        """Say, after a name that isn't there, which are."""
+    def _alternatives(self, name: str, names: Iterable[str]) -> str:
+        """Return the end of a sentence: the names that exist in place of `name`."""
         known = list(names)
         if not known:
             return f', nor any other in ROS domain {self.domain}: start a run first'
-        close = get_close_matches(name, known, n=3)
-        if close:
-            return f': did you mean {" or ".join(close)}?'
-        return f' in ROS domain {self.domain}: there are {", ".join(known)}'
+        return did_you_mean(name, known) or (
+            f' in ROS domain {self.domain}: there are {", ".join(known)}'
+        )
 
 
 def _first_words(error: Exception) -> str:
-    """Return what is wrong with a name, without where rcl's source says so."""
+    """Return why a name is invalid, without the line of rcl's source."""
     reason = str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
     return reason.removeprefix('Invalid topic name: ').replace('topic name', 'a name')

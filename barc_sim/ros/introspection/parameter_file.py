@@ -1,4 +1,4 @@
-"""Parameter files: what rcl reads with `--params-file`, and `ros2 param dump` writes."""
+"""Parameter files, as rcl reads them with `--params-file` and `ros2 param dump` writes them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _KEY = 'ros__parameters'
-_EXPECTED = f'expected are nodes with {_KEY}, as `param dump` writes them'
+_EXPECTED = f'expected nodes with {_KEY}, as `barc param dump` writes them'
 
 
 def text(node: str, values: Mapping[str, Any]) -> str:
-    """Return the file of a node with these parameters; a dot in a name opens a level."""
+    """Return the text of a node's file; a dot in a name opens a level."""
     nested: dict[str, Any] = {}
     for name, value in sorted(values.items()):
         *groups, last = name.split('.')
@@ -30,10 +30,10 @@ def text(node: str, values: Mapping[str, Any]) -> str:
 
 
 def read(path: Path, node: str, *, wildcards: bool = True) -> dict[str, Any]:
-    """Return the parameters that the file has for the node of this full name.
+    """Return the parameters in the file for the node of this full name.
 
-    They have the types that they have in YAML, as for rcl; `rclpy.parameter_client` makes a string
-    of 1.0e-7, and a number of '7'. Later entries go before earlier ones, as for rcl.
+    They have their YAML types, as in rcl; `rclpy.parameter_client` reads 1.0e-7 as a string and
+    '7' as a number. Later entries override earlier ones, as in rcl.
 
     Parameters
     ----------
@@ -42,12 +42,12 @@ def read(path: Path, node: str, *, wildcards: bool = True) -> dict[str, Any]:
     node
         Such as `/car2/controller`.
     wildcards
-        Whether those for `/**` and the like count, too.
+        Whether entries with wildcards, such as `/**`, count, too.
 
     Raises
     ------
     UserError
-        where there is no such file, or it has no parameters for the node.
+        where the file cannot be read, or has no parameters for the node.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -71,12 +71,12 @@ def read(path: Path, node: str, *, wildcards: bool = True) -> dict[str, Any]:
             found = True
     if not found:
         known = ', '.join(key for key, _ in entries)
-        raise UserError(f'{str(path)!r} has no parameters for {node}: it has those of {known}')
+        raise UserError(f'{str(path)!r} has no parameters for {node}: it has some for {known}')
     return values
 
 
 def _entries(level: Mapping[Any, Any], node: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Yield the nodes in a file, and their parameters."""
+    """Yield each node in a file with its parameters."""
     for key, value in level.items():
         if isinstance(value, dict):
             if key == _KEY:
@@ -86,7 +86,7 @@ def _entries(level: Mapping[Any, Any], node: str) -> Iterator[tuple[str, Mapping
 
 
 def _matches(key: str, node: str) -> bool:
-    """Return whether a node has this name, in which `*` stands for a part and `**` for any."""
+    """Return whether `key` matches the node: `*` stands for one part of a name, `**` for any."""
     parts = re.split(r'(/\*\*|\*)', key)
     pattern = {'/**': '(/[^/]+)*', '*': '[^/]+'}
     return bool(re.fullmatch(''.join(pattern.get(part, re.escape(part)) for part in parts), node))

@@ -1,4 +1,4 @@
-"""Parameters as text: in the words of `ros2 param`, and as YAML."""
+"""Parameters as text: as `ros2 param` prints them, and as YAML."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 
-#: As `ros2 param describe` has them.
+#: As `ros2 param describe` prints them.
 TYPES = {
     ParameterType.PARAMETER_NOT_SET: 'not set',
     ParameterType.PARAMETER_BOOL: 'boolean',
@@ -28,7 +28,7 @@ TYPES = {
 }
 
 
-def described(descriptor: ParameterDescriptor) -> list[str]:
+def description(descriptor: ParameterDescriptor) -> list[str]:
     """Return the lines of `ros2 param describe`."""
     lines = [f'Parameter name: {descriptor.name}', f'  Type: {TYPES[descriptor.type]}']
     if descriptor.description:
@@ -59,8 +59,8 @@ def type_name(descriptor: ParameterDescriptor) -> str:
     return TYPES[descriptor.type]
 
 
-def parsed(text: str) -> ParameterValue:
-    """Return the value that `text` is in YAML, as `ros2 param set` takes it.
+def parse_value(text: str) -> ParameterValue:
+    """Return the value of `text` in YAML, as `ros2 param set` reads it.
 
     Raises
     ------
@@ -73,30 +73,30 @@ def parsed(text: str) -> ParameterValue:
         raise UserError(f'{text!r} is not a value in YAML: a string may need quotes') from None
 
 
-def as_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401 (whatever YAML has)
-    """Return the value of a parameter for what stands in a file.
+def to_parameter_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401 (anything in YAML)
+    """Return a value read from a file as that of a parameter.
 
     Raises
     ------
     UserError
-        where no type of parameter fits.
+        where no parameter type fits.
     """
     try:
         return Parameter(name, value=given).get_parameter_value()
     except (TypeError, AssertionError, OverflowError):
         raise UserError(
-            f'parameter {name} cannot be {given!r}: a boolean, a number, a string, or a list of '
-            'one of these is needed'
+            f'parameter {name} cannot be {given!r}: expected a boolean, a number, a string, or a '
+            'list of one of these'
         ) from None
 
 
 def in_yaml(value: Any) -> str:  # noqa: ANN401
-    """Return a value as it is to be written, such as 1.0e-07."""
+    """Return a value as YAML writes it, such as 1.0e-07."""
     return yaml.safe_dump(value, default_flow_style=True, width=2**30).partition('\n')[0]
 
 
-def instead(wanted: int, given: Any) -> str:  # noqa: ANN401
-    """Return what to write for `given` where a parameter of another type is wanted."""
+def suggestion(wanted: int, given: Any) -> str:  # noqa: ANN401
+    """Return how to write `given` for a parameter of the type `wanted`, or ''."""
     if wanted == ParameterType.PARAMETER_STRING:
         return f': write "\'{given}\'"'
     if wanted == ParameterType.PARAMETER_DOUBLE and not isinstance(given, (bool, list)):

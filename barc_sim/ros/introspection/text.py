@@ -1,7 +1,7 @@
 """Messages as text, as `ros2 topic echo` prints them: a YAML document, or a line of CSV.
 
-The wheels of ROS lack `rosidl_runtime_py`, which does it elsewhere; a test compares the two where
-both are there. Works on the generated classes of messages without importing any.
+By hand because the wheels of ROS lack `rosidl_runtime_py`; a test compares the two where both are
+installed. Works on the generated message classes without importing any.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-#: [elements] of a sequence, [characters] of a string: as many as are shown of a long one.
+#: Elements of a long sequence and characters of a long string that are shown.
 TRUNCATE = 128
-#: The same as SafeDumper in C, where libyaml is there.
+#: SafeDumper, in C where libyaml is installed.
 _Dumper = getattr(yaml, 'CSafeDumper', yaml.SafeDumper)
 _ENDLESS = 2**30
 
 
 class Style(NamedTuple):
-    """What is shown of long fields."""
+    """How long fields are shown."""
 
     truncate: int | None = TRUNCATE  #: elements and characters to show; None: all
-    arrays: bool = True  #: whether arrays are shown, or just their type and length
-    strings: bool = True  #: whether strings are shown, or just their length
+    arrays: bool = True  #: show arrays; else their type and length
+    strings: bool = True  #: show strings; else their length
 
 
 def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes)
@@ -36,7 +36,7 @@ def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes
     Raises
     ------
     UserError
-        where there is none; it names those that there are.
+        where there is none; the message lists the fields that exist.
     """
     value = message
     for name in path.split('.'):
@@ -45,12 +45,12 @@ def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes
         elif _is_sequence(value) and name.isdecimal() and int(name) < len(value):
             value = value[int(name)]
         else:
-            raise UserError(f'there is no field {path!r}: {name!r} is {_instead(value)}')
+            raise UserError(f'there is no field {path!r}: {name!r} is {_alternatives(value)}')
     return value
 
 
 def to_yaml(value: Any, style: Style) -> str:  # noqa: ANN401
-    """Return a message as a YAML document without its end; a bare field as Python prints it."""
+    """Return a message as a YAML document without `---`; a single field as Python prints it."""
     if not _is_message(value):
         return f'{value}\n'
     return yaml.dump(
@@ -59,15 +59,15 @@ def to_yaml(value: Any, style: Style) -> str:  # noqa: ANN401
 
 
 def to_csv(value: Any, style: Style) -> str:  # noqa: ANN401
-    """Return all values in a message, or in a field of one, in a line with commas between.
+    """Return all values of a message, or of a field, in one line, separated by commas.
 
-    An empty string or sequence keeps its column, also as the first, where `ros2` drops it.
+    An empty string or sequence keeps its column; `ros2` drops it if it is the first.
     """
     return ','.join(_cells(value, style))
 
 
 def _plain(value: Any, style: Style, described: str = '') -> Any:  # noqa: ANN401
-    """Return what YAML knows; `described` is the declared type of the field that `value` is in."""
+    """Return `value` in YAML's types; `described` is the declared type of its field."""
     if _is_message(value):
         return {
             name: _plain(getattr(value, name), style, kind) for name, kind in _fields(value).items()
@@ -104,12 +104,12 @@ def _is_message(value: object) -> bool:
 
 
 def _is_sequence(value: object) -> bool:
-    """Return whether it is a list, tuple, array.array or NumPy's."""
+    """Return whether `value` is a list, tuple, array.array or NumPy array."""
     return hasattr(value, '__len__') and not isinstance(value, (str, bytes))
 
 
 def _fields(message: Any) -> dict[str, str]:  # noqa: ANN401
-    """Return the names of the fields and their types, as the .msg file has them."""
+    """Return the fields and their types, as in the .msg file."""
     return dict(message.get_fields_and_field_types())
 
 
@@ -131,7 +131,7 @@ def _array(value: Sequence[Any], described: str) -> str:
     return f'<array type: {described}>'
 
 
-def _instead(value: object) -> str:
+def _alternatives(value: object) -> str:
     if _is_message(value):
         return f'not among {", ".join(_fields(value))}'
     if _is_sequence(value):

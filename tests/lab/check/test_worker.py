@@ -78,7 +78,7 @@ def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, mo
 
 
 @pytest.mark.parametrize(
-    ('make', 'words'), [(False, 'barc_sim new nothing'), (True, 'no bike_model.py and no')]
+    ('make', 'words'), [(False, 'barc new nothing'), (True, 'no bike_model.py and no')]
 )
 def test_a_folder_with_nothing_to_judge_is_refused(tmp_path: Path, make: bool, words: str) -> None:
     folder = tmp_path / 'nothing'

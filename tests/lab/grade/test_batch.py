@@ -86,10 +86,10 @@ def test_a_cluster_gives_the_same_scores(
     # In a process of its own, for its event loops and its warnings.
     script = f"""
 from distributed import LocalCluster
-from barc_sim.commands.grade import main
+from barc_sim.__main__ import main as barc
 if __name__ == '__main__':
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        print(main([{str(tmp_path / 'class')!r}, '--out', {str(tmp_path / 'grades')!r},
+        print(barc(['grade', {str(tmp_path / 'class')!r}, '--out', {str(tmp_path / 'grades')!r},
                     '--scheduler', cluster.scheduler_address]))
 """
     (tmp_path / 'class').mkdir()

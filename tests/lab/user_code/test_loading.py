@@ -400,9 +400,7 @@ def test_only_the_parts_that_are_asked_for_are_loaded(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        UserCodeError, match=r"no folder '.*my_lab': python -m barc_sim new /.*my_lab"
-    ):
+    with pytest.raises(UserCodeError, match=r"no folder '.*my_lab': barc new /.*my_lab"):
         load_folder(tmp_path / 'my_lab')
 
 

@@ -61,7 +61,7 @@ def test_names_of_nodes_may_be_patterns(tmp_path: Path, key: str, node: str, mea
     if meant:
         assert read(path, node) == {'a': 1}
     else:
-        with pytest.raises(UserError, match=f'has no parameters for {node}: it has those of /'):
+        with pytest.raises(UserError, match=f'has no parameters for {node}: it has some for /'):
             read(path, node)
 
 
@@ -82,9 +82,9 @@ def test_later_entry_goes_before_an_earlier_one(tmp_path: Path) -> None:
     ('content', 'sentence'),
     [
         ('a: b: c', 'is not YAML in line 1: '),
-        ('- 1', 'is not a file of parameters: expected are nodes with ros__parameters'),
+        ('- 1', 'is not a file of parameters: expected nodes with ros__parameters'),
         ('', 'is not a file of parameters: '),
-        ('a: 1', 'has no parameters: expected are nodes'),
+        ('a: 1', 'has no parameters: expected nodes'),
         ('/n: {ros__parameters: {a: }}', "parameter a in '.*' has no value: give it one"),
     ],
 )

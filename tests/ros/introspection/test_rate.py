@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barc_sim.ros.introspection.rate import in_words
+from barc_sim.ros.introspection.messages import describe_rate
 
 
 @pytest.mark.parametrize(
@@ -20,4 +20,4 @@ from barc_sim.ros.introspection.rate import in_words
     ],
 )
 def test_rate_is_told_as_ros2_topic_hz_does(times: list[int], words: str) -> None:
-    assert in_words(times) == words
+    assert describe_rate(times) == words

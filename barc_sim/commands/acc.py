@@ -1,0 +1,97 @@
+"""Drives with the cruise control until the end of the road."""
+
+from __future__ import annotations
+
+from argparse import ArgumentTypeError
+from typing import TYPE_CHECKING
+
+from barc_sim.cli.option_types import number, whole
+from barc_sim.cli.parser import accept_ros_args
+from barc_sim.cli.signals import StopSignals
+from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
+from barc_sim.runs import options as run_options
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from barc_sim.cli.parser import Parser
+
+_MAX_SPEED = 100.0
+_MAX_DISTANCE = 1e6
+_MAX_CARS = 100
+
+
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Simulator, PID cruise controller and recorder, until the end of the road.'
+    parser.set_defaults(mode='acc')
+    parser.add_argument(
+        '--speed',
+        type=number(-_MAX_SPEED, _MAX_SPEED),
+        metavar='M/S',
+        help=f'speed to hold ({SPEED_REFERENCE:g})',
+    )
+    parser.add_argument(
+        '--controller-type', choices=tuple(TYPES), help=f'what holds the speed ({DEFAULT_TYPE})'
+    )
+    for name, gain in PID.gains.items():
+        parser.add_argument(
+            f'--{name}', type=number(*gain.between), metavar='GAIN', help=f'({gain.default:g})'
+        )
+    parser.add_argument(
+        '--gain',
+        type=_gain,
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help=f'a gain of the controller; may be repeated ({"; ".join(map(_gains_of, TYPES))})',
+    )
+    parser.add_argument(
+        '--distance',
+        type=number(0.0, _MAX_DISTANCE),
+        metavar='M',
+        help='the run ends here; 0: it goes on until Ctrl-C (180)',
+    )
+    parser.add_argument(
+        '--cars',
+        type=whole(1, _MAX_CARS),
+        default=1,
+        metavar='N',
+        help='so many cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
+    )
+    parser.add_argument(
+        '--no-controller',
+        action='store_true',
+        help='leave ours out, and wait for another that publishes ecu',
+    )
+    run_options.add_arguments(parser, 'model', 'controller', road='lab', view='none')
+    accept_ros_args(parser)
+
+
+def run(options: Namespace) -> int:
+    """Drive, and return the exit code.
+
+    Raises
+    ------
+    UserError
+        where an option or a ROS argument cannot be used.
+    """
+    with StopSignals() as stop:
+        from barc_sim.runs.cruise_control import cruise_control  # noqa: PLC0415
+
+        return cruise_control(options, options.argv, options.ros_args, stop)
+
+
+def _gain(text: str) -> tuple[str, float]:
+    """Return name and value of a gain."""
+    name, _, value = text.partition('=')
+    if name not in GAINS:
+        raise ArgumentTypeError(
+            f'{text!r} is no gain: expected NAME=VALUE with a name of {", ".join(GAINS)}'
+        )
+    return name, number(*GAINS[name].between)(value)
+
+
+def _gains_of(controller: str) -> str:
+    return f'{controller}: {", ".join(TYPES[controller].gains)}'

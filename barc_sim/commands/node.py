@@ -1,0 +1,30 @@
+"""Runs one node alone in this process."""
+
+from __future__ import annotations
+
+from argparse import REMAINDER
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from barc_sim.commands import NODES
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from barc_sim.cli.parser import Parser
+
+
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Run one node alone in this process, until Ctrl-C.'
+    parser.add_argument('name', choices=NODES, metavar='NAME', help=', '.join(NODES))
+    parser.add_argument(
+        'arguments', nargs=REMAINDER, metavar='...', help='of ROS, such as --ros-args -p kp:=20.0'
+    )
+
+
+def run(options: Namespace) -> int:
+    """Run the node, and return the exit code."""
+    module = import_module(f'barc_sim.nodes.{NODES[options.name]}')
+    code: int = module.main(options.arguments)
+    return code

@@ -1,0 +1,36 @@
+"""Drives by hand until q or Ctrl-C."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from barc_sim.cli.parser import accept_ros_args
+from barc_sim.cli.signals import StopSignals
+from barc_sim.runs import options as run_options
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from barc_sim.cli.parser import Parser
+
+
+def add_arguments(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Simulator, relay, keyboard and recorder, until q or Ctrl-C.'
+    parser.set_defaults(mode='teleop')
+    run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
+    accept_ros_args(parser)
+
+
+def run(options: Namespace) -> int:
+    """Drive, and return the exit code.
+
+    Raises
+    ------
+    UserError
+        where an option or a ROS argument cannot be used.
+    """
+    with StopSignals() as stop:
+        from barc_sim.runs.teleop import teleop  # noqa: PLC0415
+
+        return teleop(options, options.argv, options.ros_args, stop)
