@@ -11,3 +11,4 @@ if not command -q ros2
         return 127
     end
 end
+barc --completion fish | source

@@ -18,10 +18,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[2]
-SCRIPT = ROOT / 'scripts' / 'shell'
-VENV = ROOT / '.venv'
 SHELLS = ('bash', 'zsh', 'fish', 'dash')
-HINT = 'ros2 is not installed: use python -m barc_sim echo TOPIC'
+HINT = 'ros2 is not installed: use barc echo TOPIC'
+#: What is up to date is not set up: the environment is that of these tests.
+NO_SET_UP = """
+up_to_date() { :; }
+bring_up_to_date() { die 'a test must not set anything up.'; }
+"""
 #: What would hide our Python, as conda's and pyenv's lines do.
 START_UP = {
     '.bashrc': 'export MINE=own PATH=/usr/bin:/bin',
@@ -32,14 +35,28 @@ START_UP = {
 }
 
 pytestmark = pytest.mark.skipif(
-    Path(sys.prefix) != VENV or 'ROS_DISTRO' in os.environ,
-    reason='only where ./scripts/test has set the checkout up, without a sourced ROS',
+    'ROS_DISTRO' in os.environ or not (Path(sys.prefix) / 'share' / 'barc_interfaces').exists(),
+    reason='only in an environment with the wheels of ROS',
 )
 
 
 @pytest.fixture
-def environment(tmp_path: Path) -> dict[str, str]:
-    """Return what a login would have set, with a home whose start-up files set PATH."""
+def checkout(tmp_path: Path) -> Path:
+    """Return a copy of the scripts beside a link to this environment."""
+    checkout = tmp_path / 'checkout'
+    shutil.copytree(ROOT / 'scripts', checkout / 'scripts')
+    with (checkout / 'scripts' / 'setup.bash').open('a') as file:
+        file.write(NO_SET_UP)
+    for path in ROOT.iterdir():
+        if path.name not in {'scripts', '.setup', '.venv'}:
+            (checkout / path.name).symlink_to(path)
+    (checkout / '.venv').symlink_to(sys.prefix)
+    return checkout
+
+
+@pytest.fixture
+def environment(tmp_path: Path, checkout: Path) -> dict[str, str]:
+    """Return the variables of a login, with a home whose start-up files set PATH."""
     for name, text in START_UP.items():
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,6 +66,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
         'HOME': str(tmp_path),
         'ENV': str(tmp_path / '.shrc'),
         'TERM': 'dumb',
+        'CHECKOUT': str(checkout),
         'BARC_PYTHON': os.path.realpath(sys.executable),
     }
 
@@ -57,7 +75,7 @@ def run(
     environment: dict[str, str], *words: str, text: str = ''
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [str(SCRIPT), *words],
+        [f'{environment["CHECKOUT"]}/scripts/shell', *words],
         env=environment,
         input=text,
         capture_output=True,
@@ -73,7 +91,7 @@ class Session:
     def __init__(self, environment: dict[str, str]) -> None:
         self.terminal, theirs = pty.openpty()
         self.process = subprocess.Popen(
-            [str(SCRIPT)],
+            [f'{environment["CHECKOUT"]}/scripts/shell'],
             env=environment,
             stdin=theirs,
             stdout=theirs,
@@ -111,13 +129,13 @@ def session(environment: dict[str, str], request: pytest.FixtureRequest) -> Iter
     os.close(session.terminal)
 
 
-def test_terminal_tells_what_is_there_and_has_it(session: Session) -> None:
+def test_terminal_shows_what_is_there_and_has_it(session: Session, checkout: Path) -> None:
     assert HINT in session.until('source a ROS 2 Jazzy first.')
     session.until('(barc_sim) ')
     session.type('echo "<$MINE"-"$AMENT_PREFIX_PATH"-"$ROS_AUTOMATIC_DISCOVERY_RANGE>"')
-    session.until(f'<own-{VENV}-LOCALHOST>')
+    session.until(f'<own-{checkout}/.venv-LOCALHOST>')
     session.type('command -v python; echo found')
-    session.until(f'{VENV}/bin/python')
+    session.until(f'{checkout}/.venv/bin/python')
     session.type('ros2 topic list')
     session.until(HINT)
     session.type('exit 3')
@@ -125,22 +143,22 @@ def test_terminal_tells_what_is_there_and_has_it(session: Session) -> None:
 
 
 @pytest.mark.parametrize('shell', SHELLS)
-def test_pipe_is_read_as_a_script(environment: dict[str, str], shell: str) -> None:
+def test_pipe_is_read_as_a_script(environment: dict[str, str], checkout: Path, shell: str) -> None:
     program = shutil.which(shell)
     if program is None:
         pytest.skip(f'{shell} is not installed')
     done = run(environment | {'SHELL': program}, text='command -v python\nexit 4\n')
-    assert (done.returncode, done.stdout, done.stderr) == (4, f'{VENV}/bin/python\n', '')
+    assert (done.returncode, done.stdout, done.stderr) == (4, f'{checkout}/.venv/bin/python\n', '')
 
 
-def test_command_is_run_with_ros(environment: dict[str, str]) -> None:
+def test_command_is_run_with_ros(environment: dict[str, str], checkout: Path) -> None:
     script = (
         'import rclpy, sys\nfrom ament_index_python import get_package_share_directory as share\n'
         'print(share("barc_interfaces"), *sys.argv[1:])'
     )
     done = run(environment, 'python', '-c', script, 'a b', '*')
     assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout == f'{VENV}/share/barc_interfaces a b *\n'
+    assert done.stdout == f'{checkout}/.venv/share/barc_interfaces a b *\n'
 
 
 def test_exit_code_of_a_command_is_its_own(environment: dict[str, str]) -> None:
@@ -152,7 +170,7 @@ def test_range_of_discovery_that_is_set_stays(environment: dict[str, str]) -> No
     assert run(chosen, 'printenv', 'ROS_AUTOMATIC_DISCOVERY_RANGE').stdout == 'SUBNET\n'
 
 
-def test_missing_ros2_is_told_with_what_takes_its_place(environment: dict[str, str]) -> None:
+def test_missing_ros2_is_named_with_what_replaces_it(environment: dict[str, str]) -> None:
     done = run(environment, 'ros2', 'topic', 'list')
     assert (done.returncode, done.stdout) == (1, '')
     assert done.stderr.startswith(f'barc_sim: {HINT}')

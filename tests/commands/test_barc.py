@@ -1,0 +1,213 @@
+"""`barc`: its commands, its help, its completion, and what is installed for it."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import shutil
+import subprocess
+import sys
+import time
+from importlib.metadata import entry_points
+from pathlib import Path
+
+import pytest
+
+import barc_sim
+from barc_sim.__main__ import main as barc
+from barc_sim.commands import COMMANDS, GROUPS, NODES
+
+PACKAGE = Path(barc_sim.__file__).parent
+SYSTEM_PROGRAMS = Path(__file__).parents[1] / 'data' / 'system_programs.txt'
+SCRIPT = Path(sys.prefix) / 'bin' / 'barc'
+EXECUTABLES = Path(sys.prefix) / 'lib' / 'barc_sim'
+installed = pytest.mark.skipif(
+    not (SCRIPT.exists() and EXECUTABLES.exists()), reason='barc_sim is not installed with pip here'
+)
+
+
+# Commands
+
+
+@pytest.mark.parametrize('argv', [[], ['--help']])
+def test_every_command_is_listed_in_its_group(
+    argv: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code: object = barc(argv)
+    except SystemExit as end:
+        code = end.code
+    assert code == 0
+    lines = capsys.readouterr().out.splitlines()
+    for group, commands in GROUPS.items():
+        first = lines.index(f'{group}:') + 1
+        listed = [line.split()[0] for line in lines[first : first + len(commands)]]
+        assert listed == list(commands)
+
+
+def test_every_module_of_a_command_is_listed() -> None:
+    modules = {path.stem for path in (PACKAGE / 'commands').glob('*.py')}
+    assert modules - {'__init__'} == set(COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ('argv', 'sentence'),
+    [
+        (['plto'], "barc: error: there is no command 'plto': did you mean plot? (see --help)\n"),
+        (['zzz'], "barc: error: there is no command 'zzz' (see --help)\n"),
+        (['plot', '--sav'], 'barc plot: error: argument --save: expected one argument'),
+        (['plot', '--ros-args'], 'barc plot: error: unrecognized arguments: --ros-args'),
+        (['node', 'pilot'], "barc node: error: argument NAME: invalid choice: 'pilot'"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(
+    argv: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        barc(argv)
+    assert end.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.startswith(sentence)
+    assert err.count('\n') == 1
+
+
+def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        barc(['--version'])
+    assert capsys.readouterr().out == f'barc {barc_sim.__version__}\n'
+
+
+def test_help_of_every_command_waits_for_no_library() -> None:
+    program = (
+        'import sys\n'
+        f'for name in {[*COMMANDS]}:\n'
+        '    from barc_sim.__main__ import main\n'
+        '    try: main([name, "--help"])\n'
+        '    except SystemExit as end: assert end.code == 0\n'
+        'slow = {"numpy", "rclpy", "matplotlib", "rich", "argcomplete"} & {*sys.modules}\n'
+        'assert not slow, slow\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        cwd=PACKAGE.parent,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+    for name in COMMANDS:
+        assert f'usage: barc {name} ' in done.stdout
+
+
+# Completion
+
+
+def typed_in_bash(keys: str, expected: str) -> str:
+    """Return what an interactive bash with completion shows once `keys` are typed."""
+    terminal, theirs = pty.openpty()
+    environment = {
+        'PATH': f'{SCRIPT.parent}:/usr/bin:/bin',
+        'HOME': '/nonexistent',
+        'INPUTRC': '/dev/null',
+        'TERM': 'dumb',
+        'PS1': '$ ',
+    }
+    process = subprocess.Popen(
+        [str(shutil.which('bash')), '--norc', '--noprofile', '-i'],
+        env=environment,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+    )
+    os.close(theirs)
+    seen = ''
+    try:
+        os.write(terminal, b'eval "$(barc --completion bash)"; echo re""ady\n')
+        for text in ('\nready', expected):
+            end = time.monotonic() + 30.0
+            while text not in seen.replace('\r', '') and time.monotonic() < end:
+                if select.select([terminal], [], [], 0.2)[0]:
+                    seen += os.read(terminal, 4096).decode(errors='replace')
+            if text == '\nready':
+                os.write(terminal, keys.encode())
+    finally:
+        process.kill()
+        process.wait()
+        os.close(terminal)
+    return seen
+
+
+@installed
+@pytest.mark.parametrize(
+    ('keys', 'completed'),
+    [('barc pl\t', 'barc plot '), ('barc replay --sa\t', 'barc replay --save ')],
+)
+def test_bash_completes_commands_and_options(keys: str, completed: str) -> None:
+    assert completed in typed_in_bash(keys, completed)
+
+
+@installed
+@pytest.mark.parametrize(('line', 'completed'), [('barc pl', 'plot'), ('barc acc --di', '--dis')])
+def test_fish_completes_commands_and_options(tmp_path: Path, line: str, completed: str) -> None:
+    if not shutil.which('fish'):
+        pytest.skip('fish is not installed')
+    done = subprocess.run(
+        ['fish', '-c', f"barc --completion fish | source; complete -C '{line}'"],  # noqa: S607
+        env={'PATH': f'{SCRIPT.parent}:/usr/bin:/bin', 'HOME': str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert done.stdout.startswith(completed)
+
+
+# What is installed
+
+
+def test_no_program_of_the_system_is_hidden() -> None:
+    lines = SYSTEM_PROGRAMS.read_text().splitlines()
+    system = {word for line in lines if not line.startswith('#') for word in line.split()}
+    assert {'echo', 'ls', 'mount', 'ps'} <= system
+    ours = {
+        script.name
+        for script in entry_points(group='console_scripts')
+        if script.value.startswith('barc_sim')
+    }
+    assert ours in ({'barc'}, set())  # none where colcon has built the package
+    assert not ours & system
+
+
+@installed
+def test_ros2_run_finds_every_command_and_node() -> None:
+    names = {path.name for path in EXECUTABLES.iterdir() if os.access(path, os.X_OK)}
+    assert names == {*COMMANDS, *NODES} - {'node'}
+
+
+@installed
+@pytest.mark.parametrize(
+    ('words', 'code', 'out'),
+    [
+        (['plot', '--help'], 0, 'usage: barc plot '),
+        (['relay', '--ros-args', '-p'], 2, ''),
+    ],
+)
+def test_an_executable_of_ros2_run_runs_the_command(words: list[str], code: int, out: str) -> None:
+    name, *options = words
+    done = subprocess.run(
+        [str(EXECUTABLES / name), *options], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == code, done.stderr
+    assert done.stdout.startswith(out)
+
+
+@installed
+@pytest.mark.parametrize(
+    'path', ['share/ament_index/resource_index/packages/barc_sim', 'share/barc_sim/package.xml']
+)
+def test_ament_finds_the_package(path: str) -> None:
+    assert (Path(sys.prefix) / path).exists()
