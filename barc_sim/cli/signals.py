@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM and SIGHUP as a request to stop, heard at once from any thread."""
+"""SIGINT, SIGTERM and SIGHUP as a request to stop that reaches any thread at once."""
 
 from __future__ import annotations
 
@@ -15,29 +15,34 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-#: [s] A second signal this soon is the first one's echo: `timeout`, for one, signals the process
-#: and then its group, and a terminal's Ctrl-C may be passed on by a parent, too.
-_ECHO = 0.5
 
 
 class StopSignals:
     """While entered, a signal that would end the process calls back instead.
 
-    A later one ends the process, should it hang. After the exit all of them are ignored: what is
-    left to do is the interpreter's own end, which a signal would spoil.
+    A second signal ends the process, in case it hangs. After the exit the signals are ignored,
+    because they would disturb the interpreter's own end.
 
-    A handler in Python runs only between two bytecodes of the main thread, which may be waiting
+    Parameters
+    ----------
+    echo
+        A second signal within this time [s] repeats the first and is ignored: `timeout` signals
+        the process and then its group, and a parent can pass a terminal's Ctrl-C on.
+
+    Notes
+    -----
+    A handler in Python runs only between two bytecodes of the main thread, which can be waiting
     in DDS for long: the signals are read from a wake-up file descriptor by a thread of their own.
     """
 
-    def __init__(self) -> None:
-        """Not yet asked to stop."""
+    def __init__(self, echo: float = 0.5) -> None:
+        self._echo = echo
         self.requested = threading.Event()
         self._callbacks: list[Callable[[], object]] = []
         self._lock = threading.Lock()
 
     def then(self, callback: Callable[[], object]) -> None:
-        """Call `callback` from another thread when asked to stop; at once where that was so."""
+        """Call `callback` from another thread on a signal; at once if one has come already."""
         with self._lock:
             if not self.requested.is_set():
                 self._callbacks.append(callback)
@@ -45,10 +50,10 @@ class StopSignals:
         callback()
 
     def __enter__(self) -> Self:
-        """Take over the signals, except a hang-up that is ignored already (`nohup`)."""
+        """Handle the signals, except SIGHUP if it is ignored already (`nohup`)."""
         self._reader, self._writer = os.pipe()
         os.set_blocking(self._writer, False)
-        # Before the handlers, so that no signal falls between.
+        # Before the handlers, so that no signal is lost.
         signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
         self._taken = [
             number
@@ -57,8 +62,8 @@ class StopSignals:
         ]
         for number in self._taken:
             signal.signal(number, lambda *_: None)
-        threading.Thread(target=self._listen, name='stop signals', daemon=True).start()
-        # Whoever started the process may have held them back until now, as scripts/run does.
+        threading.Thread(target=self._read_signals, name='stop signals', daemon=True).start()
+        # The parent may have blocked them until now, as scripts/run does.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, self._taken)
         return self
 
@@ -74,13 +79,13 @@ class StopSignals:
         signal.set_wakeup_fd(-1)
         os.close(self._writer)
 
-    def _listen(self) -> None:
+    def _read_signals(self) -> None:
         with os.fdopen(self._reader, 'rb', buffering=0) as signals:
             while number := signals.read(1):
                 if not self.requested.is_set():
-                    asked = time.monotonic()
+                    first = time.monotonic()
                     self._request()
-                elif time.monotonic() - asked > _ECHO:
+                elif time.monotonic() - first > self._echo:
                     os._exit(128 + number[0])
 
     def _request(self) -> None:

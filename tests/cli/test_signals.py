@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 ROOT = Path(barc_sim.__file__).parents[1]
 PRELUDE = """
 import os, signal, sys, threading, time
-from barc_sim.cli import signals
 from barc_sim.cli.signals import StopSignals
 def ready():
     print('ready', flush=True)
@@ -28,7 +27,7 @@ SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
 class Process:
-    """A process that runs a script, and says `ready` when it is to be signalled."""
+    """A process that runs a script, and prints `ready` before the signal."""
 
     def __init__(self, script: str) -> None:
         self.popen = subprocess.Popen(
@@ -96,7 +95,7 @@ with StopSignals() as stop:
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_signal_that_was_held_back_from_the_start_is_heard(
+def test_signal_that_was_blocked_from_the_start_is_handled(
     processes: list[Process], number: signal.Signals
 ) -> None:
     processes.append(
@@ -120,8 +119,7 @@ def test_second_signal_ends_a_process_that_hangs(
 ) -> None:
     processes.append(
         Process("""
-signals._ECHO = 0.0
-with StopSignals() as stop:
+with StopSignals(echo=0.0) as stop:
     stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     threading.Event().wait()
@@ -136,8 +134,7 @@ with StopSignals() as stop:
 def test_echo_of_a_signal_does_not_cut_the_end_short(processes: list[Process]) -> None:
     processes.append(
         Process("""
-signals._ECHO = 3600.0
-with StopSignals() as stop:
+with StopSignals(echo=3600.0) as stop:
     stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     stop.requested.wait()

@@ -57,6 +57,8 @@ def test_every_module_of_a_command_is_listed() -> None:
         (['plto'], "barc: error: there is no command 'plto': did you mean plot? (see --help)\n"),
         (['zzz'], "barc: error: there is no command 'zzz' (see --help)\n"),
         (['plot', '--sav'], 'barc plot: error: argument --save: expected one argument'),
+        (['topics', '--hz=0'], "barc topics: error: argument --hz: '0' is not a number from 0.001"),
+        (['echo', 'ecu', '-n', '0'], "barc echo: error: argument -n: '0' is not a whole number of"),
         (['plot', '--ros-args'], 'barc plot: error: unrecognized arguments: --ros-args'),
         (['node', 'pilot'], "barc node: error: argument NAME: invalid choice: 'pilot'"),
     ],

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import Any
 
-# A class is graded in the first test's setup, a minute where other tests keep the machine busy.
-pytestmark = pytest.mark.timeout(300)
+# The first test's set-up grades a class: in one worker only, and for a minute on a busy machine.
+pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group('grade')]
 
 #: Of the default rubric.
 MODEL_POINTS, ALL_POINTS = 50.0, 100.0

@@ -106,15 +106,6 @@ def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('ros_domain')
-def test_an_empty_domain_is_one_sentence(tmp_path: Path, ros_domain: int) -> None:
-    done = command(tmp_path)
-    assert done.returncode == 2
-    assert done.stderr == (
-        f'barc graph: error: no node is running in ROS domain {ros_domain}: start a run '
-        'first, or name a bag (--bag)\n'
-    )
-
-
 @pytest.mark.parametrize('extension', ['svg', 'png', 'pdf'])
 def test_drawing_fits_its_figure_and_is_not_empty(tmp_path: Path, extension: str) -> None:
     graph = NodeGraph(('/a',), {'/t': 'x', '/rosout': 'y'}, (('/a', '/t'), ('/a', '/rosout')), ())

@@ -164,10 +164,7 @@ def test_every_field_of_an_interface_has_its_unit(kind: str) -> None:
     assert all('# ' in line for line in fields)
 
 
-@pytest.mark.skipif(
-    'barc_sim' not in os.environ.get('AMENT_PREFIX_PATH', '')
-    and not os.environ.get('COLCON_PREFIX_PATH'),
-    reason='barc_sim is not built with colcon here',
-)
-def test_package_is_run() -> None:
-    assert 'usage: ' in ros2('run', 'barc_sim', 'acc', '--help')
+def test_package_is_found_and_its_commands_are_run() -> None:
+    assert ros2('pkg', 'prefix', 'barc_sim').strip() in os.environ['AMENT_PREFIX_PATH'].split(':')
+    assert ros2('run', 'barc_sim', 'acc', '--help').startswith('usage: barc acc ')
+    assert ros2('run', 'barc_sim', 'plot', '--help').startswith('usage: barc plot ')

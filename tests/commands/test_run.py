@@ -1,4 +1,4 @@
-"""The command `python -m barc_sim.run`: options, output, and how it ends."""
+"""`barc acc` and `python -m barc_sim.run`: options, output, and how a run ends."""
 
 from __future__ import annotations
 
@@ -319,7 +319,9 @@ def test_signal_ends_the_run_in_order_also_where_it_comes_twice(
     assert_whole(path)
 
 
-@pytest.mark.parametrize('seed', range(12))
+@pytest.mark.parametrize(
+    'seed', [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))]
+)
 def test_signal_at_any_moment_leaves_a_whole_bag_or_none(
     start: Start, here: Path, seed: int
 ) -> None:
