@@ -1,17 +1,17 @@
-# Sets this checkout up; sourced by the scripts beside it, which then run `$python`.
+# Sets this checkout up. The scripts beside it source this file and then run `$python`.
 #
 # Without ROS, Jazzy's wheels go into .venv. With ROS 2 Jazzy sourced, its own packages are used:
-# colcon builds into .setup/jazzy, and only what ROS has not comes from PyPI, into a venv there.
-# BARC_PYTHON names the Python to use, if it is not to be the first suitable one on the PATH.
+# colcon builds into .setup/jazzy; only packages missing from ROS come from PyPI, into a venv there.
+# BARC_PYTHON names the Python to use; default: the first suitable one on the PATH.
 #
-# Each part has a stamp that holds what it was made from; a part whose stamp differs is made
-# again. `busy` stays behind where a set-up was broken off: then all is made again.
+# Each part has a stamp with the hashes of its inputs and is rebuilt when they change. A set-up that
+# was interrupted leaves `busy` behind: then everything is rebuilt.
 
 root=${BASH_SOURCE[0]%/*/*} # sourced by its absolute path
 log=$root/.setup/log
 
-say() { printf '%s\n' "$*" >&2; }
-die() { say "barc_sim: $*"; exit 1; }
+message() { printf '%s\n' "$*" >&2; }
+die() { message "barc_sim: $*"; exit 1; }
 
 # set_up [EXTRA]: bring everything, with an extra of setup.cfg, up to date; set `python`.
 set_up() {
@@ -60,7 +60,7 @@ choose_python() {
   for candidate in "${candidates[@]}"; do
     base=$(type -P "$candidate") || continue
     if [[ $venv/bin/python -ef $base && -e $stamps/version ]]; then
-      version=$(<"$stamps/version") # the same file: no need to ask it
+      version=$(<"$stamps/version") # the same file: no need to start it
       return
     fi
     read -r version base < <(cd "$root" && "$base" -ISc 'import os, sys
@@ -84,9 +84,9 @@ is_current() { [[ -e $stamps/$1 && $(<"$stamps/$1") == "${inputs[$1]}" ]]; }
 bring_up_to_date() {
   { mkdir -p "$root/.setup" && : >>"$root/.setup/lock"; } 2>/dev/null ||
     die "$root cannot be written to: copy the checkout to a directory of your own."
-  # The programs started below hold the lock as well: also what outlives a killed set-up.
+  # The programs started below inherit the lock, and keep it if the set-up is killed.
   exec 9<"$root/.setup/lock"
-  flock -n 9 || { say 'Waiting for another set-up of this checkout to end.' && flock 9; }
+  flock -n 9 || { message 'Waiting for another set-up of this checkout to end.' && flock 9; }
   if ! up_to_date; then
     check_machine
     (make_parts) || exit
@@ -94,7 +94,7 @@ bring_up_to_date() {
   exec 9<&-
 }
 
-# Name everything that is lacking in one sentence.
+# Name everything that is missing in one sentence.
 check_machine() {
   local lacking='' packages=''
   lack() { lacking+="${lacking:+ and }$1" packages+=" $2"; }
@@ -125,14 +125,14 @@ have_one_of() {
   return 1
 }
 
-# Runs in a subshell: what is unset here stays set for the run.
+# Runs in a subshell: variables unset here stay set for the run.
 make_parts() {
   trap 'die "the set-up was broken off: the next call begins it again."' INT TERM HUP
   : >"$log"
   cd "$root" || fail
   unset PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
   export PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_RETRIES="${PIP_RETRIES:-2}"
-  say "Setting up barc_sim with Python $version and ${ros:-ROS 2 Jazzy from PyPI} (a minute, once):"
+  message "Setting up barc_sim with Python $version and ${ros:-ROS 2 Jazzy from PyPI} (a minute, once):"
   if [[ -e $stamps/busy || ! -x $venv/bin/python ]] || ! is_current venv; then
     make_venv
   fi
@@ -142,14 +142,14 @@ make_parts() {
     printf '%s\n' "${inputs[$part]}" >"$stamps/$part" || fail
   done
   rm "$stamps/busy"
-  say "Done in $SECONDS s."
+  message "Done in $SECONDS s."
 }
 
 make_venv() {
-  say "  an environment in ${venv#"$root/"}"
+  message "  an environment in ${venv#"$root/"}"
   [[ ! -e $place || -e $stamps ]] || rmdir "$place" 2>/dev/null ||
     die "$place was not made by this script: move it out of the way."
-  # `busy` comes first and goes last, for a set-up that is broken off here.
+  # `busy` is created first and removed last, in case the set-up is interrupted here.
   { mkdir -p "$stamps" && : >"$stamps/busy"; } 2>>"$log" || fail
   logged find "$place/" -mindepth 1 -maxdepth 1 ! -name .stamps -exec rm -rf {} +
   logged find "$stamps" -type f ! -name busy -delete
@@ -161,7 +161,7 @@ make_with_wheels() {
   # Of another environment or an enclosing run.
   unset PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
   if ! is_current interfaces; then
-    say '  ROS 2, and the messages, which are compiled'
+    message '  ROS 2, and the messages, which are compiled'
     pip_install ./barc_interfaces
   fi
   install_package
@@ -174,7 +174,7 @@ make_with_ros() {
   install_package --constraint "$place/constraints"
   "$venv/bin/python" -c 'import colcon_core, colcon_cmake, colcon_ros' 2>>"$log" ||
     pip_install colcon-common-extensions
-  say '  the packages with colcon'
+  message '  the packages with colcon'
   # With this Python, so that the entry points find what was installed for it.
   PATH=$venv/bin:$PATH logged "$venv/bin/python" -c \
     'from colcon_core.command import main; raise SystemExit(main())' --log-base "$place/log" \
@@ -184,7 +184,7 @@ make_with_ros() {
 
 install_package() {
   if ! is_current package || { [[ -n $extra ]] && ! is_current "$extra"; }; then
-    say '  barc_sim and the Python packages that it needs'
+    message '  barc_sim and the Python packages that it needs'
     local extras=$extra
     [[ $extra != test || -n $ros ]] || extras+=,testwheels
     # compat: a path, and not an import hook that every start would have to load.
@@ -206,7 +206,7 @@ fail() {
   die "the set-up failed: the reason is at the end of $log."
 }
 
-# What sourcing a setup.bash does, and what the wheels would otherwise start Python twice for.
+# The variables of a sourced setup.bash. Without them the wheels would start Python twice.
 use_place() {
   if [[ -n $ros ]]; then
     local install=$place/install

@@ -30,7 +30,7 @@ def client(address: str) -> Iterator[Any]:
         raise UserError(
             f'--scheduler {address!r} needs Dask, which is not installed: pip install distributed'
         ) from None
-    # Errors are reported in a sentence of ours.
+    # Errors are reported below, in one sentence.
     logging.getLogger('distributed').setLevel(logging.CRITICAL)
     try:
         # A client with an invalid address would hang when it is taken down.

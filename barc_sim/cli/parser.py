@@ -51,7 +51,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence that names what is known and close to `name`; '' if nothing."""
+    """Return the end of a sentence with the names in `known` closest to `name`, or ''."""
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 
     close = get_close_matches(name, known)

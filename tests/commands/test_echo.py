@@ -104,25 +104,25 @@ def test_signal_while_it_waits_for_the_topic_is_silent(
     here.destroy_node()
 
 
-def test_latched_message_is_seen_by_who_comes_late(ros: Context) -> None:
+def test_latched_message_is_seen_by_a_late_subscriber(ros: Context) -> None:
     node = Node('talker', context=ros)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    node.create_publisher(String, 'told', latched).publish(String(data='once'))
+    node.create_publisher(String, 'news', latched).publish(String(data='once'))
     with spinning(ros, node):
-        assert call('echo', 'told', '--once').stdout == 'data: once\n---\n'
+        assert call('echo', 'news', '--once').stdout == 'data: once\n---\n'
 
 
-def test_best_effort_is_heard_and_more_is_not_on_offer(ros: Context) -> None:
+def test_best_effort_is_received_and_more_is_refused(ros: Context) -> None:
     node = Node('talker', context=ros)
     profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = node.create_publisher(String, 'told', profile)
+    publisher = node.create_publisher(String, 'news', profile)
     node.create_timer(0.01, lambda: publisher.publish(String(data='again')))
     with spinning(ros, node):
-        assert call('echo', 'told', '--once').stdout == 'data: again\n---\n'
-        refused = call('echo', 'told', '--once', '--qos-reliability', 'reliable')
+        assert call('echo', 'news', '--once').stdout == 'data: again\n---\n'
+        refused = call('echo', 'news', '--once', '--qos-reliability', 'reliable')
     assert (refused.returncode, refused.stdout) == (2, '')
     assert refused.stderr == (
-        'barc echo: error: no publisher offers /told as reliable and volatile: request best_effort '
+        'barc echo: error: no publisher offers /news as reliable and volatile: request best_effort '
         'and volatile at most\n'
     )
 
@@ -163,7 +163,7 @@ def test_empty_domain_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
         ('topics',): f'{nothing}\n',
         ('param', 'list'): f'{nothing}\n',
     }
-    # All at once: each waits a while for somebody to appear. Their own nodes are hidden.
+    # In parallel: each waits some seconds for a node. Their own nodes are hidden.
     with ThreadPoolExecutor() as threads:
         for words, done in zip(sentences, threads.map(lambda w: call(*w), sentences), strict=True):
             assert done.returncode == 2

@@ -218,7 +218,7 @@ def test_a_link_to_a_neighbours_file_brings_nothing(graded: tuple[Path, Path, in
     assert 'bike_model.py is a link' in content['output']
 
 
-def test_a_file_in_another_encoding_is_told_of(graded: tuple[Path, Path, int]) -> None:
+def test_a_file_in_another_encoding_is_reported(graded: tuple[Path, Path, int]) -> None:
     assert 'UTF-8' in messages(results(graded[1], 'latin'))
 
 
@@ -272,7 +272,7 @@ def test_seed_and_rubric_are_taken(graded: tuple[Path, Path, int], tmp_path: Pat
         (['.', '--rubric', 'none.yaml'], "the rubric 'none.yaml' cannot be read"),
     ],
 )
-def test_what_is_typed_wrong_is_said(
+def test_a_wrong_option_is_refused(
     capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
 ) -> None:
     try:

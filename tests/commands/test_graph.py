@@ -120,6 +120,6 @@ def test_drawing_fits_its_figure_and_is_not_empty(tmp_path: Path, extension: str
         assert '/rosout' not in texts(path)
 
 
-def test_node_of_others_is_told_apart() -> None:
+def test_node_of_others_is_marked() -> None:
     graph = NodeGraph(('/rviz',), {}, (), ())
     assert lines(graph)[1] == '/rviz  -       (not of this package)'

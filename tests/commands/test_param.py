@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -59,7 +60,7 @@ def test_names_are_listed_of_one_node_and_of_all() -> None:
 
 
 @pytest.mark.usefixtures('car')
-def test_value_is_told_with_its_type_or_alone() -> None:
+def test_value_is_printed_with_its_type_or_alone() -> None:
     assert call('param', 'get', '/one/car', 'gain').stdout == 'Double value is: 30.0\n'
     assert call('param', 'get', '/one/car', 'wait').stdout == 'Boolean value is: True\n'
     assert call('param', 'get', '/one/car', 'road', '--hide-type').stdout == 'lab\n'
@@ -72,7 +73,7 @@ def test_value_is_set(car: Node) -> None:
 
 
 @pytest.mark.usefixtures('car')
-def test_description_and_bounds_are_told() -> None:
+def test_description_and_bounds_are_printed() -> None:
     assert call('param', 'describe', '/one/car', 'mass').stdout == (
         'Parameter name: mass\n  Type: double\n  Description: the mass [kg]\n  Constraints:\n'
         '    Read only: true\n    Min value: 1.0\n    Max value: 1000000.0\n'
@@ -125,8 +126,9 @@ def test_mistake_is_one_sentence(car: Node, words: str, sentence: str) -> None:
 
 def test_node_that_offers_no_parameters_is_named(ros: Context) -> None:
     mute = Node('mute', context=ros, start_parameter_services=False)
-    with spinning(ros, mute):
-        alone, among = call('param', 'list', 'mute'), call('param', 'list')
+    commands = (('param', 'list', 'mute'), ('param', 'list'))
+    with spinning(ros, mute), ThreadPoolExecutor() as threads:
+        alone, among = threads.map(lambda words: call(*words), commands)
     assert 'error: /mute has no parameter services' in alone.stderr
     assert (among.returncode, among.stdout) == (0, '')
     assert '/mute has no parameter services' in among.stderr
@@ -236,7 +238,7 @@ def test_dump_loaded_into_a_controller_that_runs_is_the_same_run(
             context=ros, cli_args=['--ros-args', '--params-file', str(dumped)]
         )
         simulator.finished.add_done_callback(lambda _: arrived.set())
-        recorder = BagRecorder(tmp_path / 'loaded', context=ros)  # hears all that there are now
+        recorder = BagRecorder(tmp_path / 'loaded', context=ros)  # of every topic
         with spinning(ros, recorder, simulator):
             assert arrived.wait(60.0)
             recorder.close()

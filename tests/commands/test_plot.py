@@ -1,4 +1,4 @@
-"""The plot command: where its figure goes, and what it says to wrong input."""
+"""The plot command: where its figure goes, and its errors."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize('suffix', ['png', 'pdf', 'svg'])
-def test_the_figure_is_saved_as_its_name_says(
+def test_the_figure_is_saved_in_the_format_of_its_name(
     directory: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     path = tmp_path / f'figure.{suffix}'
@@ -93,7 +93,7 @@ def test_with_a_display_the_figure_is_shown(
         (['--save', 'nowhere/a.png'], "'nowhere/a.png': No such file or directory"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_a_line(
+def test_what_cannot_be_done_is_one_sentence(
     directory: Path, capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
 ) -> None:
     assert barc(['plot', str(directory), *args]) == 2

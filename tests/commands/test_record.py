@@ -102,9 +102,9 @@ def test_files_are_split_at_the_size_without_a_loss(talker: Node, tmp_path: Path
 def test_a_folder_that_is_in_the_way_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
     del ros_domain
     with recording('--output', str(tmp_path)) as process:
-        _, said = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert said.splitlines()[-1] == (
+    assert err.splitlines()[-1] == (
         f"barc record: error: '{tmp_path}' exists: name a new folder for the bag"
     )
 
@@ -138,11 +138,11 @@ def test_a_read_only_disk_is_one_sentence(ros_domain: int, small_disk: Path) -> 
     remount = ['mount', '-o', 'remount,ro', str(small_disk)]
     subprocess.run(remount, check=True)
     with recording('--output', str(small_disk / 'mine'), '--min-free-space', '0') as process:
-        _, said = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert said.count('\n') == 1
-    assert said.startswith('barc record: error: ')
-    assert said.endswith('name another folder\n')
+    assert err.count('\n') == 1
+    assert err.startswith('barc record: error: ')
+    assert err.endswith('name another folder\n')
 
 
 def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
@@ -153,9 +153,9 @@ def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
         *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
     ) as process:
         flood(talker, process, until=lambda: False)
-        _, said = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert f"writing to '{directory}' failed: No space left on device" in said
+    assert f"writing to '{directory}' failed: No space left on device" in err
     file = directory / 'mine_0.mcap'
     assert file.stat().st_size > 3_000_000
     damage = bag_records.Damage()
@@ -169,9 +169,9 @@ def test_the_reserve_leaves_room_to_finish_the_bag(talker: Node, small_disk: Pat
         *('--output', str(directory), '--topics', 'value', '--min-free-space', '2')
     ) as process:
         flood(talker, process, until=lambda: False)
-        _, said = process.communicate(timeout=60)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 1
-    assert 'MiB are free, and 2 MiB must stay free' in said
+    assert 'MiB are free, and 2 MiB must stay free' in err
     mcap_doctor.check(directory / 'mine_0.mcap')
     assert (directory / 'metadata.yaml').exists()
 

@@ -90,7 +90,7 @@ def test_other_code_did_not_make_the_commands(
     assert out.endswith('could not have come from bike_model.py and controller.py.\n')
 
 
-def test_code_that_fails_is_told_in_a_sentence(
+def test_code_that_fails_is_one_sentence(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert barc(['regrade', str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
@@ -112,7 +112,7 @@ def test_what_was_found_can_be_had_as_json(
     }
 
 
-def test_files_of_two_folders_are_told_apart(tmp_path: Path) -> None:
+def test_files_of_two_folders_are_kept_apart(tmp_path: Path) -> None:
     for name, source in (('one', MODEL), ('other', CONTROLLER)):
         (tmp_path / name).mkdir()
         (tmp_path / name / 'code.py').write_text(source)
@@ -124,9 +124,9 @@ def test_files_of_two_folders_are_told_apart(tmp_path: Path) -> None:
 def test_a_drive_by_hand_has_no_controller(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
+    printed = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
     log = drive([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
-    assert barc(['regrade', str(make(tmp_path / 'bag', log, {'parameters': told}))]) == 0
+    assert barc(['regrade', str(make(tmp_path / 'bag', log, {'parameters': printed}))]) == 0
     assert 'controller' not in capsys.readouterr().out
 
 

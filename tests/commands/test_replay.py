@@ -89,7 +89,7 @@ def test_with_a_display_the_run_plays_in_a_window(
         ('nowhere/run.mp4', "'nowhere/run.mp4': No such file or directory"),
     ],
 )
-def test_what_cannot_be_saved_is_said_in_a_line(
+def test_what_cannot_be_saved_is_one_sentence(
     directory: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -72,7 +72,7 @@ def test_a_run_is_one_page_that_needs_nothing_else(tmp_path: Path) -> None:
     assert not re.search(r'(src|href)="(?!data:)', text)
 
 
-def test_every_figure_is_whole_and_told_in_words(tmp_path: Path) -> None:
+def test_every_figure_is_whole_and_described(tmp_path: Path) -> None:
     page = page_of(make(tmp_path / 'bag', closed_loop()))
     assert len(page.images) == 3  # speed, terms, graph
     for image in page.images:
@@ -113,10 +113,8 @@ def test_whatever_others_have_written_is_text(tmp_path: Path) -> None:
     assert page.text.count(EVIL) >= len(keys) + 2
 
 
-def test_a_run_that_its_code_ended_says_so(tmp_path: Path) -> None:
-    bag = make(
-        tmp_path / 'bag', closed_loop(distance=5.0), {'failure': 'controller.py, line 3: no'}
-    )
+def test_a_run_that_its_code_ended_is_marked(tmp_path: Path) -> None:
+    bag = make(tmp_path / 'bag', closed_loop(distance=5.0), {'failure': 'controller.py, line 3: no'})
     assert 'The run was ended: controller.py, line 3: no' in page_of(bag).text
 
 

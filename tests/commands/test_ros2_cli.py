@@ -49,7 +49,7 @@ def run(ros_domain: int) -> Iterator[None]:
 
 
 def ros2(*words: str, seconds: float = 40.0) -> str:
-    """Return what `ros2` prints, of which it must think well."""
+    """Return the output of `ros2`, which must succeed."""
     done = subprocess.run(
         [str(ROS2), *words],
         env=os.environ | {'PYTHONUNBUFFERED': '1'},
@@ -85,11 +85,11 @@ def test_topics_are_listed_with_their_types() -> None:
     )
 
 
-def test_topic_info_tells_our_nodes_and_their_quality_of_service() -> None:
-    told = ros2('topic', 'info', '-v', '/ecu')
-    assert 'Node name: controller\n' in told
-    assert 'Node name: vehicle_simulator\n' in told
-    assert told.count('Reliability: RELIABLE\n') == 2
+def test_topic_info_shows_our_nodes_and_their_quality_of_service() -> None:
+    printed = ros2('topic', 'info', '-v', '/ecu')
+    assert 'Node name: controller\n' in printed
+    assert 'Node name: vehicle_simulator\n' in printed
+    assert printed.count('Reliability: RELIABLE\n') == 2
 
 
 def test_messages_are_echoed_as_by_our_command() -> None:
@@ -111,10 +111,10 @@ def test_command_is_published() -> None:
     )
 
 
-def test_node_info_tells_topics_and_services() -> None:
-    told = ros2('node', 'info', '/vehicle_simulator')
-    assert '    /ecu: barc_interfaces/msg/ECU\n' in told
-    assert '    /vehicle_simulator/reset: std_srvs/srv/Trigger\n' in told
+def test_node_info_shows_topics_and_services() -> None:
+    printed = ros2('node', 'info', '/vehicle_simulator')
+    assert '    /ecu: barc_interfaces/msg/ECU\n' in printed
+    assert '    /vehicle_simulator/reset: std_srvs/srv/Trigger\n' in printed
 
 
 def test_every_parameter_has_a_description() -> None:
@@ -150,10 +150,10 @@ def test_services_are_called() -> None:
         ('pause', 'SetBool', '{data: false}'),
         ('reset', 'Trigger', '{}'),
     ):
-        told = ros2(
+        printed = ros2(
             'service', 'call', f'/vehicle_simulator/{service}', f'std_srvs/srv/{kind}', request
         )
-        assert 'success=True' in told
+        assert 'success=True' in printed
 
 
 @pytest.mark.parametrize('kind', TOPICS.values())

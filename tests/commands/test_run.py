@@ -90,7 +90,7 @@ def driving(process: subprocess.Popen[str]) -> None:
 
 
 def assert_whole(path: Path) -> None:
-    """Check that a bag was closed, and has in it what it says."""
+    """Check that a bag is closed and complete."""
     with AnyReader([path]) as reader:
         assert sum(1 for _ in reader.messages()) == reader.message_count
     assert 'steps' in bag.info(path)
@@ -148,7 +148,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     ('package', 'name'),
     [('rclpy', 'ROS 2 (rclpy)'), ('barc_interfaces', 'barc_interfaces')],
 )
-def test_python_without_ros_is_told_so(run: Run, package: str, name: str) -> None:
+def test_python_without_ros_is_one_sentence(run: Run, package: str, name: str) -> None:
     code, out, err = run('acc', prelude=f"import sys; sys.modules['{package}'] = None\n")
     assert (code, out) == (2, '')
     assert err.startswith(f'barc acc: error: {name} is not installed in this Python: ')
@@ -188,7 +188,7 @@ def test_namespace_moves_every_topic_of_the_run(run: Run, here: Path) -> None:
     assert bag.read(here / out.strip()).x[-1] >= 1.0
 
 
-def test_bag_goes_where_it_is_told_or_nowhere(run: Run, here: Path) -> None:
+def test_bag_goes_to_the_given_folder_or_nowhere(run: Run, here: Path) -> None:
     assert run('acc', '-q', *SHORT, '--no-bag') == (0, '', '')
     assert not list(here.iterdir())
     code, out, _ = run('acc', '-q', *SHORT, '--bag-dir', 'a/b')
@@ -243,7 +243,7 @@ class Terminal:
         """Take more of what was written; return whether there was more to come."""
         try:
             self.text += os.read(self._master, 4096).decode(errors='replace')
-        except OSError:  # Linux: nobody has the other end any more
+        except OSError:  # Linux: the other end is closed
             return False
         return True
 

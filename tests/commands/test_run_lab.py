@@ -107,10 +107,10 @@ def test_the_bag_has_the_files_that_drove_and_their_hashes(start: Start, tmp_pat
     assert code == 0
     path = bag.newest(tmp_path / 'bags')
     attached = bag.attachments(path)
-    told = json.loads(bag.info(path)['student_code'])
-    assert told['files'] == {'controller': 'controller.py'}
+    printed = json.loads(bag.info(path)['student_code'])
+    assert printed['files'] == {'controller': 'controller.py'}
     assert attached.keys() == {'student/controller.py', 'student/gain.py'}
-    for name, digest in told['sha256'].items():
+    for name, digest in printed['sha256'].items():
         data = (folder / name).read_bytes()
         assert attached[f'student/{name}'] == data
         assert digest == hashlib.sha256(data).hexdigest()

@@ -1,4 +1,4 @@
-"""The topics command: who is on what, and how often it is heard."""
+"""The topics command: endpoints and rates of topics."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_hidden_topics_are_listed_when_asked_for() -> None:
     assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
 
 
-def test_verbose_tells_nodes_and_their_quality_of_service() -> None:
+def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
     done = call('topics', '-v', 'ecu')
     first, *blocks = done.stdout.strip().split('\n\n')
     assert first == '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber'
@@ -68,7 +68,7 @@ def test_rate_is_measured() -> None:
     assert int(words[2]) > 1
 
 
-def test_topic_that_nobody_uses_is_one_sentence() -> None:
+def test_topic_without_endpoints_is_one_sentence() -> None:
     done = call('topics', 'ecus')
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == 'barc topics: error: there is no topic /ecus: did you mean /ecu?\n'

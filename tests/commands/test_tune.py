@@ -106,7 +106,7 @@ def test_a_range_of_one_number_holds_the_gain(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize('suffix', ['png', 'pdf', 'svg'])
-def test_the_figure_is_saved_as_its_name_says(
+def test_the_figure_is_saved_in_the_format_of_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
 ) -> None:
     path = tmp_path / f'figure.{suffix}'
@@ -142,7 +142,7 @@ def test_an_own_controller_is_tuned(tmp_path: Path, capsys: pytest.CaptureFixtur
         (['--controller', 'nowhere.py'], "nowhere.py' cannot be read"),
     ],
 )
-def test_what_cannot_be_done_is_said_in_a_line(
+def test_what_cannot_be_done_is_one_sentence(
     capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
 ) -> None:
     assert barc(['tune', *QUICK, *args]) == 2
@@ -208,7 +208,7 @@ def test_ctrl_c_in_a_terminal_ends_the_search_without_a_traceback(
     try:
         while data := os.read(ours, 4096):
             seen += data
-    except OSError:  # Linux's way to say that nobody is there any more
+    except OSError:  # Linux: the other end is closed
         pass
     out, _ = process.communicate()
     os.close(ours)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ERRORS = (1e-1, 5e-2, 2.4e-2, 1.2e-2, 6.1e-3)
-TOLD = ('1.0e-01', '5.0e-02', '2.4e-02', '1.2e-02', '6.1e-03')
+PRINTED = ('1.0e-01', '5.0e-02', '2.4e-02', '1.2e-02', '6.1e-03')
 MILLISECONDS = ('20 ms', '10 ms', '5 ms', '2.5 ms', '1.25 ms')
 STUDIES = [
     Study('circle', 'tight', 'the closed form', 'kinematic', 'euler', ERRORS, 1.0),
@@ -37,20 +37,20 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_table_tells_each_error_and_order_under_its_step(capsys: Run) -> None:
+def test_table_prints_each_error_and_order_under_its_step(capsys: Run) -> None:
     assert barc(['validate']) == 0
     lines = capsys.readouterr().out.splitlines()
     heading, euler, rk4 = lines[2], lines[4], lines[5]
     assert re.findall(r'[\d.]+ ms|order', heading) == [*MILLISECONDS, 'order']
     assert lines[3] == 'circle (tight), against the closed form'
-    assert re.split(' +', euler.strip()) == ['kinematic', 'euler', *TOLD, '1.00']
+    assert re.split(' +', euler.strip()) == ['kinematic', 'euler', *PRINTED, '1.00']
     assert rk4.split()[-1] == '\N{EN DASH}'
     assert len(heading) == len(euler) == len(rk4)
     assert lines[6] == 'hills (smooth), against a fine solution'
     assert max(map(len, lines)) <= 100
 
 
-def test_table_says_in_words_what_the_labs_road_does(capsys: Run) -> None:
+def test_table_explains_what_the_labs_road_does(capsys: Run) -> None:
     barc(['validate'])
     assert "grade of the lab's road jumps" in capsys.readouterr().out
 
@@ -62,7 +62,7 @@ def test_figure_is_saved_here_where_there_is_no_display(here: Path, capsys: Run)
 
 
 @pytest.mark.parametrize(('name', 'begin'), [('a.svg', b'<?xml'), ('a.pdf', b'%PDF')])
-def test_figure_is_saved_as_its_name_says(here: Path, name: str, begin: bytes) -> None:
+def test_figure_is_saved_in_the_format_of_its_name(here: Path, name: str, begin: bytes) -> None:
     assert barc(['validate', '--save', name]) == 0
     assert (here / name).read_bytes().startswith(begin)
     assert [path.name for path in here.iterdir()] == [name]
@@ -85,9 +85,9 @@ def test_figure_is_shown_where_there_is_a_display(
 
 def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Run) -> None:
     assert barc(['validate', '--json']) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told['steps'] == list(STEPS)
-    assert told['studies'][0] == {
+    printed = json.loads(capsys.readouterr().out)
+    assert printed['steps'] == list(STEPS)
+    assert printed['studies'][0] == {
         'test_drive': 'circle',
         'text': 'tight',
         'reference': 'the closed form',
@@ -96,7 +96,7 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Ru
         'errors': list(ERRORS),
         'order': 1.0,
     }
-    assert told['studies'][1]['order'] is None
+    assert printed['studies'][1]['order'] is None
     assert not list(here.iterdir())
 
 
@@ -111,6 +111,6 @@ def test_figure_that_cannot_be_saved_is_one_line_and_code_2(
     capsys: Run, arguments: Sequence[str]
 ) -> None:
     assert barc(['validate', *arguments]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith('barc validate: error: cannot save ')
-    assert told.count('\n') == 1
+    printed = capsys.readouterr().err
+    assert printed.startswith('barc validate: error: cannot save ')
+    assert printed.count('\n') == 1

@@ -19,5 +19,5 @@ from barc_sim.ros.introspection.messages import describe_rate
         ([5, 5], 'average rate: 0.000 min: 0.000s max: 0.000s std dev: 0.00000s window: 1'),
     ],
 )
-def test_rate_is_told_as_ros2_topic_hz_does(times: list[int], words: str) -> None:
+def test_rate_is_printed_as_by_ros2_topic_hz(times: list[int], words: str) -> None:
     assert describe_rate(times) == words

@@ -22,7 +22,7 @@ def test_field_order_is_that_of_the_definition() -> None:
     )
 
 
-def test_long_arrays_and_strings_are_cut_unless_told_otherwise() -> None:
+def test_long_arrays_and_strings_are_cut_unless_asked_otherwise() -> None:
     assert to_yaml(LONG, Style()).count('\n- ') == 129
     assert to_yaml(LONG, Style(truncate=None)).count('\n- ') == 200
     assert to_yaml(String(data='x' * 200), Style(truncate=3)) == 'data: xxx...\n'
