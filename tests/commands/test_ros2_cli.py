@@ -31,6 +31,7 @@ ROS2 = shutil.which('ros2')
 pytestmark = [
     pytest.mark.skipif(ROS2 is None, reason='ros2 is not on the PATH'),
     pytest.mark.usefixtures('run'),
+    pytest.mark.slow,
 ]
 
 
@@ -41,6 +42,7 @@ def run(ros_domain: int) -> Iterator[None]:
     with started('acc', '--distance', '0', '--no-bag') as process:
         assert process.stdout
         process.stdout.readline()  # it drives
+        ros2('daemon', 'start')  # which the calls below ask
         end = time.monotonic() + 40.0
         while not set(NODES) <= set(ros2('node', 'list').split()):  # the daemon sees it
             assert time.monotonic() < end
@@ -132,7 +134,7 @@ def test_parameter_is_set_and_read() -> None:
 
 
 def test_dump_is_ours_and_is_loaded(tmp_path: Path) -> None:
-    dump = ros2('param', 'dump', '/controller')
+    dump = ros2('param', 'dump', '/controller', '--spin-time', '3')
     assert yaml.safe_load(dump) == yaml.safe_load(call('param', 'dump', '/controller').stdout)
     values = yaml.safe_load(dump)
     parameters = values['/controller']['ros__parameters']
