@@ -1,4 +1,4 @@
-"""The command `python -m barc_sim new`: a folder with the lab's templates."""
+"""The command `barc new`: a folder with the lab's templates."""
 
 from __future__ import annotations
 

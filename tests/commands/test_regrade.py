@@ -1,4 +1,4 @@
-"""The command `python -m barc_sim regrade`."""
+"""The command `barc regrade`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command `python -m barc_sim report`: a run as one HTML page."""
+"""The command `barc report`: a run as one HTML page."""
 
 from __future__ import annotations
 
