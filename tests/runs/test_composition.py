@@ -357,7 +357,7 @@ def test_road_file_that_is_missing_is_refused_before_anything_is_made(tmp_path: 
     done = drive(tmp_path, '--road', 'hills.csv')
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == (
-        "barc_sim.run: error: road 'hills.csv' is neither 'lab', 'flat' nor a CSV file that can be "
+        "barc acc: error: road 'hills.csv' is neither 'lab', 'flat' nor a CSV file that can be "
         'read\n'
     )
     assert list(tmp_path.rglob('bags')) == []
@@ -379,7 +379,7 @@ VehicleSimulator._begin = refuse_the_second
 """
     done = drive(tmp_path, script=script)
     assert done.returncode == 1
-    assert done.stderr.splitlines()[-1] == 'barc_sim.run: error: not again'
+    assert done.stderr.splitlines()[-1] == 'barc acc: error: not again'
     path = tmp_path / done.stdout.strip()
     info, states = bag.info(path), messages(path)['/z_vhcl']
     assert info['failure'] == 'not again'
