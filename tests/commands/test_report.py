@@ -114,7 +114,9 @@ def test_whatever_others_have_written_is_text(tmp_path: Path) -> None:
 
 
 def test_a_run_that_its_code_ended_is_marked(tmp_path: Path) -> None:
-    bag = make(tmp_path / 'bag', closed_loop(distance=5.0), {'failure': 'controller.py, line 3: no'})
+    bag = make(
+        tmp_path / 'bag', closed_loop(distance=5.0), {'failure': 'controller.py, line 3: no'}
+    )
     assert 'The run was ended: controller.py, line 3: no' in page_of(bag).text
 
 
