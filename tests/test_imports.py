@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,13 @@ def test_room_imports_only_those_before_it(room: str) -> None:
         if (others := rooms_of(imported(path.read_text('utf-8'), module_name(path))) - allowed)
     }
     assert wrong == {}
+
+
+def test_no_modules_import_one_another_in_a_circle() -> None:
+    files = {module_name(path): path.read_text('utf-8') for path in modules(*ROOMS)}
+    TopologicalSorter(
+        {name: imported(text, name) & files.keys() for name, text in files.items()}
+    ).prepare()
 
 
 def test_nodes_import_no_other_node() -> None:

@@ -6,7 +6,7 @@ import gc
 import sys
 from abc import ABC, abstractmethod
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.parameter import Parameter
 from rclpy.task import Future
@@ -25,14 +25,26 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from barc_sim.cli.signals import StopSignals
+    from barc_sim.lab.user_code.loading import UserCode
     from barc_sim.nodes.simulator.node import VehicleSimulator
     from barc_sim.nodes.view.node import ViewNode
-    from barc_sim.runs.conduct import Setup
     from barc_sim.runs.terminal.display import Display
+    from barc_sim.runs.terminal.user_output import UserOutput
+    from barc_sim.vehicle.road import Road
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.
 _SWITCH_INTERVAL = 1e-4
+
+
+class Setup(NamedTuple):
+    """What a run is made of: the command line, and the values that it names."""
+
+    options: Namespace
+    argv: list[str]
+    road: Road | None  #: of `--road`; None: that of the simulator's parameter
+    user_code: UserCode
+    output: UserOutput  #: takes what user code prints
 
 
 class Run(ABC):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from barc_sim.bags.directory import check_root
 from barc_sim.cli.parser import report
@@ -10,6 +10,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, UserCodeError, find_files, load_files
 from barc_sim.ros.executor.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
+from barc_sim.runs.composition import Setup
 from barc_sim.runs.terminal.user_output import UserOutput
 from barc_sim.vehicle.road import Road
 
@@ -19,16 +20,6 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.runs.composition import Run
-
-
-class Setup(NamedTuple):
-    """What a run is made of: the command line, and the values that it names."""
-
-    options: Namespace
-    argv: list[str]
-    road: Road | None  #: of `--road`; None: that of the simulator's parameter
-    user_code: UserCode
-    output: UserOutput  #: takes what user code prints
 
 
 def conduct(

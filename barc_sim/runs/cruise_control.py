@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.runs.conduct import Setup
+    from barc_sim.runs.composition import Setup
     from barc_sim.runs.terminal.display import Status
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.runs.conduct import Setup
+    from barc_sim.runs.composition import Setup
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.

@@ -8,7 +8,7 @@ import numpy as np
 
 from barc_sim.__main__ import parse
 from barc_sim.lab.user_code.loading import UserCode
-from barc_sim.runs.conduct import Setup
+from barc_sim.runs.composition import Setup
 from barc_sim.runs.cruise_control import CruiseControl
 from barc_sim.runs.terminal.user_output import UserOutput
 
