@@ -51,7 +51,7 @@ def create_ruleset(
     OSError
         if the kernel has no Landlock.
     """
-    version = _call(_CREATE_RULESET, None, 0, _VERSION)
+    version = abi()
     attributes = pack(
         '=QQQ',
         _FILES[min(version, max(_FILES))],
@@ -70,6 +70,17 @@ def create_ruleset(
         os.close(ruleset)
         raise
     return ruleset
+
+
+def abi() -> int:
+    """Return the version of the kernel's Landlock, from 1 on.
+
+    Raises
+    ------
+    OSError
+        if the kernel has none.
+    """
+    return _call(_CREATE_RULESET, None, 0, _VERSION)
 
 
 def restrict_self(ruleset: int) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import platform
 from contextlib import suppress
 from errno import ENOTTY, EPERM
+from os import O_RDONLY, O_RDWR, O_TRUNC, O_WRONLY
 from struct import pack
 from typing import NamedTuple
 
@@ -19,17 +20,21 @@ _KILL_PROCESS = 0x80000000
 _ERRNO = 0x00050000
 _ALLOW = 0x7FFF0000
 
-_LOAD, _JUMP_IF_EQUAL, _RETURN = 0x20, 0x15, 0x06
+_LOAD, _JUMP_IF_EQUAL, _RETURN, _AND = 0x20, 0x15, 0x06, 0x54
 _NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
 
 # Only to duplicate and to read: with F_SETOWN the kernel would send signals to other processes.
 _FCNTL_COMMANDS = (0, 1, 2, 3, 1030)  # F_DUPFD, F_GETFD, F_SETFD, F_GETFL, F_DUPFD_CLOEXEC
 
+# Before Linux 6.2 Landlock lets a file that may be read be emptied, unless the call asks to write.
+_NO_MODE = O_WRONLY | O_RDWR  # neither to read nor to write; also the mask of the access modes
+_EMPTYING = (O_RDONLY | O_TRUNC, _NO_MODE | O_TRUNC)
+
 _TABLES = syscalls()
 
 #: A younger architecture lacks some of them.
 _ALLOWED = """
-    read write close readv writev pread64 lseek open openat access faccessat faccessat2 close_range
+    read write close readv writev pread64 lseek access faccessat faccessat2 close_range
     stat fstat lstat newfstatat statx readlink readlinkat getcwd getdents64 dup dup2 dup3
     poll ppoll select pselect6
     brk mmap mprotect munmap mremap madvise
@@ -96,6 +101,7 @@ def program(machine: Machine | None = None) -> bytes:
             *_allowed_where(machine.number('fcntl'), 8 * 1, _FCNTL_COMMANDS),
             # Limits can be read: the pointer to new ones is null, in both of its halves.
             *_allowed_where(machine.number('prlimit64'), 8 * 2 + 4, (0,), and_also=8 * 2),
+            *_opening(machine),
             *(
                 _instruction(_JUMP_IF_EQUAL, number, if_equal=len(allowed) - i)
                 for i, number in enumerate(allowed)
@@ -124,6 +130,26 @@ def _allowed_where(
         body.append(_instruction(_RETURN, _ERRNO | EPERM))
     body.append(_instruction(_RETURN, _ALLOW))
     return [_instruction(_JUMP_IF_EQUAL, call, otherwise=len(body)), *body]
+
+
+def _opening(machine: Machine) -> list[bytes]:
+    """Return the instructions that allow `open` and `openat`, except to empty files."""
+    instructions = []
+    for call, flags in (('open', 1), ('openat', 2)):
+        with suppress(NotSupportedSystemCall):
+            body = [
+                _instruction(_LOAD, _ARGUMENTS + 8 * flags),
+                _instruction(_AND, _NO_MODE | O_TRUNC),
+                *(
+                    _instruction(_JUMP_IF_EQUAL, value, if_equal=len(_EMPTYING) - i)
+                    for i, value in enumerate(_EMPTYING)
+                ),
+                _instruction(_RETURN, _ALLOW),
+                _instruction(_RETURN, _ERRNO | EPERM),
+            ]
+            jump = _instruction(_JUMP_IF_EQUAL, machine.number(call), otherwise=len(body))
+            instructions += [jump, *body]
+    return instructions
 
 
 def _instruction(code: int, operand: int, *, if_equal: int = 0, otherwise: int = 0) -> bytes:

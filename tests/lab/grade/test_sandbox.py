@@ -11,6 +11,7 @@ import pytest
 import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
+from barc_sim.lab.grade import landlock
 from barc_sim.lab.grade.code import ConfinedCode
 from barc_sim.lab.grade.process import check
 from barc_sim.lab.grade.start import Limits
@@ -131,6 +132,30 @@ def test_it_may(folder: Callable[..., Path], code: str) -> None:
 def test_it_is_ended_when_its_processor_time_is_used_up(folder: Callable[..., Path]) -> None:
     with pytest.raises(UserError, match='used up 1 s of processor time'):
         asked(folder, 'while True: pass', limits=Limits(cpu=1, call=60.0, wait=60.0))
+
+
+@pytest.mark.parametrize('abi', range(1, 6))
+def test_it_cannot_on_older_kernels_either(
+    folder: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, abi: int
+) -> None:
+    real = landlock.abi()
+    monkeypatch.setattr(landlock, 'abi', lambda: min(abi, real))
+    attempts = [
+        code
+        for name, (code, _) in REFUSED.items()
+        if not name.startswith(('import', 'eat', 'leave', 'recurse', 'start a thread'))
+    ]
+    attempts += [f"os.open('helper.py', {flags} | os.O_TRUNC)" for flags in (0, 1, 2, 3)]
+    attempts += ["os.truncate('helper.py', 0)", "os.rename('helper.py', 'own.py')"]
+    attempts += ["os.link('helper.py', '../own.py')", "os.open('.', os.O_RDWR | os.O_TMPFILE)"]
+    code = '\n'.join(
+        f'try:\n    {attempt}\nexcept (OSError, ValueError):\n    pass\n'
+        f'else:\n    raise AssertionError({attempt!r})'
+        for attempt in attempts
+    )
+
+    assert asked(folder, code, limits=Limits()) == [(1.0, 2.0, 3.0, 4.0)]
+    assert (tmp_path / 'student' / 'helper.py').read_text() == 'ANSWER = 42'
 
 
 def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -> None:

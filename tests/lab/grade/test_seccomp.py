@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from errno import ENOTTY, EPERM
 from struct import iter_unpack, pack
 
@@ -39,6 +40,8 @@ def decide(machine: str, number: int, *arguments: int, audit: int | None = None)
             return operand
         if code == 0x20:
             accumulator = int.from_bytes(data[operand : operand + 4], 'little')
+        elif code == 0x54:
+            accumulator &= operand
         else:
             assert code == 0x15
             at += if_equal if accumulator == operand else otherwise
@@ -85,6 +88,27 @@ def test_a_descriptor_can_be_duplicated_but_not_made_to_send_signals(
     machine: str, command: int, expected: int
 ) -> None:
     assert decide(machine, MACHINES[machine].number('fcntl'), 0, command) == expected
+
+
+@pytest.mark.parametrize(('machine', 'call', 'at'), [
+    ('x86_64', 'open', 1), ('x86_64', 'openat', 2), ('aarch64', 'openat', 2),
+])  # fmt: skip
+@pytest.mark.parametrize(
+    ('flags', 'expected'),
+    [
+        (os.O_RDONLY | os.O_CLOEXEC, ALLOWED),
+        (os.O_WRONLY | os.O_CREAT | os.O_TRUNC, ALLOWED),  # Landlock decides
+        (os.O_RDWR | os.O_TRUNC, ALLOWED),
+        (os.O_RDONLY | os.O_TRUNC, REFUSED),
+        (3 | os.O_TRUNC, REFUSED),
+        (os.O_RDONLY | os.O_TRUNC | os.O_CLOEXEC | 1 << 40, REFUSED),
+    ],
+)
+def test_a_file_is_not_emptied_by_opening_it(
+    machine: str, call: str, at: int, flags: int, expected: int
+) -> None:
+    arguments = [0] * at + [flags]
+    assert decide(machine, MACHINES[machine].number(call), *arguments) == expected
 
 
 @pytest.mark.parametrize('machine', MACHINES)
