@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.grade.report import Report
 
 _RUBRIC = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubric.yaml'
+_CLASS = 'class.csv'
 # Submissions in progress on a cluster: enough for all workers, few enough for the memory.
 _ON_A_CLUSTER = 64
 
@@ -36,7 +37,7 @@ def add_arguments(parser: Parser) -> None:
         'submissions',
         type=Path,
         metavar='SUBMISSIONS',
-        help='a submission: a folder or .zip, or a folder of those',
+        help='a submission: a folder, .zip or .tar.gz; or a folder of those',
     )
     parser.add_argument('--rubric', type=Path, metavar='FILE', help=f'the points ({_RUBRIC})')
     parser.add_argument(
@@ -92,9 +93,9 @@ def run(options: Namespace) -> int:
     ):
         # Gradescope looks for the files of a single submission in the folder itself.
         alone = paths == [options.submissions.resolve()]
-        folders = {path: out if alone else out / path.name for path in paths}
+        folders = {path: out if alone else _folder(out, path) for path in paths}
         reports, failures, interrupted = _collect(outcomes, folders)
-    _write(out / 'class.csv', summary.as_csv(reports, failures, points).encode())
+    _write(out / _CLASS, summary.as_csv(reports, failures, points).encode())
     Console().print(summary.as_table(reports, points))
     print(out)  # noqa: T201
     for name, failure in failures.items():
@@ -102,6 +103,12 @@ def run(options: Namespace) -> int:
     if interrupted:
         return INTERRUPTED
     return 1 if failures else 0
+
+
+def _folder(out: Path, submission: Path) -> Path:
+    """Return the folder of a submission's reports; none has the class's list for its name."""
+    name = submission.name
+    return out / (f'{name}.submission' if name == _CLASS else name)
 
 
 def _collect(

@@ -155,6 +155,10 @@ def graded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int]:
     (folder / 'submissions' / 'latin' / 'bike_model.py').write_bytes(b'# \xe9')
     with zipfile.ZipFile(folder / 'submissions' / 'packed.zip', 'w') as archive:
         archive.writestr('lab/controller.py', CONTROLLER)
+    (folder / 'submissions' / 'borrowed').symlink_to('reference')
+    (folder / 'submissions' / 'eve.rar').write_bytes(b'Rar!')
+    packed = (folder / 'submissions' / 'packed.zip').read_bytes()
+    (folder / 'submissions' / 'later.zip').write_bytes(packed.replace(b'\x14', b'\xff'))
     out = folder / 'grades'
     exit_code = barc(['grade', str(folder / 'submissions'), '--out', str(out), '--jobs', '2'])
     return folder / 'submissions', out, exit_code
@@ -183,6 +187,33 @@ def test_everybody_is_graded(graded: tuple[Path, Path, int]) -> None:
     assert {row['name']: float(row['score']) for row in rows} == {
         name: results(out, name)['score'] for name in names
     }
+
+
+@pytest.mark.parametrize(
+    ('name', 'remark'),
+    [
+        ('borrowed', 'it is a link, which is not followed'),
+        ('eve.rar', 'a .rar archive cannot be opened'),
+        ('nothing', 'bike_model.py is a link'),
+    ],
+)
+def test_what_cannot_be_graded_has_a_row_with_a_remark(
+    graded: tuple[Path, Path, int], name: str, remark: str
+) -> None:
+    rows = csv.DictReader(io.StringIO((graded[1] / 'class.csv').read_text()))
+
+    (row,) = [row for row in rows if row['name'] == name]
+
+    assert float(row['score']) == 0.0
+    assert remark in row['remark']
+
+
+def test_a_submission_with_the_name_of_the_class_list_is_graded(tmp_path: Path) -> None:
+    (tmp_path / 'lab' / 'class.csv').mkdir(parents=True)
+
+    assert main([str(tmp_path / 'lab'), '--out', str(tmp_path / 'out'), '--jobs', '1']) == 0
+    assert (tmp_path / 'out' / 'class.csv').is_file()
+    assert results(tmp_path / 'out', 'class.csv.submission')['score'] == 0.0
 
 
 def test_the_reference_gets_full_marks(graded: tuple[Path, Path, int]) -> None:

@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import os
 import stat
-import zipfile
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
+from barc_sim.lab.grade import archives
+from barc_sim.lab.grade.archives import Unreadable
 from barc_sim.lab.grade.text import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
+
+    from barc_sim.lab.grade.archives import Member
 
 #: The graded files; a submission has at least one of them.
 GRADED = ('bike_model.py', 'controller.py')
 MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
 MAX_TOTAL = 8 << 20  #: bytes
-
-_Content = tuple[str, 'Callable[[], bytes]']
+_MAX_NAME = 255  # bytes of a file's or folder's name, as in most file systems
+_MAX_DEPTH = 20  # folders within folders
+_MAX_PATH = 1000  # bytes of a file's path in the submission
+_MAX_NOTES = 10
 
 
 @dataclass(frozen=True)
@@ -42,16 +46,17 @@ class Submission:
 
 
 def find(path: Path) -> list[Path]:
-    """Return the submissions at `path`: itself, or each folder and .zip file in it, by name.
+    """Return the submissions at `path`: itself, or each entry of the folder, by name.
 
-    Only `path` itself may be a link, because the grader has typed it.
+    What is no folder and no archive is one, too, so that nothing handed in is overlooked; hidden
+    files are not. Only `path` itself may be a link, because the grader has typed it.
 
     Raises
     ------
     UserError
         if there is none.
     """
-    if path.is_file() and path.suffix == '.zip':
+    if path.is_file() and archives.is_archive(path):
         return [path.resolve()]
     if not path.is_dir():
         raise UserError(
@@ -59,12 +64,8 @@ def find(path: Path) -> list[Path]:
         )
     if any((path / name).exists() for name in GRADED):
         return [path.resolve()]
-    found = sorted(
-        entry
-        for entry in path.iterdir()
-        if not entry.name.startswith(('.', '__')) and (entry.is_dir() or entry.suffix == '.zip')
-    )
-    if not found:
+    found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
+    if not any(entry.is_dir() or archives.is_archive(entry) for entry in found):
         raise UserError(
             f'{str(path)!r} is no submission and holds none: expected {" or ".join(GRADED)} in it, '
             'or a folder for each submission'
@@ -73,89 +74,123 @@ def find(path: Path) -> list[Path]:
 
 
 def read(path: Path) -> Submission:
-    """Read the submission at `path`; its notes name the files that cannot be read."""
-    name = printable(path.resolve().name)
-    if path.is_symlink():
-        return Submission(name, notes=('the folder is a link, which is not followed',))
-    notes: list[str] = []
+    """Read the submission at `path`; its notes name what cannot be read, whatever the reason."""
     files: dict[str, bytes] = {}
+    notes: list[str] = []
     try:
-        contents = _zipped(path, notes) if path.is_file() else _listed(path, notes)
-        for file, content in contents:
-            if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
-                notes.append(
-                    f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out'
-                )
-                break
-            try:
-                data = content()
-            except (
-                OSError,
-                RuntimeError,
-                ValueError,
-                EOFError,
-                zipfile.BadZipFile,
-                zlib.error,
-            ) as e:
-                notes.append(f'{printable(file)} cannot be read: {_reason(e)}')
-                continue
-            if len(data) > MAX_FILE:
-                notes.append(f'{printable(file)} has more than {MAX_FILE >> 20} MiB')
-                continue
-            files[file] = data
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        _read(path, files, notes)
+    except Unreadable as error:
+        notes.append(str(error))
+    except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
         notes.append(f'it cannot be read: {_reason(error)}')
-    return Submission(name, files, tuple(notes))
+    if len(notes) > _MAX_NOTES:
+        notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
+    return Submission(printable(path.name), files, tuple(notes))
+
+
+def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
+    """Add the files of the submission at `path`, and notes on what is left out."""
+    if path.is_symlink():
+        notes.append('it is a link, which is not followed: hand in the files themselves')
+        return
+    if path.is_dir():
+        members = _listed(path)
+    elif archives.is_archive(path):
+        members = _from_the_graded(list(archives.members(path)), notes)
+    else:
+        raise Unreadable(archives.advice(path))
+    empty = True
+    folders: set[str] = set()
+    for member in members:
+        empty = False
+        if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
+            notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
+            break
+        name = printable(member.path)
+        parents = [str(parent) for parent in PurePosixPath(member.path).parents]
+        if fault := _fault(member, files, folders, parents):
+            notes.append(f'{name} {fault}')
+            continue
+        try:
+            data = member.read(MAX_FILE + 1)
+        except Exception as error:  # noqa: BLE001
+            notes.append(f'{name} cannot be read: {_reason(error)}')
+            continue
+        if len(data) > MAX_FILE:
+            notes.append(f'{name} has more than {MAX_FILE >> 20} MiB')
+            continue
+        files[member.path] = data
+        folders.update(parents)
+    if empty:
+        notes.append('it is empty')
+
+
+def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: list[str]) -> str:
+    """Return why a file cannot be taken, as the rest of a sentence; empty if it can."""
+    path = PurePosixPath(member.path)
+    size = len(os.fsencode(member.path))
+    longest = max((len(os.fsencode(part)) for part in path.parts), default=0)
+    faults = {
+        'leads out of the archive': path.is_absolute() or '..' in path.parts,
+        'is a link, which is not followed': member.link,
+        f'has a name that no file can have: at most {_MAX_NAME} bytes': '\0' in member.path
+        or not 0 < longest <= _MAX_NAME,
+        f'lies too deep: at most {_MAX_DEPTH} folders and {_MAX_PATH} bytes': size > _MAX_PATH
+        or len(path.parts) > _MAX_DEPTH,
+        'is there twice: the first is taken': member.path in files,
+        'is a file and a folder at once': member.path in folders
+        or any(parent in files for parent in parents),
+    }
+    return next((fault for fault, found in faults.items() if found), '')
 
 
 def _reason(error: Exception) -> str:
     return printable(getattr(error, 'strerror', None) or str(error) or type(error).__name__)
 
 
-def _listed(folder: Path, notes: list[str]) -> Iterator[_Content]:
+def _listed(folder: Path) -> Iterator[Member]:
     """Yield the files of a folder, those at its top first."""
     for directory, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith(('.', '__pycache__')))
-        for name in sorted(names):
+        folders[:] = sorted(name for name in folders if not _of_tools(name))
+        links = [name for name in folders if Path(directory, name).is_symlink()]
+        for name in sorted([*names, *links]):
             path = Path(directory, name)
-            file = path.relative_to(folder).as_posix()
-            if path.is_symlink():
-                notes.append(f'{printable(file)} is a link, which is not followed')
-            elif not name.startswith('.'):
-                yield file, lambda path=path: _data(path)  # type: ignore[misc]
+            if not name.startswith('.'):
+                yield archives.Member(
+                    path.relative_to(folder).as_posix(),
+                    lambda size, path=path: _data(path, size),  # type: ignore[misc]
+                    link=path.is_symlink(),
+                )
 
 
-def _data(path: Path) -> bytes:
-    """Return the contents of a regular file; one byte beyond the limit if it is too large."""
+def _of_tools(name: str) -> bool:
+    return name.startswith(('.', '__pycache__', '__MACOSX'))
+
+
+def _data(path: Path, size: int) -> bytes:
+    """Return at most `size` bytes of a regular file."""
     # Without waiting for the other end of a named pipe, and without following a link.
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     with os.fdopen(descriptor, 'rb') as file:
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
             raise OSError('it is not a regular file')
-        return file.read(MAX_FILE + 1)
+        return file.read(size)
 
 
-def _zipped(archive: Path, notes: list[str]) -> Iterator[_Content]:
-    """Yield the files of an archive in the folder of its first `GRADED` file, and below."""
-    with zipfile.ZipFile(archive) as opened:
-        members = [member for member in opened.infolist() if not member.is_dir()]
-        tops = [PurePosixPath(m.filename).parent for m in members if _base(m) in GRADED]
-        top = min(tops, key=lambda path: len(path.parts), default=PurePosixPath())
-        for member in members:
-            path = PurePosixPath(member.filename)
-            if top not in path.parents:
-                continue
-            file = path.relative_to(top)
-            if file.is_absolute() or '..' in file.parts or stat.S_ISLNK(member.external_attr >> 16):
-                notes.append(f'{printable(member.filename)} leads out of the archive')
-            elif not any(part.startswith(('.', '__pycache__')) for part in file.parts):
-                yield file.as_posix(), lambda member=member: _unzipped(opened, member)  # type: ignore[misc]
-
-
-def _base(member: zipfile.ZipInfo) -> str:
-    return PurePosixPath(member.filename).name
-
-
-def _unzipped(opened: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    with opened.open(member) as file:
-        return file.read(MAX_FILE + 1)
+def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member]:
+    """Yield the files in the folder of the first `GRADED` file, and below."""
+    paths = [PurePosixPath(member.path) for member in members]
+    copies = [path for path in paths if path.name in GRADED and not any(map(_of_tools, path.parts))]
+    top = min((path.parent for path in copies), key=lambda path: len(path.parts), default=None)
+    top = top or PurePosixPath()
+    for path in copies:
+        if path.parent != top:
+            graded = printable(str(top / path.name))
+            notes.append(f'{printable(str(path))} is not graded: {graded} comes first')
+    for member, path in zip(members, paths, strict=True):
+        if '..' in path.parts or path.is_absolute():
+            yield member
+        elif top in path.parents:
+            inner = path.relative_to(top)
+            if not any(map(_of_tools, inner.parts)):
+                yield member._replace(path=inner.as_posix())

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gzip
 import os
+import tarfile
 import zipfile
+from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import CONTROLLER, MODEL
 
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.submissions import MAX_FILE, MAX_FILES, find, read
@@ -14,6 +18,9 @@ from barc_sim.lab.grade.submissions import MAX_FILE, MAX_FILES, find, read
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+#: Damaged archives of each kind.
+ZIPS = 5_000 if 'BARC_SIM_SOAK' in os.environ else 200
 
 
 def test_a_folder_with_a_graded_file_is_one_submission(folder: Callable[..., Path]) -> None:
@@ -32,13 +39,14 @@ def test_a_link_that_the_grader_names_is_followed(
     assert [*read(*find(tmp_path / 'link')).files] == ['controller.py']
 
 
-def test_the_folders_and_archives_in_a_folder_are_submissions(
+def test_every_entry_of_a_folder_is_a_submission(
     folder: Callable[..., Path], tmp_path: Path
 ) -> None:
-    paths = [folder('ada', bike_model=''), folder('bob'), tmp_path / 'eve.zip']
-    paths[-1].touch()
+    files = [tmp_path / name for name in ('eve.zip', 'fay.tar.gz', 'gus.rar', 'hal.py')]
+    paths = [folder('ada', bike_model=''), folder('bob'), *files]
+    for file in files:
+        file.touch()
     folder('.hidden', bike_model='')
-    (tmp_path / 'list.csv').touch()
 
     assert find(tmp_path) == paths
 
@@ -84,7 +92,10 @@ def test_links_are_not_followed(folder: Callable[..., Path], tmp_path: Path) -> 
     assert [*read(path).files] == ['controller.py']
     assert read(path).notes[0] == 'bike_model.py is a link, which is not followed'
     assert read(link).files == {}
-    assert read(link).notes == ('the folder is a link, which is not followed',)
+    assert read(link).name == 'link'
+    assert read(link).notes == (
+        'it is a link, which is not followed: hand in the files themselves',
+    )
 
 
 def test_what_is_no_regular_file_is_not_read(folder: Callable[..., Path]) -> None:
@@ -164,7 +175,7 @@ def test_nothing_leads_out_of_an_archive(tmp_path: Path) -> None:
 
     assert [*submission.files] == ['controller.py']
     assert '../bike_model.py leads out of the archive' in submission.notes
-    assert 'link.py leads out of the archive' in submission.notes
+    assert 'link.py is a link, which is not followed' in submission.notes
 
 
 def test_an_archive_that_swells_is_cut(tmp_path: Path) -> None:
@@ -181,6 +192,92 @@ def test_what_is_no_archive_is_told_of(tmp_path: Path, data: bytes) -> None:
 
     assert read(path).files == {}
     assert read(path).notes[0].startswith('it cannot be read: ')
+
+
+@pytest.mark.parametrize(('name', 'note'), [
+    ('eve.rar', 'a .rar archive cannot be opened: hand in a .zip or a folder'),
+    ('eve.7z', 'a .7z archive cannot be opened: hand in a .zip or a folder'),
+    ('controller.py', 'it is a single file: hand in a .zip, or a folder'),
+])  # fmt: skip
+def test_what_cannot_be_graded_has_a_remark(tmp_path: Path, name: str, note: str) -> None:
+    (tmp_path / name).write_text('class PID: pass')
+
+    assert read(tmp_path / name).files == {}
+    assert read(tmp_path / name).notes == (note,)
+
+
+def test_an_empty_submission_has_a_remark(folder: Callable[..., Path], tmp_path: Path) -> None:
+    assert read(folder()).notes == ('it is empty',)
+    assert read(zipped(tmp_path / 'eve.zip')).notes == ('it is empty',)
+
+
+@pytest.mark.parametrize('ending', ['tar', 'tar.gz', 'tgz', 'tar.bz2', 'tar.xz'])
+def test_a_tar_is_read_as_a_zip_is(
+    folder: Callable[..., Path], tmp_path: Path, ending: str
+) -> None:
+    source = folder(controller='1', helper='2')
+    (source / 'bike_model.py').symlink_to('/etc/passwd')
+    path = tmp_path / f'eve.{ending}'
+    compression = {'tar': '', 'tgz': 'gz'}.get(ending, ending.removeprefix('tar.'))
+    with tarfile.open(path, f'w:{compression}') as archive:  # type: ignore[call-overload]
+        archive.add(source, 'lab')
+
+    submission = read(path)
+
+    assert submission.files == {'controller.py': b'1', 'helper.py': b'2'}
+    assert submission.notes == ('bike_model.py is a link, which is not followed',)
+
+
+def test_a_tar_that_swells_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('barc_sim.lab.grade.archives._MAX_UNPACKED', 1 << 20)
+    path = tmp_path / 'bomb.tar.gz'
+    path.write_bytes(gzip.compress(bytes(2 << 20)))
+
+    assert read(path).notes == ('it unpacks to more than 1 MiB',)
+
+
+@pytest.mark.parametrize(('names', 'note'), [
+    (('a', 'a/b'), 'a/b is a file and a folder at once'),
+    (('a/b', 'a'), 'a is a file and a folder at once'),
+    (('x' * 300,), 'has a name that no file can have: at most 255 bytes'),
+    (('x/' * 30 + 'y',), 'lies too deep'),
+    (('a', 'a'), 'a is there twice: the first is taken'),
+    (('old/controller.py',), 'old/controller.py is not graded: controller.py comes first'),
+])  # fmt: skip
+@pytest.mark.filterwarnings('ignore:Duplicate name')
+def test_files_that_cannot_be_written_are_left_out(
+    tmp_path: Path, names: tuple[str, ...], note: str
+) -> None:
+    path = tmp_path / 'eve.zip'
+    with zipfile.ZipFile(path, 'w') as archive:
+        for name in ('controller.py', *names):
+            archive.writestr(name, name)
+
+    submission = read(path)
+    (tmp_path / 'copy').mkdir()
+    submission.write(tmp_path / 'copy')
+
+    assert submission.files['controller.py'] == b'controller.py'
+    assert note in ' '.join(submission.notes)
+
+
+@pytest.mark.parametrize('method', [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
+def test_whatever_opening_a_damaged_archive_raises_is_a_remark(tmp_path: Path, method: int) -> None:
+    path = tmp_path / 'eve.zip'
+    with zipfile.ZipFile(path, 'w', method) as archive:
+        archive.writestr('lab/controller.py', CONTROLLER)
+        archive.writestr('lab/bike_model.py', MODEL)
+    whole = path.read_bytes()
+    random = Random(method)  # noqa: S311
+    for _ in range(ZIPS):
+        damaged = bytearray(whole)
+        for _ in range(random.randint(1, 4)):
+            damaged[random.randrange(len(whole))] = random.randrange(256)
+        path.write_bytes(damaged[: random.choice((len(whole), random.randrange(len(whole))))])
+
+        submission = read(path)
+
+        assert submission.notes or submission.files
 
 
 def test_a_broken_member_is_told_of(tmp_path: Path) -> None:
