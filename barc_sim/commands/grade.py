@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import whole
+from barc_sim.cli.option_types import number, whole
 from barc_sim.cli.parser import INTERRUPTED
 from barc_sim.errors import UserError
 
@@ -46,6 +46,13 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument('--seed', type=whole(0), metavar='N', help="in place of the rubric's")
     parser.add_argument(
         '--jobs', type=whole(1), metavar='N', help='how many at once (one for each core)'
+    )
+    parser.add_argument(
+        '--time-limit',
+        type=number(1.0, 86_400.0),
+        default=120.0,
+        metavar='S',
+        help="for all calls of a submission's code, sleeps included (%(default)g s)",
     )
     parser.add_argument(
         '--scheduler', metavar='ADDRESS', help='grade on the Dask cluster of this scheduler'
@@ -86,7 +93,7 @@ def run(options: Namespace) -> int:
             executor,
             paths,
             points,
-            Limits(),
+            Limits(total=options.time_limit),
             at_once=_ON_A_CLUSTER if options.scheduler else jobs + 1,
             sandbox=not options.no_sandbox,
         ) as outcomes,

@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.option_types import number
 from barc_sim.cli.parser import add_bag_arguments
 
 if TYPE_CHECKING:
@@ -24,6 +25,13 @@ def add_arguments(parser: Parser) -> None:
     parser.epilog = 'Exit code 0: the bag could have come from the code that it names; 1: not.'
     add_bag_arguments(parser)
     parser.add_argument('--json', action='store_true', help='print all results as JSON')
+    parser.add_argument(
+        '--time-limit',
+        type=number(1.0, 86_400.0),
+        default=120.0,
+        metavar='S',
+        help='for all calls of each attached file, sleeps included (%(default)g s)',
+    )
     parser.add_argument(
         '--no-sandbox',
         dest='sandbox',
@@ -69,10 +77,12 @@ def run(options: Namespace) -> int:
         where the bag cannot be read, or the code cannot be confined.
     """
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.lab.grade.start import Limits  # noqa: PLC0415
     from barc_sim.lab.regrade.judging import judge  # noqa: PLC0415
 
     source = options.bag or reader.newest()
-    judgement = judge(source, options.namespace, sandbox=options.sandbox)
+    limits = Limits(total=options.time_limit)
+    judgement = judge(source, options.namespace, limits, sandbox=options.sandbox)
     if options.json:
         whole = asdict(judgement) | {'possible': judgement.possible}
         print(json.dumps(whole, indent=2))  # noqa: T201

@@ -12,6 +12,8 @@ import sys
 import textwrap
 import time
 import zipfile
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -22,7 +24,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.grade.process import check
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Iterator
     from typing import Any
 
 # The first test's set-up grades a class: in one worker only, and for a minute on a busy machine.
@@ -313,6 +315,89 @@ def test_a_wrong_option_is_refused(
 
     assert code == 2
     assert message in capsys.readouterr().err
+
+
+#: Sleeps in each call: below the limit of one call, and of processor time.
+_SLEEPY = 'import time\ntime.sleep(15)\n' + MODEL
+
+
+@contextmanager
+def grading(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """Grade a class whose first submission is done, and whose second sleeps."""
+    for name, files in (('0', {'controller': CONTROLLER}), ('1', {'bike_model': _SLEEPY})):
+        (tmp_path / 'submissions' / name).mkdir(parents=True)
+        for stem, text in files.items():
+            (tmp_path / 'submissions' / name / f'{stem}.py').write_text(text)
+    (tmp_path / 'tmp').mkdir()
+    command = [sys.executable, '-m', 'barc_sim', 'grade', str(tmp_path / 'submissions')]
+    with subprocess.Popen(
+        [*command, '--out', str(tmp_path / 'grades'), '--jobs', '1'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env=os.environ | {'TMPDIR': str(tmp_path / 'tmp')},
+    ) as process:
+        while process.poll() is None and not children(tmp_path / 'tmp'):
+            time.sleep(0.02)
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def children(folder: Path) -> list[int]:
+    """Return the processes that run the second submission, which is in `folder`."""
+    found = []
+    for entry in Path('/proc').iterdir():
+        with suppress(OSError):
+            cwd = entry.joinpath('cwd').readlink() if entry.name.isdecimal() else None
+            if cwd is not None and cwd.is_relative_to(folder) and (cwd / 'bike_model.py').exists():
+                found.append(int(entry.name))
+    return found
+
+
+def workers(parent: int) -> list[int]:
+    """Return the processes of the session of `parent`."""
+    found = []
+    for entry in Path('/proc').iterdir():
+        with suppress(OSError, ValueError):
+            if os.getsid(int(entry.name)) == parent and int(entry.name) != parent:
+                found.append(int(entry.name))
+    return found
+
+
+def wait_until_gone(process: int, folder: Path) -> None:
+    deadline = time.monotonic() + 10.0
+    while (workers(process) or children(folder)) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not workers(process)
+    assert not children(folder)
+
+
+def test_ctrl_c_ends_a_submission_that_sleeps(tmp_path: Path) -> None:
+    with grading(tmp_path) as process:
+        began = time.monotonic()
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        seconds = time.monotonic() - began
+
+        wait_until_gone(process.pid, tmp_path / 'tmp')
+
+    assert process.returncode == 130, errors
+    assert 'Traceback' not in errors
+    assert seconds < 4.0  # 2 s, on a machine that is not busy
+    rows = [*csv.DictReader(io.StringIO((tmp_path / 'grades' / 'class.csv').read_text()))]
+    assert [row['name'] for row in rows] == ['0']
+    assert not [*(tmp_path / 'tmp').iterdir()]
+
+
+def test_workers_end_with_the_grader_however_it_ends(tmp_path: Path) -> None:
+    with grading(tmp_path) as process:
+        process.kill()
+        process.wait()
+
+        wait_until_gone(process.pid, tmp_path / 'tmp')
 
 
 def test_ctrl_c_leaves_what_is_finished_whole(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from itertools import chain
 from math import isfinite
@@ -31,7 +32,7 @@ class ConfinedCode:
     """The functions of the files in `folder`, called in a process that is confined to it.
 
     If a call ends the process, it fails, and the next call uses a new process. Each failure is a
-    UserCodeError.
+    UserCodeError. All calls together have `Limits.total` seconds; after that each one fails.
     """
 
     def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
@@ -40,6 +41,7 @@ class ConfinedCode:
         self._limits = limits or Limits()
         self._sandbox = sandbox
         self._process: Process | None = None
+        self._left = self._limits.total
         self._ends: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._printed = b''
@@ -99,20 +101,35 @@ class ConfinedCode:
         """
         if self._ends[function] >= _MAX_ENDS:
             raise UserCodeError(self._reasons[function])
+        if self._left <= 0.0:
+            raise UserCodeError(self._out_of_time())
         if self._process is None:
             self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
+        wait = min(self._limits.wait, self._left)
+        began = time.monotonic()
         try:
-            answers = self._process.request(operation, values, count)
+            answers = self._process.request(operation, values, count, wait)
         except Failed as error:
             raise UserCodeError(str(error)) from None
         except Ended as error:
+            if time.monotonic() - began >= self._left:
+                self.close()
+                raise UserCodeError(self._out_of_time()) from None
             self.close()
             self._ends[function] += 1
             self._reasons[function] = f'{function}: the process that called it {error}'
             raise UserCodeError(self._reasons[function]) from None
+        finally:
+            self._left -= time.monotonic() - began
         if not all(map(isfinite, answers)):
             raise UserCodeError(f'{function} returned numbers that are not finite')
         return answers
+
+    def _out_of_time(self) -> str:
+        return (
+            f'the code has used up the {self._limits.total:g} s that a submission has '
+            '(--time-limit); does it sleep, or wait for something?'
+        )
 
     def is_current(self, process: Process | None) -> bool:
         """Return whether `process` is the current one."""

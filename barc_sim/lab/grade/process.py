@@ -78,9 +78,9 @@ class Process:
         self.close()
 
     def request(
-        self, operation: Operation, values: Sequence[float], count: int
+        self, operation: Operation, values: Sequence[float], count: int, wait: float
     ) -> tuple[float, ...]:
-        """Return the `count` doubles of the reply to `values`, of any value.
+        """Return the `count` doubles of the reply to `values`, of any value, within `wait` [s].
 
         Raises
         ------
@@ -94,10 +94,10 @@ class Process:
         size = len(values)
         frame = REQUEST.pack(self._serial, operation, size) + doubles(size).pack(*values)
         try:
-            self.channel.send(frame, time.monotonic() + self._limits.wait)
+            self.channel.send(frame, time.monotonic() + wait)
         except (EOFError, TimeoutError) as error:
             raise Ended(self._end(error)) from None
-        return self._receive(count, self._limits.wait)
+        return self._receive(count, wait)
 
     def close(self) -> None:
         """End the process and all that it has started, and read its output."""

@@ -31,6 +31,7 @@ class Limits(NamedTuple):
     start: float = 60.0  #: [s] until it is confined; the submission does not run before
     call: float = 5.0  #: [s] of processor time for one request, which can have thousands of calls
     wait: float = 20.0  #: [s] for one request, on a busy machine or with a sleep
+    total: float = 120.0  #: [s] for all requests of a submission, waits included
     output: int = 16_384  #: bytes kept of its output
 
 

@@ -14,7 +14,7 @@ from barc_sim.lab.grade.archives import Unreadable
 from barc_sim.lab.grade.text import printable
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from barc_sim.lab.grade.archives import Member
 
@@ -99,10 +99,18 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
         members = _from_the_graded(list(archives.members(path)), notes)
     else:
         raise Unreadable(archives.advice(path))
-    empty = True
-    folders: set[str] = set()
-    for member in members:
-        empty = False
+    if not take(members, files, notes):
+        notes.append('it is empty')
+
+
+def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -> int:
+    """Add the members that a folder can hold to `files`, and notes on the others.
+
+    Return how many were looked at.
+    """
+    seen = 0
+    folders = {str(parent) for name in files for parent in PurePosixPath(name).parents}
+    for seen, member in enumerate(members, 1):  # noqa: B007 (counted)
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
             break
@@ -121,8 +129,7 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
             continue
         files[member.path] = data
         folders.update(parents)
-    if empty:
-        notes.append('it is empty')
+    return seen
 
 
 def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: list[str]) -> str:

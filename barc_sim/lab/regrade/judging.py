@@ -10,6 +10,7 @@ from barc_sim.control.types import DEFAULT_TYPE, TYPES, new_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
 from barc_sim.lab.grade.process import check
+from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.regrade import commands, states
 from barc_sim.lab.regrade.recorded import attached, read
 from barc_sim.lab.regrade.verdict import Verdict
@@ -47,7 +48,13 @@ class Judgement:
         return not self.changed and all(found[claim] for claim in self.claimed.items())
 
 
-def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> Judgement:
+def judge(
+    path: Path,
+    namespace: str | None = None,
+    limits: Limits | None = None,
+    *,
+    sandbox: bool = True,
+) -> Judgement:
     """Judge the bag at `path`; its attached code runs in a sandbox.
 
     Raises
@@ -59,7 +66,7 @@ def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> 
     if recorded.files:
         check(sandbox=sandbox)
     try:
-        verdicts = _verdicts(recorded, sandbox=sandbox)
+        verdicts = _verdicts(recorded, limits or Limits(), sandbox=sandbox)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, UserError):
             raise
@@ -79,18 +86,18 @@ def judge(path: Path, namespace: str | None = None, *, sandbox: bool = True) -> 
     )
 
 
-def _verdicts(recorded: Recorded, *, sandbox: bool) -> list[Verdict]:
+def _verdicts(recorded: Recorded, limits: Limits, *, sandbox: bool) -> list[Verdict]:
     own, resets = _judge_states(recorded, bikeFE, _OWN)
     verdicts = [own]
     if name := recorded.files.get('model'):
         try:
-            with attached(recorded, 'model', sandbox=sandbox) as code:
+            with attached(recorded, 'model', limits, sandbox=sandbox) as code:
                 verdict, resets = _judge_states(recorded, _model(code), name)
         except UserError as error:
             verdict = Verdict('model', name, first=str(error))
         verdicts.append(verdict)
     if recorded.controller is not None:
-        verdicts += _judge_commands(recorded, recorded.controller, resets, sandbox=sandbox)
+        verdicts += _judge_commands(recorded, recorded.controller, resets, limits, sandbox=sandbox)
     return verdicts
 
 
@@ -113,7 +120,12 @@ def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict,
 
 
 def _judge_commands(
-    recorded: Recorded, values: Mapping[str, Any], resets: set[int], *, sandbox: bool
+    recorded: Recorded,
+    values: Mapping[str, Any],
+    resets: set[int],
+    limits: Limits,
+    *,
+    sandbox: bool,
 ) -> list[Verdict]:
     kind = values.get('controller_type', DEFAULT_TYPE)
     gains = {name: values[name] for name in TYPES[kind].gains}
@@ -128,7 +140,7 @@ def _judge_commands(
     verdicts = [show(partial(new_controller, kind, gains, limit), _OWN)]
     if name := recorded.files.get('controller'):
         try:
-            with attached(recorded, 'controller', sandbox=sandbox) as code:
+            with attached(recorded, 'controller', limits, sandbox=sandbox) as code:
                 verdicts.append(show(partial(code.new_pid, *gains.values()), name))
         except UserError as error:
             verdicts.append(Verdict('controller', name, first=str(error)))

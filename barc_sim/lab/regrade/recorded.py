@@ -14,13 +14,16 @@ import yaml
 
 from barc_sim.bags import reader
 from barc_sim.errors import UserError
+from barc_sim.lab.grade.archives import Member
 from barc_sim.lab.grade.code import ConfinedCode
+from barc_sim.lab.grade.submissions import Submission, take
 from barc_sim.lab.user_code.adapters import FOLDER, METADATA
 from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from barc_sim.lab.grade.start import Limits
     from barc_sim.simulation.log import Log
 
 
@@ -101,7 +104,9 @@ def _claims(text: str) -> tuple[dict[str, str], dict[str, str]]:
 
 
 @contextmanager
-def attached(recorded: Recorded, part: str, *, sandbox: bool = True) -> Iterator[ConfinedCode]:
+def attached(
+    recorded: Recorded, part: str, limits: Limits, *, sandbox: bool = True
+) -> Iterator[ConfinedCode]:
     """Give one part of the attached code, ready to be called in a confined process.
 
     Raises
@@ -109,22 +114,29 @@ def attached(recorded: Recorded, part: str, *, sandbox: bool = True) -> Iterator
     UserError
         if a file is wrong, or this machine cannot confine it.
     """
+    submission = Submission(part, _files(recorded, part))
     with tempfile.TemporaryDirectory(prefix='barc_sim_') as name:
         folder = Path(name)
-        _unpack(recorded, part, folder)
-        with ConfinedCode(folder, sandbox=sandbox) as code:
+        submission.write(folder)
+        with ConfinedCode(folder, limits, sandbox=sandbox) as code:
             yield code
 
 
-def _unpack(recorded: Recorded, part: str, folder: Path) -> None:
-    """Write a part's file, by its usual name, and the files beside it."""
+def _files(recorded: Recorded, part: str) -> dict[str, bytes]:
+    """Return a part's file, by its usual name, and the files beside it."""
     own = PurePosixPath(recorded.files[part])
+    files = {FILES[part]: recorded.sources[recorded.files[part]]}
+    others = []
     for name, data in recorded.sources.items():
         path = PurePosixPath(name)
-        if path.is_absolute() or '..' in path.parts or '\0' in name:
-            raise UserError(f'the bag has a file {name!r} attached, which no run attaches')
         if path.is_relative_to(own.parent):
-            target = folder / path.relative_to(own.parent)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_bytes(data)
-    (folder / FILES[part]).write_bytes(recorded.sources[recorded.files[part]])
+            path = path.relative_to(own.parent)
+        elif not path.is_absolute() and '..' not in path.parts:
+            continue
+        if path != PurePosixPath(FILES[part]):
+            others.append(Member(str(path), lambda size, data=data: data[:size]))  # type: ignore[misc]
+    faults: list[str] = []
+    take(others, files, faults)
+    if faults:
+        raise UserError(f'the bag has a file attached that no run attaches: {faults[0]}')
+    return files

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,6 +124,19 @@ def test_it_harms_only_itself_where_it_tries_to(
 def test_a_sleep_ends_the_process(folder: Callable[..., Path]) -> None:
     with pytest.raises(UserError, match='within 1 s; does it sleep'):
         asked(folder, 'import time; time.sleep(1000)', limits=Limits(wait=1.0))
+
+
+def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) -> None:
+    sleepy = BIKE_FE.replace(':', ':\n    import time; time.sleep(0.3)')
+    path = folder(bike_model=sleepy)
+    began = time.monotonic()
+    with ConfinedCode(path, Limits(total=1.0)) as code, suppress(UserError):
+        for _ in range(100):
+            code.bike_fe([ROW])
+    with pytest.raises(UserError, match=r'used up the 1 s .* \(--time-limit\)'):
+        code.bike_fe([ROW])
+
+    assert time.monotonic() - began < 10.0
 
 
 @pytest.mark.parametrize('code', ALLOWED.values(), ids=ALLOWED)
