@@ -1,0 +1,140 @@
+"""What the nodes publish, subscribe to, serve and declare, read from the nodes themselves."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import random
+import re
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from barc_sim.commands import NODES
+from barc_sim.ros import names
+
+#: Of every ROS 2 node.
+_COMMON = {'/parameter_events', '/rosout', 'use_sim_time', 'start_type_description_service'}
+#: So that all that a node can publish is seen.
+_OVERRIDES = {'vehicle_simulator': [Parameter('clock', value=True)]}
+
+
+def _node_class(module: str) -> type[Node]:
+    """Return the node that a module of `nodes` defines."""
+    found = importlib.import_module(f'barc_sim.nodes.{module}')
+    (node,) = (
+        each
+        for each in vars(found).values()
+        if inspect.isclass(each) and issubclass(each, Node) and each.__module__ == found.__name__
+    )
+    return node
+
+
+def _arguments(name: str, folder: str) -> dict[str, Any]:
+    if name == 'keyboard':
+        terminal = SimpleNamespace(listen=lambda _: None, close=lambda: None)
+        return {'terminal': terminal}
+    return {'directory': Path(folder)} if name == 'bag_recorder' else {}
+
+
+@cache
+def _nodes() -> dict[str, dict[str, Any]]:
+    """Make each node once, in a domain of this machine alone, and note what it has."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
+    context = Context()
+    seen: dict[str, dict[str, Any]] = {}
+    with TemporaryDirectory() as folder:
+        os.environ.setdefault('ROS_LOG_DIR', folder)
+        context.init(domain_id=random.randrange(1, 102))  # noqa: S311
+        for name, module in NODES.items():
+            node = _node_class(module)(
+                **_arguments(name, folder),
+                context=context,
+                parameter_overrides=_OVERRIDES.get(name, []),
+            )
+            seen[name] = _noted(node)
+            node.destroy_node()
+        context.shutdown()
+    return seen
+
+
+def _type(kind: Any) -> str:
+    return f'{kind.__module__.split(".")[0]}/{kind.__name__}'
+
+
+def _relative(topic: str) -> str:
+    """Return a topic as `ros/names.py` has it."""
+    known = {value for value in vars(names).values() if isinstance(value, str)}
+    return topic if topic in known else topic.removeprefix('/')
+
+
+def _noted(node: Node) -> dict[str, Any]:
+    return {
+        'publishes': {_relative(each.topic_name): _type(each.msg_type) for each in node.publishers},
+        'subscribes': {
+            _relative(each.topic_name): _type(each.msg_type) for each in node.subscriptions
+        },
+        'serves': {
+            _relative(each.srv_name): _type(each.srv_type)
+            for each in node.services
+            if not re.search('_parameter|_type_desc', each.srv_name)
+        },
+        'parameters': [_parameter(node, name) for name in sorted(node._parameters)],  # noqa: SLF001
+    }
+
+
+def _parameter(node: Node, name: str) -> tuple[str, str, str, str, str]:
+    told = node.describe_parameter(name)
+    ranges = [*told.floating_point_range, *told.integer_range]
+    between = f'{ranges[0].from_value:g} … {ranges[0].to_value:g}' if ranges else ''
+    default: Any = node.get_parameter(name).value
+    if name == 'clock':
+        default = False
+    if isinstance(default, bool):
+        default = str(default).lower()
+    fixed = 'fixed' if told.read_only else 'can be set'
+    return name, str(default), between, fixed, told.description
+
+
+def topics() -> dict[str, tuple[str, list[str], list[str]]]:
+    """Return type, publishers and subscribers of each topic, by its name."""
+    found: dict[str, tuple[str, list[str], list[str]]] = {}
+    for node, noted in _nodes().items():
+        for i, key in enumerate(('publishes', 'subscribes')):
+            for topic, kind in noted[key].items():
+                if topic not in _COMMON and f'/{topic}' not in _COMMON:
+                    ends = found.setdefault(topic, (kind, [], []))[1 + i]
+                    ends.append(node)
+    return dict(sorted(found.items(), key=lambda item: item[0].lstrip('/')))
+
+
+def services() -> dict[str, str]:
+    """Return the type of each service, by its name."""
+    return dict(sorted(pair for noted in _nodes().values() for pair in noted['serves'].items()))
+
+
+def parameters() -> dict[str, list[tuple[str, str, str, str, str]]]:
+    """Return name, default, range, whether it is fixed, and meaning of each node's parameters."""
+    return {
+        node: [row for row in noted['parameters'] if row[0] not in _COMMON]
+        for node, noted in _nodes().items()
+        if any(row[0] not in _COMMON for row in noted['parameters'])
+    }
+
+
+def meanings() -> dict[str, str]:
+    """Return the comment behind each name in `ros/names.py`, by the name that it stands for."""
+    text = Path(names.__file__ or '').read_text(encoding='utf-8')
+    return {
+        value: comment.strip()
+        for value, comment in re.findall(
+            r"^[A-Z_]+ = '([^']+)'(?:\n?#: |  #: )(.*)$", text, re.MULTILINE
+        )
+    }
