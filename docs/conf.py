@@ -32,7 +32,7 @@ math_eqref_format = '({number})'
 
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'signature'
-autodoc_default_options = {'members': True, 'show-inheritance': False}
+autodoc_default_options = {'members': True, 'show-inheritance': False, 'exclude-members': 'set'}
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True

@@ -7,29 +7,33 @@ from barc_sim.simulation.log import CONTROLLER_STATE, ENVIRONMENT, PID_STATE, ST
 
 __all__ = ['CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
 
+#: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = 'cmd_vel'
-SPEED_REFERENCE = 'speed_reference'
-INITIAL_POSE = 'initialpose'
+SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
+INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RViz does
 
 # Published by the node `mirror`, for ROS's own tools.
-ODOM = 'odom'
-PATH = 'path'
-MARKERS = 'markers'
-ROAD_MARKERS = 'road_markers'
-ACCEL = 'accel'
+ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the elevation
+PATH = 'path'  #: the way since the start, in at most 200 poses, once a second
+MARKERS = 'markers'  #: the car to scale with its wheels turned, 25 times a second
+ROAD_MARKERS = 'road_markers'  #: the road, once, latched (transient local)
+ACCEL = 'accel'  #: the acceleration over the ground, in base_link
+#: the steering of the front wheels, and angle and speed of each wheel
 JOINT_STATES = 'joint_states'
 
 # ROS's own tools expect these outside of every namespace.
-TF = '/tf'
+TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
+#: timing, age of the command, noise, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
-CLOCK = '/clock'
+CLOCK = '/clock'  #: the stamp of each state, where the real-time factor is not 1, and with --clock
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.
+#: starts afresh: state, noise, and every node that commands
 RESET_SIMULATOR = 'vehicle_simulator/reset'
-PAUSE_SIMULATOR = 'vehicle_simulator/pause'
-STEP_SIMULATOR = 'vehicle_simulator/step'
-RESET_CONTROLLER = 'controller/reset'
-RESET_RELAY = 'relay/reset'
+PAUSE_SIMULATOR = 'vehicle_simulator/pause'  #: stops simulated time, or lets it continue
+STEP_SIMULATOR = 'vehicle_simulator/step'  #: makes one step while paused
+RESET_CONTROLLER = 'controller/reset'  #: the next call of the controller is its first
+RESET_RELAY = 'relay/reset'  #: forgets the input of the driver and puts the wheel straight
 
 #: Of every topic of a run: reliable, with room for a second at 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)

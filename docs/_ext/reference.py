@@ -21,7 +21,9 @@ from sphinx.util.docutils import SphinxDirective
 
 import barc_sim
 import observed_nodes
+import write_pages
 from barc_sim.cli.parser import Parser
+from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -160,8 +162,14 @@ def _kind(kind: str) -> str:
     return f':ref:`{name} <message-{name.lower()}>`'
 
 
+def _about(kind: str) -> str:
+    """Return what a message of barc_interfaces is; empty for others."""
+    path = MESSAGES / f'{kind.split("/")[1]}.msg'
+    return message(path.read_text(encoding='utf-8'))[0] if path.is_file() else ''
+
+
 class Topics(Generated):
-    """Every topic, from the nodes' endpoints; the meaning is in `ros/names.py`."""
+    """Every topic, from the nodes' endpoints; the meaning is that of the message or the name."""
 
     def lines(self) -> Iterator[str]:
         """Yield a table."""
@@ -169,7 +177,7 @@ class Topics(Generated):
         rows = []
         for topic, (kind, publishers, subscribers) in observed_nodes.topics().items():
             ends = f'{", ".join(publishers) or "any"} → {", ".join(subscribers) or "any"}'
-            rows.append((code(topic), _kind(kind), ends, escaped(meanings.get(topic, ''))))
+            rows.append((code(topic), _kind(kind), ends, escaped(meanings.get(topic) or _about(kind))))
         yield from table(('topic', 'type', 'from → to', 'meaning'), rows, '16 24 24 36')
 
 
@@ -218,6 +226,30 @@ class Room(Generated):
             yield from ('', short, '~' * len(short), '', f'.. automodule:: {name}', '')
 
 
+class Columns(Generated):
+    """Every column of a log, from its declaration."""
+
+    def lines(self) -> Iterator[str]:
+        """Yield a table."""
+        rows = [
+            (code(name), column.unit, code(column.topic), escaped(column.meaning))
+            for name, column in COLUMNS.items()
+        ]
+        yield from table(('column', 'unit', 'topic', 'meaning'), rows, '20 10 20 50')
+
+
+class Exports(Generated):
+    """Every name that `import barc_sim` offers, from its docstring."""
+
+    def lines(self) -> Iterator[str]:
+        """Yield what autodoc makes of each."""
+        for name in barc_sim.__all__:
+            value = getattr(barc_sim, name)
+            kind = 'class' if isinstance(value, type) else 'function'
+            yield f'.. auto{kind}:: {value.__module__}.{value.__qualname__}'
+            yield from ('   :no-index:', '')
+
+
 class Figure(SphinxDirective):
     """A figure that `figures.py` has drawn, light and dark, with what it shows as its text."""
 
@@ -245,14 +277,17 @@ class Figure(SphinxDirective):
         return [figure]
 
 
-def _draw(_: Sphinx) -> None:
+def _prepare(_: Sphinx) -> None:
+    write_pages.write(ROOT / 'docs')
     sys.path.insert(0, str(ROOT / 'docs'))
     import_module('figures').draw_missing()
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Add the directives, and draw the figures first."""
+    """Add the directives, and first draw the figures and write the pages that follow from lists."""
     for name, directive in {
+        'barc-columns': Columns,
+        'barc-exports': Exports,
         'barc-figure': Figure,
         'barc-messages': Messages,
         'barc-options': Options,
@@ -262,6 +297,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
         'barc-topics': Topics,
     }.items():
         app.add_directive(name, directive)
-    app.connect('builder-inited', _draw)
+    app.connect('builder-inited', _prepare)
     assert barc_sim.__version__
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

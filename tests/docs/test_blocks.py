@@ -1,0 +1,156 @@
+"""Every code block of the documentation is run, or marked as not to be run, with the reason.
+
+The blocks of a page run in order, in a folder of the page's own:
+
+- `python`: statements; with `>>>`, what they print is compared, as doctest does.
+- `bash`: commands, each of which must succeed.
+- `console`: commands behind `$ `, and what they print; `...` stands for any text.
+- any other language behind `<!-- file: NAME -->`: written to the file NAME first.
+- any block behind `<!-- not run: REASON -->`, and `text`: not run.
+"""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    path
+    for path in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').rglob('*.md'))
+    if not {'_build', '_figures'} & {*path.parts} and path.is_file()
+)
+_BLOCK = re.compile(
+    r'(?:^<!-- (?P<mark>not run|file): (?P<note>.+?) -->\n+)?'
+    r'^(?P<indent> *)```(?P<language>[\w+]*)\n(?P<text>.*?)^(?P=indent)```$',
+    re.MULTILINE | re.DOTALL,
+)
+_SHOWN = ('text', 'none', '')
+_CHECK = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+_CHANGING = re.compile(r'\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d(_\d+)?')
+
+
+class Block(NamedTuple):
+    """A fenced block of a page."""
+
+    language: str
+    text: str
+    mark: str  #: `not run`, `file` or none
+    note: str
+    line: int
+
+
+def blocks(page: Path) -> list[Block]:
+    """Return the blocks of a page."""
+    text = page.read_text(encoding='utf-8')
+    return [
+        Block(
+            found['language'],
+            re.sub(rf'^{found["indent"]}', '', found['text'], flags=re.MULTILINE),
+            found['mark'] or '',
+            found['note'] or '',
+            text[: found.start('language')].count('\n') + 1,
+        )
+        for found in _BLOCK.finditer(text)
+    ]
+
+
+def is_run(block: Block) -> bool:
+    return block.mark != 'not run' and block.language not in _SHOWN
+
+
+def name(page: Path) -> str:
+    return str(page.relative_to(ROOT)).removeprefix('docs/')
+
+
+@pytest.mark.parametrize('page', PAGES, ids=name)
+def test_a_block_that_is_not_run_has_a_reason_and_others_a_runner(page: Path) -> None:
+    for block in blocks(page):
+        if is_run(block) and block.mark != 'file':
+            assert block.language in {'python', 'bash', 'console'}, (name(page), block.line)
+        if block.mark == 'not run':
+            assert len(block.note.split()) > 1, (name(page), block.line)
+
+
+RUN = [page for page in PAGES if any(map(is_run, blocks(page)))]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize('page', RUN, ids=name)
+def test_blocks_run(
+    page: Path, tmp_path: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert ros_domain
+    monkeypatch.setenv('PATH', f'{Path(sys.executable).parent}{os.pathsep}{os.environ["PATH"]}')
+    monkeypatch.setenv('MPLBACKEND', 'agg')
+    monkeypatch.setenv('COLUMNS', '100')
+    (tmp_path / 'scripts').symlink_to(ROOT / 'scripts')
+    names: dict[str, Any] = {}
+    monkeypatch.chdir(tmp_path)
+    for block in filter(is_run, blocks(page)):
+        where = f'{name(page)}:{block.line}'
+        if block.mark == 'file':
+            Path(block.note).parent.mkdir(parents=True, exist_ok=True)
+            Path(block.note).write_text(block.text, encoding='utf-8')
+        elif block.language == 'python':
+            _run_python(block, names, where)
+        elif block.language == 'bash':
+            _run(block.text, where)
+        else:
+            for command, expected in _commands(block.text):
+                _compare(expected, _run(command, where), where)
+
+
+def _run_python(block: Block, names: dict[str, Any], where: str) -> None:
+    if '>>> ' not in block.text:
+        exec(compile(block.text, where, 'exec'), names)  # noqa: S102 (our own pages)
+        return
+    test = doctest.DocTestParser().get_doctest(block.text, names, where, where, block.line)
+    told: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=_CHECK | doctest.IGNORE_EXCEPTION_DETAIL)
+    runner.run(test, out=told.append, clear_globs=False)
+    names |= test.globs
+    assert not told, ''.join(told)
+
+
+def _commands(text: str) -> Iterator[tuple[str, str]]:
+    """Yield each command of a console block, with the output shown."""
+    for part in re.split(r'^\$ ', text, flags=re.MULTILINE)[1:]:
+        lines = part.split('\n')
+        count = 1
+        while lines[count - 1].endswith('\\'):
+            count += 1
+        yield '\n'.join(lines[:count]), '\n'.join(lines[count:])
+
+
+def _run(command: str, where: str) -> str:
+    done = subprocess.run(  # noqa: S603 (our own pages)
+        ['bash', '-euo', 'pipefail', '-c', command],  # noqa: S607
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    shown_failure = 'exit 1' in command
+    assert done.returncode == 0 or shown_failure, f'{where}: {command}\n{done.stdout}'
+    return done.stdout
+
+
+def _compare(expected: str, printed: str, where: str) -> None:
+    wanted, got = (_CHANGING.sub('DATE_TIME', text) for text in (expected, printed))
+    if wanted.strip():
+        same = doctest.OutputChecker().check_output(wanted.strip() + '\n', got.strip() + '\n', _CHECK)
+        assert same, f'{where}: the page shows\n{expected}\nand the command prints\n{printed}'

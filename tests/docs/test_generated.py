@@ -1,0 +1,38 @@
+"""The generated reference has what the nodes, the messages and the parsers have."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pytest import MonkeyPatch  # noqa: PT013
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / 'docs' / '_ext'))
+
+
+def test_every_topic_and_service_has_a_meaning_and_an_end(
+    ros_domain: int, monkeypatch: MonkeyPatch
+) -> None:
+    import observed_nodes  # noqa: PLC0415
+
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    assert ros_domain
+    meanings = observed_nodes.meanings()
+    found = {*observed_nodes.topics(), *observed_nodes.services()}
+    assert {'ecu', 'z_vhcl', '/clock', 'vehicle_simulator/reset'} <= found
+    own = {topic for topic, ends in observed_nodes.topics().items() if 'barc_' in ends[0]}
+    assert not {each for each in found - own - {*meanings} if 'bag_recorder' not in each}
+
+
+def test_every_message_has_its_fields_with_units() -> None:
+    import reference  # noqa: PLC0415
+
+    for path in reference.MESSAGES.glob('*.msg'):
+        about, fields = reference.message(path.read_text(encoding='utf-8'))
+        assert about.endswith('.'), path
+        assert all(comment for _, _, comment in fields), path
+        numbers = [comment for kind, _, comment in fields if kind.startswith('float64')]
+        assert all(comment.startswith('[') for comment in numbers), path
