@@ -238,6 +238,21 @@ class Columns(Generated):
         yield from table(('column', 'unit', 'topic', 'meaning'), rows, '20 10 20 50')
 
 
+class Mistakes(Generated):
+    """Every sentence of `lab/check/mistakes.py`, by what it is about."""
+
+    def lines(self) -> Iterator[str]:
+        """Yield a title and a list for each group."""
+        found = import_module('barc_sim.lab.check.mistakes')
+        for name, group in vars(found).items():
+            if name.isupper() and isinstance(group, tuple) and hasattr(group[0], 'hint'):
+                title = name.replace('_', ' ').capitalize()
+                yield from (title, '-' * len(title), '')
+                for sentence in dict.fromkeys(each.hint for each in group):
+                    yield f'- {escaped(sentence)}'
+                yield ''
+
+
 class Exports(Generated):
     """Every name that `import barc_sim` offers, from its docstring."""
 
@@ -290,6 +305,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
         'barc-exports': Exports,
         'barc-figure': Figure,
         'barc-messages': Messages,
+        'barc-mistakes': Mistakes,
         'barc-options': Options,
         'barc-parameters': Parameters,
         'barc-room': Room,
