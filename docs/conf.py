@@ -32,11 +32,13 @@ math_eqref_format = '({number})'
 
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'signature'
-autodoc_default_options = {'members': True, 'show-inheritance': False, 'exclude-members': 'set'}
+autodoc_default_options = {'members': True, 'ignore-module-all': True, 'exclude-members': 'set'}
 napoleon_google_docstring = False
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True
 toc_object_entries = False
+# Types are named without their modules, and a few names occur twice.
+suppress_warnings = ['ref.python']
 
 copybutton_prompt_text = r'\$ |>>> |\.\.\. '
 copybutton_prompt_is_regexp = True

@@ -21,7 +21,7 @@ import barc_sim
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
 from barc_sim.figures.convergence_figure import convergence_figure
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, LOOK, MUTED, SURFACE
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, STYLE, MUTED, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.convergence import studies
@@ -321,7 +321,7 @@ def draw_missing() -> None:
         light, dark = (FOLDER / f'{name}-{look}.svg' for look in ('light', 'dark'))
         if dark.is_file() and dark.stat().st_mtime > newest:
             continue
-        with style.context(LOOK):
+        with style.context(STYLE):
             figure = make()
         with mpl.rc_context({'svg.hashsalt': name, 'svg.fonttype': 'path'}):
             figure.savefig(light, transparent=True, metadata={'Date': None})

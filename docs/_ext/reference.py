@@ -298,6 +298,17 @@ def _prepare(_: Sphinx) -> None:
     import_module('figures').draw_missing()
 
 
+def _escape_bars(_: Sphinx, *about: Any) -> None:
+    """Let |x| in a docstring be the amount of x."""
+    lines = about[-1]
+    for i, line in enumerate(lines):
+        parts = re.split(r'(`+[^`]*`+)', line)
+        lines[i] = ''.join(
+            part if part.startswith('`') else re.sub(r'\|(?=[^|]*\|)|(?<=\S)\|', r'\|', part)
+            for part in parts
+        )
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Add the directives, and first draw the figures and write the pages that follow from lists."""
     for name, directive in {
@@ -314,5 +325,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     }.items():
         app.add_directive(name, directive)
     app.connect('builder-inited', _prepare)
+    app.connect('autodoc-process-docstring', _escape_bars)
     assert barc_sim.__version__
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -80,7 +80,7 @@ def _finished_before(text: str) -> tuple[str, ...]:
 
 
 def is_run(block: Block) -> bool:
-    return block.mark != 'not run' and block.language not in _SHOWN
+    return block.mark == 'file' or (not block.mark and block.language not in _SHOWN)
 
 
 def name(page: Path) -> str:
