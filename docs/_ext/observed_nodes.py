@@ -93,13 +93,13 @@ def _noted(node: Node) -> dict[str, Any]:
 def _parameter(node: Node, name: str) -> tuple[str, str, str, str, str]:
     told = node.describe_parameter(name)
     ranges = [*told.floating_point_range, *told.integer_range]
-    between = f'{ranges[0].from_value:g} … {ranges[0].to_value:g}' if ranges else ''
+    between = f'{ranges[0].from_value:g} to {ranges[0].to_value:g}; ' if ranges else ''
     default: Any = node.get_parameter(name).value
     if name == 'clock':
         default = False
     if isinstance(default, bool):
         default = str(default).lower()
-    fixed = 'fixed' if told.read_only else 'can be set'
+    fixed = 'fixed for a run' if told.read_only else 'can be set while it runs'
     return name, str(default), between, fixed, told.description
 
 

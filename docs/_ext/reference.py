@@ -54,11 +54,13 @@ class Generated(SphinxDirective):
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]], widths: str) -> Iterator[str]:
-    """Yield a table's text; the cells are reStructuredText of one line."""
-    yield from ('', '.. list-table::', '   :header-rows: 1', f'   :widths: {widths}', '')
+    """Yield a table's text; the cells are reStructuredText."""
+    yield from ('', '.. list-table::', '   :header-rows: 1', '   :class: fits', f'   :widths: {widths}', '')
     for row in (heading, *rows):
         for i, cell in enumerate(row):
-            yield f'   {"* -" if i == 0 else "  -"} {cell}'.rstrip()
+            first, *others = cell.split('\n')
+            yield f'   {"* -" if i == 0 else "  -"} {first}'.rstrip()
+            yield from (f'       {line}'.rstrip() for line in others)
     yield ''
 
 
@@ -177,8 +179,11 @@ class Topics(Generated):
         rows = []
         for topic, (kind, publishers, subscribers) in observed_nodes.topics().items():
             ends = f'{", ".join(publishers) or "any"} → {", ".join(subscribers) or "any"}'
-            rows.append((code(topic), _kind(kind), ends, escaped(meanings.get(topic) or _about(kind))))
-        yield from table(('topic', 'type', 'from → to', 'meaning'), rows, '16 24 24 36')
+            about = escaped(meanings.get(topic) or _about(kind))
+            rows.append(
+                (f'{code(topic)}\n\n{_kind(kind)}', f'{about}\n\n.. rst-class:: ends\n\n{ends}')
+            )
+        yield from table(('topic and type', 'meaning; from → to'), rows, '40 60')
 
 
 class Services(Generated):
@@ -188,10 +193,10 @@ class Services(Generated):
         """Yield a table."""
         meanings = observed_nodes.meanings()
         rows = [
-            (code(name), code(kind), escaped(meanings.get(name, '')))
+            (f'{code(name)}\n\n{_kind(kind)}', escaped(meanings.get(name, '')))
             for name, kind in observed_nodes.services().items()
         ]
-        yield from table(('service', 'type', 'meaning'), rows, '30 22 48')
+        yield from table(('service and type', 'meaning'), rows, '40 60')
 
 
 class Parameters(Generated):
@@ -202,11 +207,14 @@ class Parameters(Generated):
         for node, rows in observed_nodes.parameters().items():
             yield from (f'.. _parameters-{node.replace("_", "-")}:', '', node, '-' * len(node), '')
             cells = [
-                (code(name), code(default), code(between), fixed, escaped(text))
+                (
+                    f'{code(name)}',
+                    code(default),
+                    f'{escaped(text)}\n\n.. rst-class:: ends\n\n{between}{fixed}',
+                )
                 for name, default, between, fixed, text in rows
             ]
-            heading = ('parameter', 'default', 'range', 'while it runs', 'meaning')
-            yield from table(heading, cells, '20 12 14 14 40')
+            yield from table(('parameter', 'default', 'meaning; range'), cells, '30 15 55')
 
 
 class Room(Generated):

@@ -38,7 +38,7 @@ RIGHT = {
 }
 _BLOCK = re.compile(
     r'(?:^<!-- (?P<mark>not run|file): (?P<note>.+?) -->\n+)?'
-    r'^(?P<indent> *)```(?P<language>[\w+]*)\n(?P<text>.*?)^(?P=indent)```$',
+    r'^(?P<indent> *)```(?P<language>[^`\n]*)\n(?P<text>.*?)^(?P=indent)```$',
     re.MULTILINE | re.DOTALL,
 )
 _SHOWN = ('text', 'none', '')
@@ -80,7 +80,9 @@ def _finished_before(text: str) -> tuple[str, ...]:
 
 
 def is_run(block: Block) -> bool:
-    return block.mark == 'file' or (not block.mark and block.language not in _SHOWN)
+    if block.mark:
+        return block.mark == 'file'
+    return block.language not in _SHOWN and not block.language.startswith('{')  # a directive
 
 
 def name(page: Path) -> str:
