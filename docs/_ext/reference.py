@@ -22,6 +22,7 @@ from sphinx.util.docutils import SphinxDirective
 import barc_sim
 import observed_nodes
 import write_pages
+from messages import MESSAGES, message
 from barc_sim.cli.parser import Parser
 from barc_sim.simulation.log import COLUMNS
 
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[2]
-MESSAGES = ROOT / 'barc_interfaces' / 'msg'
 
 
 class Generated(SphinxDirective):
@@ -148,13 +148,6 @@ class Messages(Generated):
             yield from ('', escaped(about), '')
             rows = [(code(name), code(kind), escaped(text)) for kind, name, text in fields]
             yield from table(('field', 'type', 'meaning'), rows, '20 20 60')
-
-
-def message(text: str) -> tuple[str, list[tuple[str, str, str]]]:
-    """Return what a .msg file says at its beginning, and type, name and comment of its fields."""
-    about, _, body = text.partition('\n\n')
-    found = re.findall(r'^(\S+)\s+(\w+)[ \t]*(?:#\s*(.*))?$', body, re.MULTILINE)
-    return ' '.join(line.lstrip('# ') for line in about.splitlines()), found
 
 
 def _kind(kind: str) -> str:

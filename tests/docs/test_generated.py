@@ -28,10 +28,10 @@ def test_every_topic_and_service_has_a_meaning_and_an_end(
 
 
 def test_every_message_has_its_fields_with_units() -> None:
-    import reference  # noqa: PLC0415
+    import messages  # noqa: PLC0415
 
-    for path in reference.MESSAGES.glob('*.msg'):
-        about, fields = reference.message(path.read_text(encoding='utf-8'))
+    for path in messages.MESSAGES.glob('*.msg'):
+        about, fields = messages.message(path.read_text(encoding='utf-8'))
         assert about.endswith('.'), path
         assert all(comment for _, _, comment in fields), path
         numbers = [comment for kind, _, comment in fields if kind.startswith('float64')]
