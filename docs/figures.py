@@ -21,7 +21,7 @@ import barc_sim
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
 from barc_sim.figures.convergence_figure import convergence_figure
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, STYLE, MUTED, SURFACE
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.convergence import studies
@@ -33,7 +33,6 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from matplotlib.axes import Axes
 
 HERE = Path(__file__).parent
 FOLDER = HERE / '_figures'
@@ -109,15 +108,24 @@ def bicycle() -> Figure:
     line(rear, front, INK, lw=2.4)
     wheel(rear, psi)
     wheel(front, psi + d_f)
-    line(centre, centre + [3.0, 0.0], GREY, lw=1.0)
+    line(centre, np.add(centre, (3.0, 0.0)), GREY, lw=1.0)
     line(centre, centre + 3.2 * along, GREY, ls=DASHES, lw=1.0)
     line(front, front + 1.7 * along, GREY, ls=DASHES, lw=1.0)
     steered = np.array([cos(psi + d_f), sin(psi + d_f)])
     line(front, front + 1.7 * steered, GREY, ls=DASHES, lw=1.0)
     moving = np.array([cos(psi + beta), sin(psi + beta)])
     axes.add_patch(
-        FancyArrowPatch(centre, centre + 2.6 * moving, color=BLUE, lw=2.2, mutation_scale=16,
-                        arrowstyle='-|>', shrinkA=0, shrinkB=0, zorder=4)
+        FancyArrowPatch(
+            centre,
+            centre + 2.6 * moving,
+            color=BLUE,
+            lw=2.2,
+            mutation_scale=16,
+            arrowstyle='-|>',
+            shrinkA=0,
+            shrinkB=0,
+            zorder=4,
+        )
     )
     axes.text(*(centre + 2.8 * moving), 'v', color=BLUE, fontsize=14, style='italic')
     arc(centre, 2.35, 0.0, psi, 'ψ')
@@ -129,11 +137,25 @@ def bicycle() -> Figure:
     below = -0.45 * across
     for a, b, text in ((rear, centre, r'$l_r$'), (centre, front, r'$l_f$')):
         axes.add_patch(
-            FancyArrowPatch(a + below, b + below, color=MUTED, arrowstyle='<->', mutation_scale=9,
-                            shrinkA=0, shrinkB=0)
+            FancyArrowPatch(
+                a + below,
+                b + below,
+                color=MUTED,
+                arrowstyle='<->',
+                mutation_scale=9,
+                shrinkA=0,
+                shrinkB=0,
+            )
         )
-        axes.text(*(0.5 * (a + b) + 1.75 * below), text, color=MUTED, fontsize=13, ha='center',
-                  va='center', parse_math=True)
+        axes.text(
+            *(0.5 * (a + b) + 1.75 * below),
+            text,
+            color=MUTED,
+            fontsize=13,
+            ha='center',
+            va='center',
+            parse_math=True,
+        )
     axes.text(*(0.5 * (icr + centre) + [-0.15, 0.1]), 'R', color=MUTED, fontsize=13, ha='right')
     axes.text(*(centre - [0.1, 0.45]), 'C', color=INK, fontsize=12)
     axes.autoscale_view()
@@ -151,15 +173,30 @@ def forces_on_the_hill() -> Figure:
     axes.axis('off')
     theta = radians(16.0)
     along, up = np.array([cos(theta), sin(theta)]), np.array([-sin(theta), cos(theta)])
-    axes.fill([-3.4, 4.6, 4.6], [-3.4 * tan(theta), 4.6 * tan(theta), -3.4 * tan(theta)],
-              color=EARTH, zorder=0)
+    axes.fill(
+        [-3.4, 4.6, 4.6],
+        [-3.4 * tan(theta), 4.6 * tan(theta), -3.4 * tan(theta)],
+        color=EARTH,
+        zorder=0,
+    )
     turned = Affine2D().rotate(theta).translate(*(0.18 * up)) + axes.transData
     axes.add_patch(Rectangle((-1.0, 0.1), 2.0, 0.55, color=SURFACE, transform=turned))
     middle = 0.5 * up
 
     def arrow(at: Any, to: Any, text: str, colour: str, at_text: Any) -> None:
-        axes.add_patch(FancyArrowPatch(at, to, color=colour, lw=2.0, arrowstyle='-|>',
-                                       mutation_scale=15, shrinkA=0, shrinkB=0, zorder=4))
+        axes.add_patch(
+            FancyArrowPatch(
+                at,
+                to,
+                color=colour,
+                lw=2.0,
+                arrowstyle='-|>',
+                mutation_scale=15,
+                shrinkA=0,
+                shrinkB=0,
+                zorder=4,
+            )
+        )
         axes.text(*at_text, text, color=colour, fontsize=12, parse_math=True)
 
     front, rear = middle + 1.0 * along, middle - 1.0 * along
@@ -170,7 +207,7 @@ def forces_on_the_hill() -> Figure:
     arrow(middle, middle - [0.0, 1.7], '$m\\,g$', MUTED, middle - [-0.12, 1.55])
     corner = np.array([-3.4, -3.4 * tan(theta)])
     axes.add_patch(Arc(corner, 2.4, 2.4, theta1=0.0, theta2=16.0, color=INK, lw=1.2))
-    axes.text(*(corner + [1.3, 0.12]), 'θ', color=INK, fontsize=13)
+    axes.text(*(np.add(corner, (1.3, 0.12))), 'θ', color=INK, fontsize=13)
     axes.set_xlim(-3.8, 4.8)
     axes.set_ylim(-1.45, 2.5)
     return figure
@@ -187,8 +224,9 @@ def course() -> Figure:
     axes.fill_between(s, -2.0, height, color=EARTH, lw=0.0)
     axes.plot(s, height, color=SURFACE, lw=2.2)
     for start, grade in zip(road.starts, road.grades_deg, strict=True):
-        axes.text(start + 10.0, road.elevation(start + 10.0) + 0.9, f'{grade:g}°', ha='center',
-                  color=INK)
+        axes.text(
+            start + 10.0, road.elevation(start + 10.0) + 0.9, f'{grade:g}°', ha='center', color=INK
+        )
     axes.set_ylim(-2.0, 13.0)
     axes.set_xlim(0.0, 180.0)
     axes.set_xlabel('Position along the road [m]')
@@ -343,9 +381,16 @@ def animate(seconds: float = 15.0, fps: int = 12, width: int = 640) -> None:
     view = SideView(log, figure, title='barc acc')
     times = np.arange(view.duration - seconds, view.duration, 1.0 / fps)
     stills = [Image.fromarray(each).convert('RGB') for each in frames(view, times)]
-    stills[0].save(ANIMATION, save_all=True, append_images=stills[1:], duration=1000 // fps,
-                   loop=0, quality=60, method=4, minimize_size=True)
-
+    stills[0].save(
+        ANIMATION,
+        save_all=True,
+        append_images=stills[1:],
+        duration=1000 // fps,
+        loop=0,
+        quality=60,
+        method=4,
+        minimize_size=True,
+    )
 
 
 if __name__ == '__main__':

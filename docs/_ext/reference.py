@@ -12,17 +12,17 @@ import sys
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
+import observed_nodes
+import write_pages
 from docutils import nodes
 from docutils.parsers.rst import directives
 from docutils.statemachine import StringList
+from messages import MESSAGES, message
 from sphinx.util.docutils import SphinxDirective
 
 import barc_sim
-import observed_nodes
-import write_pages
-from messages import MESSAGES, message
 from barc_sim.cli.parser import Parser
 from barc_sim.simulation.log import COLUMNS
 
@@ -55,7 +55,14 @@ class Generated(SphinxDirective):
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]], widths: str) -> Iterator[str]:
     """Yield a table's text; the cells are reStructuredText."""
-    yield from ('', '.. list-table::', '   :header-rows: 1', '   :class: fits', f'   :widths: {widths}', '')
+    yield from (
+        '',
+        '.. list-table::',
+        '   :header-rows: 1',
+        '   :class: fits',
+        f'   :widths: {widths}',
+        '',
+    )
     for row in (heading, *rows):
         for i, cell in enumerate(row):
             first, *others = cell.split('\n')
@@ -112,7 +119,8 @@ def _described(parser: argparse.ArgumentParser) -> Iterator[str]:
     yield from (f'.. program:: {parser.prog}', '')
     for action in parser._actions:  # noqa: SLF001
         if action.help == argparse.SUPPRESS or isinstance(
-            action, (argparse._HelpAction, argparse._SubParsersAction)  # noqa: SLF001
+            action,
+            (argparse._HelpAction, argparse._SubParsersAction),  # noqa: SLF001
         ):
             continue
         if action.choices and not action.metavar:
@@ -271,7 +279,7 @@ class Figure(SphinxDirective):
 
     required_arguments = 1
     has_content = True
-    option_spec = {'alt': directives.unchanged_required}
+    option_spec: ClassVar[dict[str, Any]] = {'alt': directives.unchanged_required}
 
     def run(self) -> list[nodes.Node]:
         """Return both images, of which the theme shows one, and the caption."""
@@ -327,5 +335,4 @@ def setup(app: Sphinx) -> dict[str, bool]:
         app.add_directive(name, directive)
     app.connect('builder-inited', _prepare)
     app.connect('autodoc-process-docstring', _escape_bars)
-    assert barc_sim.__version__
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

@@ -20,7 +20,10 @@ ROOMS = (
 def commands() -> str:
     """Return the text of the page of commands."""
     lines = ['Commands', '========', '']
-    lines += ['Every command is a word behind ``barc``. The value in parentheses is the default.', '']
+    lines += [
+        'Every command is a word behind ``barc``. The value in parentheses is the default.',
+        '',
+    ]
     for group, names in GROUPS.items():
         lines += [group[:1].upper() + group[1:], '-' * len(group), '']
         for name in names:

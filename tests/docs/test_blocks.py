@@ -155,7 +155,7 @@ def _commands(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _run(command: str, where: str) -> str:
-    done = subprocess.run(  # noqa: S603 (our own pages)
+    done = subprocess.run(
         ['bash', '-euo', 'pipefail', '-c', command],  # noqa: S607
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -172,5 +172,7 @@ def _run(command: str, where: str) -> str:
 def _compare(expected: str, printed: str, where: str) -> None:
     wanted, got = (_CHANGING.sub('DATE_TIME', text) for text in (expected, printed))
     if wanted.strip():
-        same = doctest.OutputChecker().check_output(wanted.strip() + '\n', got.strip() + '\n', _CHECK)
+        same = doctest.OutputChecker().check_output(
+            wanted.strip() + '\n', got.strip() + '\n', _CHECK
+        )
         assert same, f'{where}: the page shows\n{expected}\nand the command prints\n{printed}'

@@ -29,7 +29,7 @@ def sentences(text: str) -> list[list[str]]:
     lines = [line for line in text.splitlines() if not re.match(r'\s*([|#:(+]|\{)', line)]
     text = re.sub(r'^\s*(?:[-*]|\d+\.) ', '\n', '\n'.join(lines), flags=re.MULTILINE)
     found = re.split(r'(?<=[.!?:])["*)]*\s+|\n\s*\n', text)
-    words = [re.findall(r"[\w'’+-]+", each) for each in found]
+    words = [re.findall(r"[\w'+-]+", each) for each in found]
     return [each for each in words if len(each) > 1]
 
 
