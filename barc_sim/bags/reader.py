@@ -104,6 +104,13 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     ------
     UserError
         There is no bag at `path`, or it has no such car, or several.
+
+    Examples
+    --------
+    >>> from barc_sim import read_bag
+    >>> log = read_bag(max(Path('bags').iterdir()))
+    >>> len(log)
+    1152
     """
     samples = _samples(Path(path))
     wanted = None if namespace is None else '/' + namespace.strip('/')

@@ -39,6 +39,13 @@ class LQR:
     "Computer-Controlled Systems", 11.4: a Luenberger observer of a constant disturbance).
 
     The first sample, and one after a sample that is not finite, has no predecessor: d stands still.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate, summary
+    >>> log = simulate(controller=LQR(speed_weight=100.0))
+    >>> print(f'{summary(log).rms_error_after_run_up:.3f} m/s')
+    0.020 m/s
     """
 
     gains: Mapping[str, Gain] = {

@@ -90,6 +90,14 @@ class PID:
         [m/s²] the terms of the latest call, and whether its output was limited.
     previous
         [m/s] the latest measurement; None: the next call is the first.
+
+    Examples
+    --------
+    >>> pid = PID(kp=2.0, ki=0.5, kd=0.0, output_max=8.0)
+    >>> pid.acc_calculate(8.0, 7.0)
+    2.0
+    >>> pid.acc_calculate(8.0, 7.0, dt=0.02)
+    2.01
     """
 
     gains: Mapping[str, Gain] = {

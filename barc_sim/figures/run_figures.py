@@ -48,7 +48,14 @@ class NotebookFigure(Figure):
 
 
 def plot(log: Log) -> Figure:
-    """Return the figure of speed, grade and command over the position; `savefig` saves it."""
+    """Return the figure of speed, grade and command over the position; `savefig` saves it.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> figure = plot(simulate(kp=2.0))
+    >>> figure.savefig('speed.png')
+    """
     return speed_figure(log, figure=NotebookFigure(figsize=SIZE))
 
 

@@ -102,6 +102,12 @@ def simulate(
     ------
     UserError
         where the road cannot be read, or the arguments contradict one another.
+
+    Examples
+    --------
+    >>> log = simulate(kp=10.0, ki=20.0, kd=0.0, noise=0.05)
+    >>> print(f'{log.speed[-1]:.1f} m/s after {log.t[-1]:.1f} s')
+    8.0 m/s after 23.0 s
     """
     given = {'kp': kp, 'ki': ki, 'kd': kd}
     gains = {name: gain for name, gain in given.items() if gain is not None}

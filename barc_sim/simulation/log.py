@@ -55,6 +55,13 @@ class Log:
 
     A quantity that the run did not have (no controller in teleoperation, no command that answered
     state `k`) is NaN. The bag reader, the live page and `to_frame` derive from these declarations.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> log = simulate()
+    >>> print(len(log), f'{log.speed.max():.3f} m/s')
+    1152 8.126 m/s
     """
 
     t: Annotated[Floats, Column('s', 'time since the first state')]

@@ -24,7 +24,13 @@ Model = Callable[..., Sequence[float]]
 
 
 class Vehicle(NamedTuple):
-    """The vehicle's parameters; the defaults are the lab's."""
+    """The vehicle's parameters; the defaults are the lab's.
+
+    Examples
+    --------
+    >>> Vehicle(mass=1200.0).mass
+    1200.0
+    """
 
     mass: float = 2000.0  #: [kg]
     air_drag_coeff: float = 0.01308  #: [N s²/m²] a_0

@@ -26,6 +26,12 @@ class Road:
     """Stretches of constant grade; each owns its left end, the first and last have no outer end.
 
     `starts[i]` [m] is where the stretch of grade `grades_deg[i]` [deg] begins.
+
+    Examples
+    --------
+    >>> road = Road((0.0, 20.0, 40.0), (0.0, 10.0, 0.0))
+    >>> road.grade_deg(30.0), round(road.elevation(40.0), 2)
+    (10.0, 3.47)
     """
 
     starts: tuple[float, ...]

@@ -41,7 +41,7 @@ def _arguments(name: str, folder: str) -> dict[str, Any]:
     if name == 'keyboard':
         terminal = SimpleNamespace(listen=lambda _: None, close=lambda: None)
         return {'terminal': terminal}
-    return {'directory': Path(folder)} if name == 'bag_recorder' else {}
+    return {'path': Path(folder) / 'bag'} if name == 'bag_recorder' else {}
 
 
 @cache

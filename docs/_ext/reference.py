@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[2]
+#: Characters of a signature that is shown.
+_LONGEST = 600
 
 
 class Generated(SphinxDirective):
@@ -268,10 +270,8 @@ class Exports(Generated):
     def lines(self) -> Iterator[str]:
         """Yield what autodoc makes of each."""
         for name in barc_sim.__all__:
-            value = getattr(barc_sim, name)
-            kind = 'class' if isinstance(value, type) else 'function'
-            yield f'.. auto{kind}:: {value.__module__}.{value.__qualname__}'
-            yield from ('   :no-index:', '')
+            kind = 'class' if isinstance(getattr(barc_sim, name), type) else 'function'
+            yield from (f'.. auto{kind}:: barc_sim.{name}', '')
 
 
 class Figure(SphinxDirective):
@@ -307,15 +307,25 @@ def _prepare(_: Sphinx) -> None:
     import_module('figures').draw_missing()
 
 
-def _escape_bars(_: Sphinx, *about: Any) -> None:
-    """Let |x| in a docstring be the amount of x."""
+def _clean(_: Sphinx, what: str, *about: Any) -> None:
+    """Let |x| in a docstring be the amount of x, and a colon a colon; drop namedtuple's text."""
     lines = about[-1]
+    if lines and lines[0].startswith('Alias for field number'):
+        lines.clear()
+    if what in {'attribute', 'data'} and lines:
+        lines[0] = lines[0].replace(': ', r'\: ', 1)  # else napoleon reads a type before it
     for i, line in enumerate(lines):
         parts = re.split(r'(`+[^`]*`+)', line)
         lines[i] = ''.join(
             part if part.startswith('`') else re.sub(r'\|(?=[^|]*\|)|(?<=\S)\|', r'\|', part)
             for part in parts
         )
+
+
+def _shorten(_: Sphinx, *about: Any) -> tuple[str, str | None] | None:
+    """Leave out a signature that nobody would read; the fields follow it."""
+    *_, signature, returned = about
+    return ('(...)', returned) if signature and len(signature) > _LONGEST else None
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
@@ -334,5 +344,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     }.items():
         app.add_directive(name, directive)
     app.connect('builder-inited', _prepare)
-    app.connect('autodoc-process-docstring', _escape_bars)
+    app.connect('autodoc-process-docstring', _clean, priority=400)  # before napoleon
+    app.connect('autodoc-process-signature', _shorten)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}
