@@ -21,9 +21,7 @@ def visit_math_block(translator: Any, node: nodes.math_block) -> None:
     """Write a formula in a line of its own, with its number if it has one."""
     translator.body.append(translator.starttag(node, 'div', CLASS='math-block'))
     text = node.astext()
-    if '\\\\' in text and '\\begin' not in text:
-        text = rf'\begin{{aligned}}{text}\end{{aligned}}'
-    text = text.replace('{align*}', '{aligned}').replace('{align}', '{aligned}')
+    text = text.replace('{aligned}', '{align*}')
     translator.body.append(convert(text, display='block'))
     if node.get('number'):
         translator.body.append(f'<span class="eqno">({node["number"]})</span>')

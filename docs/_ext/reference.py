@@ -256,7 +256,8 @@ class Mistakes(Generated):
         """Yield a title and a list for each group."""
         found = import_module('barc_sim.lab.check.mistakes')
         for name, group in vars(found).items():
-            if name.isupper() and isinstance(group, tuple) and hasattr(group[0], 'hint'):
+            is_group = name.isupper() and isinstance(group, tuple) and hasattr(group[0], 'hint')
+            if is_group and name != 'MISTAKES':  # all of them
                 title = name.replace('_', ' ').capitalize()
                 yield from (title, '-' * len(title), '')
                 for sentence in dict.fromkeys(each.hint for each in group):

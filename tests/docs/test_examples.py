@@ -7,9 +7,9 @@ import importlib
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import call
 
 import barc_sim
-from command_line import call
 
 if TYPE_CHECKING:
     from pathlib import Path
