@@ -1,7 +1,8 @@
-"""Sphinx's settings: `sphinx-build -W docs docs/_build` makes the pages of this folder."""
+"""Sphinx's settings: `sphinx-build -W docs docs/_build/html` makes the pages of this folder."""
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -16,7 +17,7 @@ copyright = author  # noqa: A001 (Sphinx's name)
 version = release = barc_sim.__version__
 
 extensions = [
-    'myst_parser',
+    'myst_nb',
     'sphinx.ext.autodoc',
     'sphinx.ext.napoleon',
     'sphinx_copybutton',
@@ -29,6 +30,13 @@ default_role = 'code'
 myst_enable_extensions = ['amsmath', 'attrs_block', 'colon_fence', 'deflist', 'dollarmath']
 myst_heading_anchors = 3
 math_eqref_format = '({number})'
+
+# The notebooks are kept without outputs: a build runs them, and an error in one ends it.
+nb_execution_mode = 'cache'
+nb_execution_raise_on_error = True
+nb_execution_timeout = 120
+nb_merge_streams = True
+os.environ.setdefault('ROS_DOMAIN_ID', '86')
 
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'signature'

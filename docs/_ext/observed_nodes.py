@@ -47,6 +47,7 @@ def _arguments(name: str, folder: str) -> dict[str, Any]:
 @cache
 def _nodes() -> dict[str, dict[str, Any]]:
     """Make each node once, in a domain of this machine alone, and note what it has."""
+    before = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'
     context = Context()
     seen: dict[str, dict[str, Any]] = {}
@@ -62,6 +63,7 @@ def _nodes() -> dict[str, dict[str, Any]]:
             seen[name] = _noted(node)
             node.destroy_node()
         context.shutdown()
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = before
     return seen
 
 
