@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rclpy.executors import SingleThreadedExecutor
+from rosbags.highlevel import AnyReader
 
 import barc_sim
+from barc_sim.__main__ import main
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,6 +36,44 @@ def call(command: str, *options: str, timeout: float = 60.0) -> subprocess.Compl
         check=False,
         timeout=timeout,
     )
+
+
+def barc(command: str, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run `barc COMMAND` in this process."""
+    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+        code = main([command, *options])
+    return subprocess.CompletedProcess(options, code, out.getvalue(), err.getvalue())
+
+
+def acc(folder: Path, *options: str, script: str = '') -> subprocess.CompletedProcess[str]:
+    """Run `acc` quietly in `folder`, after `script` in the same process; return how it ended."""
+    code = f'import sys\n{script}\nfrom barc_sim.run import main\nsys.exit(main())'
+    return subprocess.run(
+        [sys.executable, '-c', code, 'acc', '-q', *options],
+        cwd=folder,
+        env=os.environ | ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def bag_of(folder: Path, *options: str) -> Path:
+    """Run `acc` in `folder` and return its bag."""
+    done = acc(folder, *options)
+    assert done.returncode == 0, done.stderr
+    return folder / done.stdout.strip()
+
+
+def messages(path: Path) -> dict[str, list[Any]]:
+    """Return the messages of a bag by topic, in the order of their reception."""
+    found: dict[str, list[Any]] = {}
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append(message)
+    return found
 
 
 @contextmanager

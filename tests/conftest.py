@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import random
 import socket
+import subprocess
+import sys
 import time
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
 
+import barc_sim
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from rclpy.context import Context
     from rclpy.executors import Executor
@@ -45,13 +49,28 @@ def _reserved_domain() -> Iterator[int]:
     pytest.fail('all ROS domains of this machine are in use')
 
 
+@contextmanager
+def _own_domain(log_dir: Path) -> Iterator[int]:
+    """Reserve a ROS domain for this process, and for those that it starts."""
+    with _reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_DOMAIN_ID', str(domain))
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('ROS_LOG_DIR', str(log_dir))
+        patch.setenv('PYTHONPATH', str(Path(barc_sim.__file__).parents[1]))
+        yield domain
+
+
 @pytest.fixture
-def ros_domain(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[int]:
+def ros_domain(tmp_path: Path) -> Iterator[int]:
     """Return a ROS domain that is this test's own, also for processes that it starts."""
-    with _reserved_domain() as domain:
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'ros_log'))
+    with _own_domain(tmp_path / 'ros_log') as domain:
+        yield domain
+
+
+@pytest.fixture(scope='module')
+def module_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """Return a ROS domain for the runs that the tests of a module share."""
+    with _own_domain(tmp_path_factory.mktemp('ros_log')) as domain:
         yield domain
 
 
@@ -64,6 +83,31 @@ def ros(ros_domain: int) -> Iterator[Context]:
     context.init(domain_id=ros_domain)
     yield context
     context.try_shutdown()
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    """Return a function that starts Python in `tmp_path`; the process is gone after the test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(
+        *arguments: str,
+        before: tuple[str, ...] = (),
+        **options: Any,
+    ) -> subprocess.Popen[str]:
+        pipes = dict.fromkeys(('stdout', 'stderr'), subprocess.PIPE)
+        process = subprocess.Popen(
+            [*before, sys.executable, *arguments],
+            text=True,
+            **{'cwd': tmp_path, 'stdin': subprocess.DEVNULL} | pipes | options,
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 
 import yaml
 from barc_interfaces.msg import ECU
-from command_line import call, spinning, started
+from command_line import barc, call, spinning, started
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -44,7 +44,7 @@ def talker(ros: Context) -> Iterator[Node]:
 
 @pytest.mark.usefixtures('talker')
 def test_messages_are_documents_of_yaml() -> None:
-    done = call('echo', '/car/ecu', '-n', '3')
+    done = barc('echo', '/car/ecu', '-n', '3')
     assert (done.returncode, done.stderr) == (0, '')
     *documents, rest = yaml.safe_load_all(done.stdout)
     assert rest is None
@@ -59,12 +59,12 @@ def test_messages_are_documents_of_yaml() -> None:
 
 @pytest.mark.usefixtures('talker')
 def test_name_without_its_slash_will_do() -> None:
-    assert call('echo', 'car/ecu', '--field', 'servo', '--once').stdout == '-0.25\n---\n'
+    assert barc('echo', 'car/ecu', '--field', 'servo', '--once').stdout == '-0.25\n---\n'
 
 
 @pytest.mark.usefixtures('talker')
 def test_csv_is_a_line_for_a_message() -> None:
-    done = call('echo', '/car/ecu', '--csv', '-n', '2')
+    done = barc('echo', '/car/ecu', '--csv', '-n', '2')
     lines = [line.split(',') for line in done.stdout.splitlines()]
     assert [(*line[:3], line[4]) for line in lines] == [('7', '0', '', '-0.25')] * 2
 
@@ -109,7 +109,7 @@ def test_latched_message_is_seen_by_a_late_subscriber(ros: Context) -> None:
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node.create_publisher(String, 'news', latched).publish(String(data='once'))
     with spinning(ros, node):
-        assert call('echo', 'news', '--once').stdout == 'data: once\n---\n'
+        assert barc('echo', 'news', '--once').stdout == 'data: once\n---\n'
 
 
 def test_best_effort_is_received_and_more_is_refused(ros: Context) -> None:
@@ -118,8 +118,8 @@ def test_best_effort_is_received_and_more_is_refused(ros: Context) -> None:
     publisher = node.create_publisher(String, 'news', profile)
     node.create_timer(0.01, lambda: publisher.publish(String(data='again')))
     with spinning(ros, node):
-        assert call('echo', 'news', '--once').stdout == 'data: again\n---\n'
-        refused = call('echo', 'news', '--once', '--qos-reliability', 'reliable')
+        assert barc('echo', 'news', '--once').stdout == 'data: again\n---\n'
+        refused = barc('echo', 'news', '--once', '--qos-reliability', 'reliable')
     assert (refused.returncode, refused.stdout) == (2, '')
     assert refused.stderr == (
         'barc echo: error: no publisher offers /news as reliable and volatile: request best_effort '
@@ -148,7 +148,7 @@ def test_best_effort_is_received_and_more_is_refused(ros: Context) -> None:
 )
 @pytest.mark.usefixtures('talker')
 def test_mistake_is_one_sentence(options: list[str], sentence: str) -> None:
-    done = call('echo', *options)
+    done = barc('echo', *options)
     assert (done.returncode, done.stdout) == (2, '')
     (line,) = done.stderr.splitlines()
     assert sentence in line

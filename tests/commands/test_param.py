@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 import yaml
-from command_line import call, spinning
+from command_line import barc, call, spinning
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -54,27 +54,27 @@ def value(node: Node, name: str) -> object:
 @pytest.mark.usefixtures('car')
 def test_names_are_listed_of_one_node_and_of_all() -> None:
     names = [f'  {name}' for name in sorted([*(one.name for one in TABLE), *BUILT_IN])]
-    assert call('param', 'list', 'one/car').stdout.splitlines() == names
-    assert call('param', 'list').stdout.splitlines() == ['/one/car:', *names]
-    assert '  gain (type: double)\n' in call('param', 'list', '/one/car', '--param-type').stdout
+    assert barc('param', 'list', 'one/car').stdout.splitlines() == names
+    assert barc('param', 'list').stdout.splitlines() == ['/one/car:', *names]
+    assert '  gain (type: double)\n' in barc('param', 'list', '/one/car', '--param-type').stdout
 
 
 @pytest.mark.usefixtures('car')
 def test_value_is_printed_with_its_type_or_alone() -> None:
-    assert call('param', 'get', '/one/car', 'gain').stdout == 'Double value is: 30.0\n'
-    assert call('param', 'get', '/one/car', 'wait').stdout == 'Boolean value is: True\n'
-    assert call('param', 'get', '/one/car', 'road', '--hide-type').stdout == 'lab\n'
+    assert barc('param', 'get', '/one/car', 'gain').stdout == 'Double value is: 30.0\n'
+    assert barc('param', 'get', '/one/car', 'wait').stdout == 'Boolean value is: True\n'
+    assert barc('param', 'get', '/one/car', 'road', '--hide-type').stdout == 'lab\n'
 
 
 def test_value_is_set(car: Node) -> None:
-    done = call('param', 'set', '/one/car', 'gain', '20.0')
+    done = barc('param', 'set', '/one/car', 'gain', '20.0')
     assert (done.returncode, done.stdout, done.stderr) == (0, 'Set parameter successful\n', '')
     assert value(car, 'gain') == 20.0
 
 
 @pytest.mark.usefixtures('car')
 def test_description_and_bounds_are_printed() -> None:
-    assert call('param', 'describe', '/one/car', 'mass').stdout == (
+    assert barc('param', 'describe', '/one/car', 'mass').stdout == (
         'Parameter name: mass\n  Type: double\n  Description: the mass [kg]\n  Constraints:\n'
         '    Read only: true\n    Min value: 1.0\n    Max value: 1000000.0\n'
     )
@@ -118,7 +118,7 @@ def test_description_and_bounds_are_printed() -> None:
 )
 def test_mistake_is_one_sentence(car: Node, words: str, sentence: str) -> None:
     before = [value(car, parameter.name) for parameter in TABLE]
-    done = call('param', *words.split())
+    done = barc('param', *words.split())
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == f'barc param: error: {sentence}\n'
     assert [value(car, parameter.name) for parameter in TABLE] == before
@@ -138,10 +138,10 @@ def test_dump_is_loaded_again(car: Node, tmp_path: Path) -> None:
     path = tmp_path / 'car.yaml'
     for name, other in (('gain', 1e-7), ('road', '7'), ('seed', 2**53), ('wait', False)):
         assert car.set_parameters([RosParameter(name, value=other)])[0].successful
-    path.write_text(call('param', 'dump', '/one/car').stdout)
+    path.write_text(barc('param', 'dump', '/one/car').stdout)
     default = {parameter.name: parameter.default for parameter in TABLE if not parameter.read_only}
     car.set_parameters([RosParameter(name, value=one) for name, one in default.items()])
-    done = call('param', 'load', '/one/car', str(path))
+    done = barc('param', 'load', '/one/car', str(path))
     assert (done.returncode, done.stderr) == (0, '')
     assert 'Set parameter gain successful\n' in done.stdout
     assert 'Set parameter mass successful: read-only, and unchanged\n' in done.stdout
@@ -152,7 +152,7 @@ def test_what_cannot_be_loaded_is_named_and_the_rest_is_loaded(car: Node, tmp_pa
     path = tmp_path / 'car.yaml'
     given = {'gain': 5.0, 'mass': 3.0, 'road': 7, 'other': 1}
     path.write_text(yaml.safe_dump({'/**': {'ros__parameters': given}}))
-    done = call('param', 'load', '/one/car', str(path))
+    done = barc('param', 'load', '/one/car', str(path))
     assert done.returncode == 1
     assert done.stdout == 'Set parameter gain successful\n'
     assert [line.partition(' failed: ')[0] for line in done.stderr.splitlines()] == [
@@ -197,7 +197,7 @@ def dumped(ros: Context, tmp_path: Path) -> Path:
     )
     path = tmp_path / 'dump.yaml'
     with spinning(ros, *nodes):
-        path.write_text(''.join(call('param', 'dump', node.get_name()).stdout for node in nodes))
+        path.write_text(''.join(barc('param', 'dump', node.get_name()).stdout for node in nodes))
     return path
 
 
@@ -233,7 +233,7 @@ def test_dump_loaded_into_a_controller_that_runs_is_the_same_run(
     controller = CruiseController(context=ros)
     arrived = threading.Event()
     with spinning(ros, controller):
-        assert call('param', 'load', 'controller', str(dumped)).returncode == 0
+        assert barc('param', 'load', 'controller', str(dumped)).returncode == 0
         simulator = VehicleSimulator(
             context=ros, cli_args=['--ros-args', '--params-file', str(dumped)]
         )

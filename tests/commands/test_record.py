@@ -43,7 +43,6 @@ def recording(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start the command."""
     with subprocess.Popen(
         [sys.executable, '-m', 'barc_sim', 'record', *arguments],
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -7,9 +7,7 @@ import pty
 import random
 import signal
 import subprocess
-import sys
 from contextlib import closing
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,16 +17,15 @@ pytest.importorskip('rclpy')
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-import barc_sim
 from barc_sim.bags import reader as bag
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
+    from pathlib import Path
 
     Start = Callable[..., subprocess.Popen[str]]
     Run = Callable[..., tuple[int, str, str]]
 
-ROOT = Path(barc_sim.__file__).parents[1]
 # The signal ends the process until the command takes over, and not with Python's own traceback.
 PRELUDE = 'import signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL)\n'
 SCRIPT = 'from barc_sim.run import main; sys.exit(main())'
@@ -47,28 +44,14 @@ def here(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def start(here: Path) -> Iterator[Start]:
+def start(start: Start, here: Path) -> Start:
     """Return a function that starts a run, which is gone after the test."""
-    started: list[subprocess.Popen[str]] = []
 
-    def start(
-        *options: str, prelude: str = PRELUDE, stdout: int = subprocess.PIPE
-    ) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, '-c', prelude + SCRIPT, *options],
-            cwd=here,
-            env=os.environ | {'PYTHONPATH': str(ROOT), 'TERM': 'xterm', 'COLUMNS': '120'},
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        return process
+    def run(*options: str, prelude: str = PRELUDE, **others: int) -> subprocess.Popen[str]:
+        environment = os.environ | {'TERM': 'xterm', 'COLUMNS': '120'}
+        return start('-c', prelude + SCRIPT, *options, cwd=here, env=environment, **others)
 
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+    return run
 
 
 @pytest.fixture

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import signal
-import subprocess
-import sys
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,18 +13,16 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.bags.recovery import recover
-from barc_sim.control import pid
-from barc_sim.vehicle import bike_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    import subprocess
+    from collections.abc import Callable
+    from pathlib import Path
 
     Start = Callable[..., subprocess.Popen[str]]
 
-ROOT = Path(barc_sim.__file__).parents[1]
 MAX = ('--realtime-factor', 'max')
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
@@ -45,27 +40,9 @@ class PID:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
+def start(start: Start) -> Start:
     """Return a function that starts a run, which is gone after the test."""
-    started: list[subprocess.Popen[str]] = []
-
-    def start(*options: str) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'barc_sim.run', *options],
-            cwd=tmp_path,
-            env=os.environ | {'PYTHONPATH': str(ROOT), 'TERM': 'xterm', 'COLUMNS': '120'},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
+    return partial(start, '-m', 'barc_sim.run')
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
@@ -80,25 +57,8 @@ def lab(folder: Path, **files: str) -> Path:
     return folder
 
 
-def reference(folder: Path) -> Path:
-    texts = {'bike_model': bike_model.__file__, 'controller': pid.__file__}
-    return lab(folder, **{name: Path(file or '').read_text() for name, file in texts.items()})
-
-
 def failing(step: int) -> str:
     return PID.format(line=f'assert self.calls < {step}')
-
-
-def test_the_references_own_folder_drives_the_same_run_bit_for_bit(
-    start: Start, tmp_path: Path
-) -> None:
-    reference(tmp_path / 'lab')
-    for options in (('--lab', 'lab', '--bag-dir', 'own'), ('--bag-dir', 'bags')):
-        code, _, err = finish(start('acc', '-q', *MAX, *options))
-        assert (code, err) == (0, '')
-    own, expected = (bag.read(bag.newest(tmp_path / name)) for name in ('own', 'bags'))
-    for name in own.columns():
-        assert np.array_equal(getattr(own, name), getattr(expected, name), equal_nan=True), name
 
 
 def test_the_bag_has_the_files_that_drove_and_their_hashes(start: Start, tmp_path: Path) -> None:

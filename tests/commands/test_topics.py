@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU
-from command_line import call, spinning
+from command_line import barc, spinning
 from rclpy.node import Node
 from std_msgs.msg import String
 
@@ -33,7 +33,7 @@ def nodes(ros: Context) -> Iterator[None]:
 
 
 def test_topics_have_types_and_counts_of_both_ends() -> None:
-    done = call('topics')
+    done = barc('topics')
     assert (done.returncode, done.stderr) == (0, '')
     lines = done.stdout.splitlines()
     assert '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber' in lines
@@ -42,12 +42,12 @@ def test_topics_have_types_and_counts_of_both_ends() -> None:
 
 
 def test_hidden_topics_are_listed_when_asked_for() -> None:
-    done = call('topics', '--include-hidden-topics')
+    done = barc('topics', '--include-hidden-topics')
     assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
 
 
 def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
-    done = call('topics', '-v', 'ecu')
+    done = barc('topics', '-v', 'ecu')
     first, *blocks = done.stdout.strip().split('\n\n')
     assert first == '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber'
     publisher, subscription = blocks
@@ -58,7 +58,7 @@ def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
 
 
 def test_rate_is_measured() -> None:
-    done = call('topics', 'ecu', '--hz', '1')
+    done = barc('topics', 'ecu', '--hz', '1')
     _, rate = done.stdout.splitlines()
     words = re.fullmatch(
         r'  average rate: ([\d.]+) min: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)', rate
@@ -69,6 +69,6 @@ def test_rate_is_measured() -> None:
 
 
 def test_topic_without_endpoints_is_one_sentence() -> None:
-    done = call('topics', 'ecus')
+    done = barc('topics', 'ecus')
     assert (done.returncode, done.stdout) == (2, '')
     assert done.stderr == 'barc topics: error: there is no topic /ecus: did you mean /ecu?\n'

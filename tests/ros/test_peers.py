@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,14 +13,12 @@ pytest.importorskip('rclpy')
 
 from rclpy.node import Node
 
-import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.ros.peers import claim
 
 if TYPE_CHECKING:
     from rclpy.context import Context
 
-ROOT = Path(barc_sim.__file__).parents[1]
 HOLDER = """
 import rclpy
 from rclpy.node import Node
@@ -66,7 +62,6 @@ def test_claim_of_a_killed_process_is_free_at_once(ros: Context) -> None:
     node = Node('car', context=ros)
     with subprocess.Popen(
         [sys.executable, '-c', HOLDER],
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

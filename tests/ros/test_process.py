@@ -38,7 +38,6 @@ def start() -> Iterator[Start]:
         started.append(
             subprocess.Popen(
                 [sys.executable, '-m', 'barc_sim', 'node', node, '--ros-args', *options],
-                env=os.environ | {'PYTHONPATH': str(ROOT)},
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 text=True,

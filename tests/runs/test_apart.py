@@ -6,21 +6,16 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_interfaces.msg import ZDynBkMdl
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
-import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.control.pid import speed_controller
 from barc_sim.ros.peers import living_publishers
@@ -28,12 +23,12 @@ from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from rclpy.context import Context
 
     Start = Callable[..., subprocess.Popen[str]]
 
-ROOT = Path(barc_sim.__file__).parents[1]
 DEADLINE = 60.0
 #: What anybody might write; it dies by itself after so many states.
 THEIRS = """
@@ -58,29 +53,6 @@ FOR_EVER = '-1'
 RUN = ('-m', 'barc_sim.run', 'acc', '-q', '--no-controller', '--realtime-factor', 'max')
 
 
-@pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
-    """Return a function that starts Python, which is gone after the test."""
-    started: list[subprocess.Popen[str]] = []
-
-    def start(*arguments: str, before: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-        process = subprocess.Popen(
-            [*before, sys.executable, *arguments],
-            cwd=tmp_path,
-            env=os.environ | {'PYTHONPATH': str(ROOT)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
 def there(process: subprocess.Popen[str]) -> None:
     assert process.stdout
     assert process.stdout.readline() == 'there\n'
@@ -97,48 +69,18 @@ def ended(run: subprocess.Popen[str]) -> str:
 # In processes of their own
 
 
-def test_each_node_in_a_process_of_its_own_makes_the_rollout_to_the_last_bit(
-    ros: Context, spin_until: Callable[..., None], start: Start
+@pytest.mark.usefixtures('ros_domain')
+def test_a_controller_in_a_process_of_its_own_drives_one_run_like_the_other(
+    start: Start, tmp_path: Path
 ) -> None:
-    states: list[Any] = []
-    node = Node('listener', context=ros)
-    node.create_subscription(ZDynBkMdl, 'z_vhcl', states.append, QoSProfile(depth=10_000))
-    executor = SingleThreadedExecutor(context=ros)
-    executor.add_node(node)
-    parameters = ('--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=30.0')
-    simulator = start('-m', 'barc_sim', 'node', 'vehicle_simulator', *parameters)
-    assert simulator.stderr
-    assert 'waiting for a controller that publishes /ecu' in simulator.stderr.readline()
     start('-m', 'barc_sim', 'node', 'controller')
-    expected = closed_loop(distance=30.0)
-    spin_until(executor, lambda: len(states) == len(expected), deadline=DEADLINE)
-    ended(simulator)
-    executor.shutdown()
-    node.destroy_node()
-    assert [(s.x, s.y, s.psi, s.v_x) for s in states] == list(
-        zip(*(getattr(expected, name).tolist() for name in ('x', 'y', 'psi', 'v_x')), strict=True)
-    )
-
-
-def test_a_simulator_that_follows_another_finds_its_controller_as_at_the_start(
-    ros: Context, spin_until: Callable[..., None], start: Start
-) -> None:
-    states: list[Any] = []
-    node = Node('listener', context=ros)
-    node.create_subscription(ZDynBkMdl, 'z_vhcl', states.append, QoSProfile(depth=10_000))
-    executor = SingleThreadedExecutor(context=ros)
-    executor.add_node(node)
-    start('-m', 'barc_sim', 'node', 'controller')
-    parameters = ('--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=5.0')
-    count = len(closed_loop(distance=5.0))
-    for drives in (1, 2):
-        simulator = start('-m', 'barc_sim', 'node', 'vehicle_simulator', *parameters)
-        spin_until(executor, lambda drives=drives: len(states) == drives * count, deadline=DEADLINE)
-        ended(simulator)
-    executor.shutdown()
-    node.destroy_node()
-    one, other = ([(s.x, s.v_x) for s in drive] for drive in (states[:count], states[count:]))
-    assert one == other
+    expected = closed_loop(distance=5.0)
+    for _ in range(2):
+        log = bag.read(tmp_path / ended(start(*RUN, '--distance', '5')))
+        assert (log.x.tolist(), log.motor.tolist()) == (
+            expected.x.tolist(),
+            expected.motor.tolist(),
+        )
 
 
 def test_a_publisher_counts_as_gone_as_soon_as_its_process_was_killed(
@@ -181,6 +123,7 @@ def test_a_controller_of_others_takes_the_place_of_ours(
     assert not log.missed.any()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('ros_domain')
 def test_a_run_waits_for_a_controller_that_dies_until_it_returns(
     start: Start, tmp_path: Path
@@ -236,6 +179,7 @@ def machines(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, ...]]]
             subprocess.run(['ip', 'netns', 'del', name], check=False, capture_output=True)  # noqa: S607
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('ros_domain')
 def test_a_run_on_one_machine_is_driven_from_another(
     machines: list[tuple[str, ...]], start: Start, tmp_path: Path
@@ -251,6 +195,7 @@ def test_a_run_on_one_machine_is_driven_from_another(
     assert log.v_x.tolist() == expected.v_x.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('ros_domain')
 def test_without_network_a_run_is_not_seen_from_another_machine(
     machines: list[tuple[str, ...]], start: Start

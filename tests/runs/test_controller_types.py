@@ -24,7 +24,7 @@ OPTIONS = ('acc', '--quiet', '--realtime-factor', 'max', '--distance', '30')
 
 
 @pytest.fixture(scope='module')
-def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:  # noqa: ARG001
     """Return the bag of a run with an LQR."""
     folder = tmp_path_factory.mktemp('run')
     gain = ('--gain', 'speed_weight=100', '--gain', 'observer_gain=1')

@@ -67,7 +67,6 @@ def process(*arguments: str, stdout: Path) -> Iterator[None]:
         stdout.open('w') as stream,
         subprocess.Popen(
             [sys.executable, *arguments],
-            env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
             stdout=stream,
         ) as started,
     ):

@@ -2,62 +2,26 @@
 
 from __future__ import annotations
 
-import os
 import socket
-import subprocess
-import sys
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
-from rosbags.highlevel import AnyReader
+from command_line import acc, bag_of, messages
 
-import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
-ROOT = Path(barc_sim.__file__).parents[1]
 EACH_STATE = {'/odom', '/accel', '/joint_states'}
 NOW_AND_THEN = {'/path', '/markers', '/road_markers', '/diagnostics'}
 pytestmark = pytest.mark.usefixtures('ros_domain')
-
-
-def drive(folder: Path, *options: str, before: str = '') -> subprocess.CompletedProcess[str]:
-    """Run `acc` in `folder`, after the statement `before` in the same process."""
-    code = f'import sys\n{before}\nfrom barc_sim.run import main\nsys.exit(main())'
-    return subprocess.run(
-        [sys.executable, '-c', code, 'acc', '--quiet', *options],
-        cwd=folder,
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-
-
-def bag_of(folder: Path, *options: str) -> Path:
-    done = drive(folder, *options)
-    assert done.returncode == 0, done.stderr
-    return folder / done.stdout.strip()
-
-
-def messages(path: Path) -> dict[str, list[Any]]:
-    """Return a bag's messages by topic, but for those of every node."""
-    found: dict[str, list[Any]] = {}
-    with AnyReader([path]) as reader:
-        wanted = [c for c in reader.connections if c.topic not in {'/rosout', '/parameter_events'}]
-        for connection, _, data in reader.messages(connections=wanted):
-            message = reader.deserialize(data, connection.msgtype)
-            found.setdefault(connection.topic, []).append(message)
-    return found
 
 
 def test_every_state_is_mirrored_and_the_run_is_the_same(tmp_path: Path) -> None:
@@ -114,14 +78,14 @@ def test_port_that_foxglove_cannot_have_ends_the_run_before_it_begins(
     tmp_path: Path, taken: int
 ) -> None:
     pytest.importorskip('foxglove')
-    done = drive(tmp_path, '--foxglove', str(taken))
+    done = acc(tmp_path, '--foxglove', str(taken))
     assert (done.returncode, done.stdout) == (2, '')
     assert f'port {taken} cannot be had for Foxglove' in done.stderr.splitlines()[-1]
     assert not (tmp_path / 'bags').exists()
 
 
 def test_sdk_that_is_missing_ends_the_run_before_it_begins(tmp_path: Path) -> None:
-    done = drive(tmp_path, '--foxglove', before="sys.modules['foxglove'] = None")
+    done = acc(tmp_path, '--foxglove', script="sys.modules['foxglove'] = None")
     assert (done.returncode, done.stdout) == (2, '')
     assert 'the Foxglove SDK is not installed in this Python' in done.stderr.splitlines()[-1]
     assert not (tmp_path / 'bags').exists()

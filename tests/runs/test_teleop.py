@@ -11,7 +11,6 @@ import subprocess
 import sys
 import termios
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,17 +20,16 @@ pytest.importorskip('rclpy')
 
 from rosbags.highlevel import AnyReader
 
-import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.control.driver import COAST, DriverInput, Limits
 from barc_sim.simulation.closed_loop import drive
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from barc_sim.simulation.log import Log
 
-ROOT = Path(barc_sim.__file__).parents[1]
 DEADLINE = 60.0
 READY = b'q ends'
 # As a terminal window does it: the pseudo-terminal controls the process.
@@ -57,7 +55,7 @@ class Session:
         self.process = subprocess.Popen(
             [sys.executable, '-c', TAKE_TERMINAL + script + MAIN, 'teleop', *options],
             cwd=folder,
-            env=os.environ | {'PYTHONPATH': str(ROOT), 'TERM': 'xterm'},
+            env=os.environ | {'TERM': 'xterm'},
             stdin=self.fd,
             stdout=self.fd,
             stderr=self.fd,
@@ -269,18 +267,16 @@ def test_without_a_terminal_it_says_so_and_drives_from_cmd_vel(tmp_path: Path) -
         'while speed[-1] < 1.0:\n'
         '    rclpy.spin_once(node)\n'
     )
-    env = os.environ | {'PYTHONPATH': str(ROOT)}
     run = subprocess.Popen(
         [sys.executable, '-m', 'barc_sim.run', 'teleop'],
         cwd=tmp_path,
-        env=env,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
     try:
-        subprocess.run([sys.executable, '-c', publish], env=env, check=True, timeout=DEADLINE)
+        subprocess.run([sys.executable, '-c', publish], check=True, timeout=DEADLINE)
         run.send_signal(signal.SIGTERM)
         out, err = run.communicate(timeout=DEADLINE)
     finally:
@@ -292,11 +288,10 @@ def test_without_a_terminal_it_says_so_and_drives_from_cmd_vel(tmp_path: Path) -
 
 def relayless(folder: Path) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
     """Start a simulator with a command timeout, and a relay, each in its process."""
-    env = os.environ | {'PYTHONPATH': str(ROOT)}
     parameters = ['--ros-args', '-p', 'command_timeout:=0.5', '-p', 'road:=flat']
     simulator, relay = (
         subprocess.Popen(
-            [sys.executable, '-m', 'barc_sim', 'node', name, *more], cwd=folder, env=env, text=True
+            [sys.executable, '-m', 'barc_sim', 'node', name, *more], cwd=folder, text=True
         )
         for name, more in (('vehicle_simulator', parameters), ('relay', []))
     )
@@ -325,11 +320,9 @@ def test_killing_the_relay_stops_the_car(tmp_path: Path) -> None:
         'print(gone - killed)\n'
     )
     simulator, relay = relayless(tmp_path)
-    env = os.environ | {'PYTHONPATH': str(ROOT)}
     try:
         done = subprocess.run(
             [sys.executable, '-c', watch, str(relay.pid)],
-            env=env,
             capture_output=True,
             text=True,
             check=False,
@@ -347,7 +340,6 @@ def test_as_fast_as_it_goes_is_refused_with_one_sentence(tmp_path: Path) -> None
     done = subprocess.run(
         [sys.executable, '-m', 'barc_sim.run', 'teleop', '--realtime-factor', 'max'],
         cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,

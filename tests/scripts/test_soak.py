@@ -20,6 +20,7 @@ ROOT = Path(barc_sim.__file__).parents[1]
 LENGTH = [] if 'BARC_SIM_SOAK' in os.environ else ['--short']
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals'])

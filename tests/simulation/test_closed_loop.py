@@ -11,7 +11,6 @@ import pytest
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, PID, speed_controller
 from barc_sim.simulation.closed_loop import closed_loop, drive
-from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
@@ -19,15 +18,7 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-
-def assert_identical(left: Log, right: Log) -> None:
-    for name in COLUMNS:
-        ours: NDArray[np.generic] = getattr(left, name)
-        theirs: NDArray[np.generic] = getattr(right, name)
-        assert ours.dtype == theirs.dtype
-        assert ours.tobytes() == theirs.tobytes(), name
+    from barc_sim.simulation.log import Log
 
 
 @pytest.fixture(scope='module')
@@ -54,25 +45,6 @@ def test_default_run_keeps_the_acceleration_limit_and_uses_it(lab_run: Log) -> N
     assert at_limit[lab_run.saturated].all()
 
 
-def test_default_run_is_the_whole_course_at_8_m_s(lab_run: Log) -> None:
-    assert len(lab_run) == pytest.approx(1150, abs=10)
-    assert (lab_run.reference == 8.0).all()
-    assert set(np.unique(lab_run.theta_deg)) == {-30.0, -10.0, 0.0, 10.0, 30.0}
-
-
-def test_two_closed_loops_are_bit_identical(lab_run: Log) -> None:
-    assert_identical(lab_run, closed_loop())
-
-
-def test_two_closed_loops_with_noise_of_one_seed_are_bit_identical() -> None:
-    noise = Deviation(0.1, 0.1, 0.01, 0.1, 0.1, 0.01)
-    first, second, other = (
-        closed_loop(Plant(noise=noise, seed=s), distance=30.0) for s in (3, 3, 4)
-    )
-    assert_identical(first, second)
-    assert len(other) != len(first) or (other.v_x != first.v_x).any()
-
-
 def test_closed_loop_is_the_lab_templates_loop(lab_run: Log) -> None:
     """A user's plain loop over bikeFE and the controller, with nothing else of ours."""
     x = y = psi = v = 0.0
@@ -94,11 +66,6 @@ def test_closed_loop_is_the_lab_templates_loop(lab_run: Log) -> None:
 
 
 # What the log holds
-
-
-def test_times_are_whole_steps(lab_run: Log) -> None:
-    assert lab_run.t[:4].tolist() == [0.0, 0.02, 0.04, 0.06]
-    assert np.diff(lab_run.t) == pytest.approx(0.02)
 
 
 def test_log_tells_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
@@ -180,26 +147,12 @@ def test_run_with_no_speed_to_reach_stays_where_it_is_for_ten_minutes() -> None:
 # What it is given
 
 
-def test_speed_reference_is_reached_and_logged() -> None:
-    log = closed_loop(speed_reference=3.0, distance=19.0)
-    assert (log.reference == 3.0).all()
-    assert log.v_x[-1] == pytest.approx(3.0, abs=0.01)
-
-
 def test_plant_and_controller_are_left_as_the_run_left_them() -> None:
     plant, pid = Plant(), speed_controller()
     log = closed_loop(plant, pid, distance=30.0)
     assert plant.state.x == log.x[-1]
     assert plant.state.v == log.v_x[-1]
     assert pid.integral == log.integral[-1]
-
-
-def test_vehicle_and_step_of_the_plant_are_used() -> None:
-    plant = Plant(road=Road.flat(), vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0), ts=0.1)
-    log = closed_loop(plant, PID(1.0, 0.0, 0.0), max_duration=1.0)
-    k = np.arange(11)
-    assert log.t == pytest.approx(0.1 * k)
-    assert log.v_x == pytest.approx(8.0 * (1.0 - 0.9**k))
 
 
 def test_proportional_control_leaves_the_offset_that_the_hill_demands() -> None:
@@ -232,22 +185,10 @@ def test_speed_controller_stays_within_its_limit(limit: float) -> None:
     assert pid.acc_calculate(0.0, 8.0) == -limit
 
 
-def test_speed_controller_takes_gains() -> None:
-    pid = speed_controller(1.0, 2.0, 3.0)
-    assert (pid.kp, pid.ki, pid.kd) == (1.0, 2.0, 3.0)
-    assert (pid.output_min, pid.output_max) == (-8.0, 8.0)
-
-
 # Driving by hand
 
 
 REQUESTS = [(0.0, DriverInput(forward=1.0)), (1.5, DriverInput(turn=1.0)), (2.0, FULL_BRAKE)]
-
-
-def test_the_same_wishes_give_the_same_trajectory_bit_for_bit() -> None:
-    one, other = drive(REQUESTS, 6.0), drive(reversed(REQUESTS), 6.0)
-    for name in COLUMNS:
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
 
 
 def test_up_gives_the_speed_that_the_limits_predict() -> None:

@@ -13,10 +13,6 @@ from barc_sim.vehicle.bike_model import Input, State
 EXACT = [test_drive for test_drive in REFERENCE_DRIVES if test_drive.exact]
 
 
-def test_names_are_distinct() -> None:
-    assert len({test_drive.name for test_drive in REFERENCE_DRIVES}) == len(REFERENCE_DRIVES)
-
-
 @pytest.mark.parametrize('test_drive', EXACT, ids=lambda test_drive: test_drive.name)
 @pytest.mark.parametrize('share', [0.1, 0.55, 1.0])
 def test_closed_form_is_where_a_fine_solution_goes(

@@ -112,6 +112,7 @@ def test_start_publishes_the_first_state_and_starts_the_deadlines() -> None:
     assert (state[0], state[1].true.v_x, state[2]) == (0.0, 0.0, START)
     assert engine.stepper.phase is Phase.RUNNING
     assert engine.deadlines
+    assert started(realtime_factor=4.0).stepper.deadline_period == 0.005
 
 
 def test_lock_step_has_no_deadlines() -> None:
@@ -238,6 +239,8 @@ def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance() -> No
 
 def test_car_without_commands_brakes_after_the_timeout() -> None:
     engine = started(command_timeout=0.5)
+    engine.deadline()
+    assert not engine.warnings  # the timeout counts from the start
     engine.stepper.take_command(Input(4.0), 0)
     for _ in range(25):
         engine.deadline()

@@ -108,11 +108,6 @@ def test_grade_acts_whatever_the_mass() -> None:
     assert light == pytest.approx(heavy, rel=1e-12)
 
 
-def test_car_left_on_a_hill_rolls_down_it() -> None:
-    assert drive(1.0, TS, theta=radians(10.0)).x < 0.0
-    assert drive(1.0, TS, theta=radians(-10.0)).x > 0.0
-
-
 DRAGGED = Vehicle(mass=1000.0, air_drag_coeff=20.0, friction=50.0)
 
 
@@ -267,12 +262,6 @@ def test_reverse_is_the_mirror_of_forward(v: float, a: float, d_f: float, theta:
     assert reverse == State(*(-value for value in forward))
 
 
-def test_reversing_car_backs_away_from_its_heading() -> None:
-    state = step(State(psi=pi / 2.0, v=-2.0), Input(), 0.0, Vehicle(), 0.5)
-    assert (state.x, state.y) == pytest.approx((0.0, -1.0))
-    assert state.v > -2.0
-
-
 @properties
 @given(x=positions, y=positions, psi=headings, v=speeds, a=accelerations, d_f=steerings)
 def test_motion_does_not_depend_on_place(
@@ -317,14 +306,6 @@ def test_step_is_bike_fe_with_the_vehicles_parameters() -> None:
         l_r=1.9,
         g=3.7,
     )
-
-
-def test_defaults_are_the_labs_vehicle_at_rest() -> None:
-    assert State() == State(0.0, 0.0, 0.0, 0.0)
-    assert Input() == Input(0.0, 0.0)
-    assert Vehicle() == Vehicle(2000.0, 0.01308, 0.01711, 1.5, 1.5, 9.8)
-    command = (1.0, 2.0, 0.3, 4.0, 0.5, 0.2, 0.01308, 2000.0, 0.01711, 0.1, TS)
-    assert bikeFE(*command) == bikeFE(*command, l_f=1.5, l_r=1.5, g=9.8)
 
 
 @properties

@@ -285,11 +285,6 @@ def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> No
     DynamicBicycle(LateralParameters(dynamic_above=10.0), integrator).check(Vehicle(), ts)
 
 
-@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
-def test_default_step_is_short_enough(integrator: str) -> None:
-    DynamicBicycle(integrator=integrator).check(Vehicle(), 0.02)
-
-
 def test_car_that_is_unstable_itself_is_not_refused() -> None:
     v = 1.2 * critical_speed(CAR, OVERSTEERING)
     DynamicBicycle(OVERSTEERING._replace(dynamic_above=v)).check(CAR, 0.02)

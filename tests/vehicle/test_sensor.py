@@ -77,10 +77,6 @@ def test_other_seed_gives_other_errors() -> None:
     assert errors(Sensor(NOISY, 5), 1) != errors(Sensor(NOISY, 6), 1)
 
 
-def test_default_seed_is_zero() -> None:
-    assert errors(Sensor(NOISY), 3) == errors(Sensor(NOISY, 0), 3)
-
-
 def test_errors_are_the_same_on_every_python() -> None:
     unit = Deviation(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     assert errors(Sensor(unit, 1), 2)[-1] == pytest.approx(PINNED, rel=1e-12)

@@ -11,7 +11,6 @@ import termios
 import time
 from functools import partial
 from itertools import groupby
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -23,7 +22,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-import barc_sim
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.nodes.keyboard.keys import HeldKeys, KeyDecoder
 from barc_sim.nodes.keyboard.node import Keyboard
@@ -211,7 +209,6 @@ def test_closing_its_terminal_brakes_where_it_runs_alone(
             '-c',
             f'{take}from barc_sim.nodes.keyboard.node import main; sys.exit(main())',
         ],
-        env=os.environ | {'PYTHONPATH': str(Path(barc_sim.__file__).parents[1])},
         stdin=fd,
         start_new_session=True,
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
@@ -293,7 +292,6 @@ def alone(ros_domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:
             *(sys.executable, '-m', 'barc_sim', 'node', 'bag_recorder'),
             *('--ros-args', '-p', f'bag_dir:={tmp_path / "bags"}'),
         ],
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
     ) as process:
         yield process
         process.kill()

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
 from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +24,6 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
-import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros import names
@@ -35,10 +32,10 @@ from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from rclpy.context import Context
 
-ROOT = Path(barc_sim.__file__).parents[1]
 #: As rclpy's and rclcpp's time sources subscribe.
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: A plain node in a process of its own whose time comes from /clock alone.
@@ -174,7 +171,6 @@ def test_clock_never_goes_back_at_a_reset(
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize('factor', ['5', 'max'])
 def test_plain_node_in_another_process_keeps_time_with_a_run(tmp_path: Path, factor: str) -> None:
-    environment = os.environ | {'PYTHONPATH': str(ROOT)}
     options = ['--road', 'flat', '--distance', '0', '--realtime-factor', factor, '--quiet']
     with subprocess.Popen(
         [sys.executable, '-c', FOLLOWER], stdout=subprocess.PIPE, text=True
@@ -184,7 +180,6 @@ def test_plain_node_in_another_process_keeps_time_with_a_run(tmp_path: Path, fac
         with subprocess.Popen(
             [sys.executable, '-m', 'barc_sim.run', 'acc', *options],
             cwd=tmp_path,
-            env=environment,
             stdout=subprocess.PIPE,
             text=True,
         ) as run:
@@ -220,7 +215,6 @@ def test_own_nodes_do_the_same_with_simulated_time(tmp_path: Path) -> None:
             *('--mirrors', 'all', '--ros-args', '-p', 'use_sim_time:=true'),
         ],
         cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
         capture_output=True,
         text=True,
         check=False,

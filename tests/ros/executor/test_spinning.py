@@ -325,6 +325,7 @@ def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None
     assert process.returncode == 0
 
 
+@pytest.mark.slow
 def test_an_hour_of_lock_step_takes_no_memory(node: Node, executor: QuickExecutor) -> None:
     steps = 0
     done = Future()
