@@ -93,7 +93,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     def start(
         *arguments: str,
         before: tuple[str, ...] = (),
-        **options: Any,
+        **options: Any,  # noqa: ANN401 (of Popen)
     ) -> subprocess.Popen[str]:
         pipes = dict.fromkeys(('stdout', 'stderr'), subprocess.PIPE)
         process = subprocess.Popen(

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
-# The first test's set-up grades a class: in one worker only, and for a minute on a busy machine.
-pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group('grade')]
+# The first test's set-up grades a class: for a minute on a busy machine.
+pytestmark = pytest.mark.timeout(300)
 
 #: Of the default rubric.
 MODEL_POINTS, ALL_POINTS = 50.0, 100.0

@@ -31,11 +31,9 @@ START, FOUND = point(10.0, 20.0, 0.0), point(45.0, 800.0, 0.1)
 
 
 def drawn(cost: np.ndarray = COST, start: Point = START, found: Point = FOUND) -> Figure:
-    figure = tuning_figure(
+    return tuning_figure(
         Surface((0, 1), KP, KI, cost), start, found, cost='RMS speed error [m/s]', title='A title'
     )
-    figure.savefig(io.BytesIO(), format='png', dpi=40)
-    return figure
 
 
 def words(figure: Figure) -> set[str]:
@@ -94,6 +92,7 @@ def test_gains_that_never_arrive_are_left_white_and_said_to_be(lost: int) -> Non
 
 def test_a_run_that_never_reaches_its_speed_is_drawn() -> None:
     figure = drawn(start=point(0.5, 0.0, 0.0))
+    figure.savefig(io.BytesIO(), format='png', dpi=40)
     assert figure.axes[1].get_xlim()[1] > 10.0
 
 

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+#: One for each of ROS's parts; the others are slow, as their physics is that of the loops below.
+QUICK = {'noise', 'ten_cars', 'user_code', 'steered_dynamic_rk4', 'teleop_user_code'}
+
+
 @pytest.fixture(scope='module')
 def golden() -> dict[str, Any]:
     """Return the golden figures, of every run by its name."""
@@ -34,7 +38,10 @@ def test_every_golden_figure_belongs_to_a_run(golden: dict[str, Any]) -> None:
 
 
 @pytest.mark.usefixtures('ros_domain')
-@pytest.mark.parametrize('name', SCENARIOS)
+@pytest.mark.parametrize(
+    'name',
+    [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in SCENARIOS],
+)
 def test_run_gives_the_golden_figures(golden: dict[str, Any], name: str, tmp_path: Path) -> None:
     folder = tmp_path / 'run'
     folder.mkdir()

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 SOAK = 'BARC_SIM_SOAK' in os.environ
 RUNS = 100 if SOAK else 4
+PARTS = [pytest.param(run, marks=[pytest.mark.slow] * (run > 0)) for run in range(RUNS)]
 #: [ns] A machine that is busy with other tests may stall the recorder.
 MOST_LOST = 250_000_000 if SOAK else 2_000_000_000
 #: Prints the states that it receives, one in a line.
@@ -85,7 +86,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 @pytest.mark.timeout(1800)
 @pytest.mark.usefixtures('ros_domain')
-@pytest.mark.parametrize('run', range(RUNS))
+@pytest.mark.parametrize('run', PARTS)
 def test_a_killed_run_misses_a_quarter_second_at_most(tmp_path: Path, run: int) -> None:
     moment = random.Random(run).uniform(0.3, 2.0)  # noqa: S311 (no secret)
     seen, said = tmp_path / 'seen', tmp_path / 'said'
