@@ -18,7 +18,7 @@ import barc_sim
 from barc_sim.__main__ import main
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from rclpy.context import Context
     from rclpy.node import Node
@@ -38,11 +38,14 @@ def call(command: str, *options: str, timeout: float = 60.0) -> subprocess.Compl
     )
 
 
-def barc(command: str, *options: str) -> subprocess.CompletedProcess[str]:
-    """Run `barc COMMAND` in this process."""
+def barc(*words: str, main: Callable[..., int] = main) -> subprocess.CompletedProcess[str]:
+    """Run `barc COMMAND`, or another `main`, in this process."""
     with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
-        code = main([command, *options])
-    return subprocess.CompletedProcess(options, code, out.getvalue(), err.getvalue())
+        try:
+            code: Any = main([*words])
+        except SystemExit as end:  # of argparse
+            code = end.code
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 def acc(folder: Path, *options: str, script: str = '') -> subprocess.CompletedProcess[str]:

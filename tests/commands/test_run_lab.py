@@ -13,6 +13,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from command_line import barc
+
 from barc_sim.bags import reader as bag
 from barc_sim.bags.recovery import recover
 
@@ -136,15 +138,16 @@ def test_a_loop_without_end_ends_the_run(start: Start, tmp_path: Path) -> None:
     ],
 )
 def test_files_that_cannot_be_used_leave_nothing(
-    start: Start, tmp_path: Path, options: str, words: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: str, words: str
 ) -> None:
     lab(tmp_path / 'broken', controller='def (')
     lab(tmp_path / 'rospy', controller='import rospy\n')
     lab(tmp_path / 'empty')
-    code, out, err = finish(start('acc', '-q', *options.split()))
-    assert (code, out) == (2, '')
-    assert words in err
-    assert err.count('\n') == 1
+    monkeypatch.chdir(tmp_path)
+    done = barc('acc', '-q', *options.split())
+    assert (done.returncode, done.stdout) == (2, '')
+    assert words in done.stderr
+    assert done.stderr.count('\n') == 1
     assert not (tmp_path / 'bags').exists()
 
 

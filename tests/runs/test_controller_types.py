@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import call
+from command_line import barc, call
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader
@@ -58,7 +58,7 @@ def test_any_reader_of_bags_finds_the_terms(bag: Path) -> None:
 
 @pytest.mark.parametrize('command', ['plot', 'report', 'regrade'])
 def test_commands_take_the_bag(bag: Path, command: str) -> None:
-    done = call(command, str(bag))
+    done = barc(command, str(bag))
     assert (done.returncode, done.stderr) == (0, '')
     if command == 'report':
         text = (bag / 'report.html').read_text()
@@ -83,7 +83,8 @@ def test_commands_take_the_bag(bag: Path, command: str) -> None:
 def test_what_the_controller_does_not_have_is_refused(
     tmp_path: Path, options: tuple[str, ...], message: str
 ) -> None:
-    done = call('acc', '-q', '--bag-dir', str(tmp_path / 'bags'), *options)
+    run = call if '--ros-args' in options else barc  # others are refused before ROS starts
+    done = run('acc', '-q', '--bag-dir', str(tmp_path / 'bags'), *options)
     assert done.returncode == 2
     assert message in done.stderr
     assert not (tmp_path / 'bags').exists()
