@@ -46,6 +46,9 @@ _KEYS = {
     'ArrowLeft': ('ArrowLeft', 37),
     'ArrowRight': ('ArrowRight', 39),
     'Space': (' ', 32),
+    'Tab': ('Tab', 9),
+    'Escape': ('Escape', 27),
+    'KeyF': ('f', 70),
     'KeyR': ('r', 82),
     'KeyP': ('p', 80),
 }
@@ -178,6 +181,20 @@ class Tab:
         self.ask(
             'Input.dispatchKeyEvent', type=kind, code=code, key=key, windowsVirtualKeyCode=number
         )
+
+    def type(self, code: str) -> None:
+        """Press a key and release it."""
+        self.press(code)
+        self.release(code)
+
+    def focus_by_tab(self, selector: str) -> None:
+        """Press Tab until an element has the focus."""
+        self.run('document.activeElement.blur()')
+        for _ in range(60):
+            self.type('Tab')
+            if self.run(f'document.activeElement.matches({selector!r})'):
+                return
+        raise AssertionError(f'Tab does not reach {selector}')
 
     def touch(self, kind: str, *points: tuple[float, float]) -> None:
         """Put fingers on the screen ('touchStart'), move or lift them ('touchEnd')."""

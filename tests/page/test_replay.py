@@ -106,5 +106,16 @@ def test_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
         assert tab.text('#seek-time') == f'13.0 / {log.t[-1]:.1f} s'
         tab.click('#play')
         wait_until(lambda: tab.number('#time') > 13.2)
+        tab.type('Space')
+        wait_until(lambda: tab.text('#play') == 'Play')
+        before = tab.number('#time')
+        tab.type('ArrowLeft')
+        wait_until(lambda: tab.number('#time') == pytest.approx(before - 1.0, abs=0.11))
+        tab.focus_by_tab('#pace')
+        tab.type('ArrowDown')
+        assert tab.run("document.querySelector('#pace').value") == '2'
+        tab.focus_by_tab('#seek')
+        tab.type('ArrowRight')
+        wait_until(lambda: tab.number('#time') == pytest.approx(before, abs=0.11))
         assert tab.problems == []
         tab.close()

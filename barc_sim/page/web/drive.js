@@ -8,12 +8,21 @@ const LEAST = 20; // [ms] between two messages while a thumb moves
 const REPEAT = 50; // [ms] between two messages while something is held
 const DEAD = 0.12; // share of a pad's radius that counts as its middle
 
+const CONTROLS = 'a, button, input, select, textarea, summary, [tabindex]';
+
+/** Return whether a key belongs to the control that has the focus, not to the page. */
+export const isForControl = (event) => event.target instanceof Element && event.target.closest(CONTROLS) !== null;
+
 const clip = (value) => Math.min(Math.max(value, -1), 1);
 
 export class Driving {
-  /** `send` takes linear and angular, from -1 to 1, and the brake, from 0 to 1. */
-  constructor(send, commands) {
+  /**
+   * `send` takes linear and angular, from -1 to 1, and the brake, from 0 to 1. `enabled` returns
+   * whether keys drive now. While a control has the focus, keys are its own.
+   */
+  constructor(send, enabled, commands) {
     this.send = send;
+    this.enabled = enabled;
     this.pressed = new Map(); // event code -> action
     this.pads = { steer: 0, throttle: 0 };
     this.moving = false;
@@ -37,7 +46,9 @@ export class Driving {
 
   #listen(commands) {
     addEventListener('keydown', (event) => {
-      if (event.ctrlKey || event.altKey || event.metaKey) return;
+      if (event.ctrlKey || event.altKey || event.metaKey || !this.enabled()) return;
+      if (event.code === 'Escape') document.activeElement?.blur(); // keys drive again
+      if (isForControl(event)) return;
       const action = KEYS[event.code];
       if (action) {
         event.preventDefault();
@@ -50,11 +61,16 @@ export class Driving {
       }
     });
     addEventListener('keyup', (event) => {
-      if (!KEYS[event.code]) return;
-      event.preventDefault(); // space would press a button that has the focus
       if (this.pressed.delete(event.code)) this.#update();
     });
+    // A key pressed before the focus moved to a control is released.
+    addEventListener('focusin', (event) => isForControl(event) && this.release());
     addEventListener('blur', () => this.release());
+    // A button pressed with the mouse gives the keys back.
+    addEventListener('click', (event) => {
+      const button = event.target.closest?.('button');
+      if (event.detail > 0 && button && this.enabled()) button.blur();
+    });
     addEventListener('pagehide', () => this.release(1)); // the page is closed or hidden
     document.addEventListener('visibilitychange', () => document.hidden && this.release(1));
   }

@@ -24,6 +24,7 @@ const top = new TopView();
 let facts = { mode: 'acc', axles: [-1.5, 1.5], road: null };
 let road = new Road(null);
 let paused = false;
+let ended = false;
 let drawn = {}; // the last drawing
 let message_timer = null;
 
@@ -110,6 +111,7 @@ const connection = new Connection({
     else tuning.refuse(what, why);
   },
   end({ reason }) {
+    ended = true;
     setState('ended', 'Ended');
     showMessage(reason);
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
@@ -129,9 +131,9 @@ const pause = () => connection.send('pause', { on: !paused });
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 new Driving(
-  (linear, angular, brake) =>
-    facts.mode === 'teleop' && connection.send('drive', { linear, angular, brake }),
-  { KeyR: () => facts.mode === 'teleop' && reset(), KeyP: () => facts.mode === 'teleop' && pause() },
+  (linear, angular, brake) => connection.send('drive', { linear, angular, brake }),
+  () => facts.mode === 'teleop' && !facts.replay && !ended,
+  { KeyR: reset, KeyP: pause },
 );
 
 const degrees = (radians) => (radians * 180) / Math.PI;

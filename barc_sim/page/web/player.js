@@ -1,11 +1,15 @@
 // Plays a recorded run, with a time slider.
 
+import { isForControl } from './drive.js';
 import { reading } from './look.js';
+
+const SKIP = 1; // [s] that an arrow key seeks
 
 export class Player {
   constructor(history) {
     this.history = history;
     this.time = 0;
+    this.ready = false;
     this.playing = false;
     this.last = null;
     this.button = document.getElementById('play');
@@ -14,6 +18,22 @@ export class Player {
     this.pace = document.getElementById('pace');
     this.button.addEventListener('click', () => this.#play(!this.playing));
     this.slider.addEventListener('input', () => { this.time = Number(this.slider.value); });
+    addEventListener('keydown', (event) => this.#onKey(event));
+  }
+
+  /** Space plays and pauses, left and right seek, unless a focused control uses the key. */
+  #onKey(event) {
+    if (!this.ready || event.ctrlKey || event.altKey || event.metaKey) return;
+    const seeks = { ArrowLeft: -SKIP, ArrowRight: SKIP }[event.code];
+    const target = event.target instanceof Element ? event.target : document.body;
+    if (event.code === 'Space' && (target === this.slider || !isForControl(event))) {
+      if (!event.repeat) this.#play(!this.playing);
+    } else if (seeks && (target === this.slider || !target.matches('input, select, textarea'))) {
+      this.time = Math.min(Math.max(this.time + seeks, 0), this.history.last('t'));
+    } else {
+      return;
+    }
+    event.preventDefault();
   }
 
   /** Prepare a run; `missed` is its count of missed deadlines. */
@@ -25,6 +45,7 @@ export class Player {
 
   /** Play the run, once it is loaded. */
   loaded() {
+    this.ready = true;
     this.slider.max = this.history.last('t');
     this.#play(true);
   }

@@ -313,6 +313,40 @@ def test_sliders_set_the_controllers_parameters_and_follow_them(
     other.until("document.querySelector('#speed_reference-slider').value === '5'")
 
 
+def test_sliders_work_by_keyboard_and_arrows_do_not_drive(
+    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
+) -> None:
+    view, car, controller = acc
+    tab = open_(view.url)
+    tab.until("document.querySelector('#kp').value === '30'")
+    tab.focus_by_tab('#kp-slider')
+    tab.type('ArrowRight')
+    wait_until(lambda: controller.get_parameter('kp').value == pytest.approx(30.5))
+    assert car.twists == []
+    tab.focus_by_tab('#pause')
+    tab.type('Space')
+    wait_until(lambda: car.paused)
+
+
+def test_keys_of_a_focused_control_do_not_drive(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    tab.focus_by_tab('#pause')
+    tab.press('ArrowUp')
+    tab.release('ArrowUp')
+    tab.type('Space')
+    wait_until(lambda: car.paused)
+    tab.type('Space')
+    wait_until(lambda: not car.paused)
+    assert car.twists == []
+    tab.type('Escape')
+    tab.press('ArrowUp')
+    wait_until(lambda: car.state.v > 0.5)
+    tab.release('ArrowUp')
+
+
 def test_refused_value_is_explained_and_replaced(
     acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
 ) -> None:
