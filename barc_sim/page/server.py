@@ -7,7 +7,7 @@ import logging
 import socket
 from http import HTTPStatus
 from pathlib import Path
-from secrets import compare_digest, token_urlsafe
+from secrets import compare_digest, token_hex, token_urlsafe
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
@@ -19,7 +19,8 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import RequestError, parse
+from barc_sim.page.protocol import RequestError, encode, parse
+from barc_sim.page.token import kept_token
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -102,7 +103,8 @@ class ViewServer:
     Attributes
     ----------
     url
-        The page's address. Its first part is the token.
+        The page's address. Its first part is the token, the same for each run of this checkout
+        on a given port; a new one where the port is any.
     """
 
     def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
@@ -115,7 +117,9 @@ class ViewServer:
         """
         self._host = host
         self._socket = _listen(address, port)
-        self._token = token_urlsafe(16)
+        # A page that is still open finds the next run on the same port.
+        self._token = (port and kept_token(port)) or token_urlsafe(16)
+        self._run_id = token_hex(8)
         name = _reachable(address)
         name = f'[{name}]' if ':' in name else name
         self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
@@ -202,6 +206,8 @@ class ViewServer:
             if origin and origin == request.headers.get('Host'):
                 return None
             return _refuse(HTTPStatus.FORBIDDEN, 'A page of another origin cannot connect.')
+        if name == 'run':
+            return _response(HTTPStatus.OK, 'text/plain', self._run_id.encode())
         name = name or 'index.html'
         if name not in self._files or not slash:
             return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
@@ -213,6 +219,7 @@ class ViewServer:
             return
         page = Page(connection)
         try:
+            broadcast([connection], encode('run', id=self._run_id))
             for message in self._host.greet():
                 broadcast([connection], message)
             self._pages[connection] = page

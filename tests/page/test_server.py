@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import random
 import socket
 import time
@@ -184,11 +185,13 @@ def test_a_tunnel_with_another_port_is_no_other_origin(server: ViewServer) -> No
     with socket.create_connection(('127.0.0.1', urlsplit(server.url).port)) as tunnel:
         tunnel.settimeout(DEADLINE)
         with connect(address, sock=tunnel, origin='http://localhost:9999') as client:
-            assert client.recv(DEADLINE) == encode('hello')
+            assert json.loads(client.recv(DEADLINE))['type'] == 'run'
 
 
 def test_page_is_greeted_first(server: ViewServer) -> None:
     with page(server) as client:
+        run = json.loads(client.recv(DEADLINE))
+        assert (run['type'], run['id'].encode()) == ('run', get(server, f'/{token(server)}/run')[2])
         assert client.recv(DEADLINE) == encode('hello')
         assert client.recv(DEADLINE) == b'history'
 
@@ -198,13 +201,13 @@ def test_all_pages_receive_messages(server: ViewServer) -> None:
         until(lambda: len(server.pages) == 2)
         server.call(lambda: server.send(b'rows'))
         for client in (one, two):
-            assert [client.recv(DEADLINE) for _ in range(3)][-1] == b'rows'
+            assert [client.recv(DEADLINE) for _ in range(4)][-1] == b'rows'
 
 
 def test_request_of_a_page_is_answered(server: ViewServer, host: Host) -> None:
     with page(server) as client:
         client.send(encode('drive', linear=0.5, angular=-1))
-        answers = [client.recv(DEADLINE) for _ in range(3)]
+        answers = [client.recv(DEADLINE) for _ in range(4)]
     assert host.received == [Drive(0.5, -1.0)]
     assert answers[-1] == encode('refused', what='drive', why='test')
 
@@ -293,7 +296,7 @@ def test_last_message_arrives(server: ViewServer) -> None:
         until(lambda: server.pages)
         server.call(lambda: server.send(encode('end', reason='done')))
         server.close()
-        assert [client.recv(DEADLINE) for _ in range(3)][-1] == encode('end', reason='done')
+        assert [client.recv(DEADLINE) for _ in range(4)][-1] == encode('end', reason='done')
 
 
 def test_closed_server_can_be_called_and_closed_again(server: ViewServer) -> None:

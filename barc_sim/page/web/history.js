@@ -6,6 +6,7 @@ const JUMP = 3; // [m] between two states: the car was reset
 export class History {
   constructor() {
     this.columns = [];
+    this.repeats = false;
     this.clear();
   }
 
@@ -14,8 +15,12 @@ export class History {
     this.data = new Float64Array(1 << 14);
   }
 
-  /** Set the names of a row's values. */
-  name(columns) {
+  /** Set the names of a row's values; keep the rows if the run `continues`. */
+  name(columns, continues) {
+    if (continues && columns.join() === this.columns.join()) {
+      this.repeats = true;
+      return;
+    }
     this.columns = columns;
     this.index = Object.fromEntries(columns.map((name, i) => [name, i]));
     this.clear();
@@ -26,13 +31,17 @@ export class History {
     const width = this.columns.length;
     for (let from = 0; from + width <= rows.length; from += width) {
       const t = rows[from];
-      if (this.count && t < this.last('t')) this.clear();
-      else if (this.count && t === this.last('t')) continue;
+      if (this.count && t < this.last('t')) {
+        if (this.repeats) continue; // the connection was lost, and the last minute is sent again
+        this.clear();
+      }
+      if (this.count && t === this.last('t')) continue;
       if (this.count === MOST) this.#forget();
       if ((this.count + 1) * width > this.data.length) this.#grow();
       this.data.set(rows.subarray(from, from + width), this.count * width);
       this.count += 1;
     }
+    this.repeats = false;
   }
 
   at(row, name) {

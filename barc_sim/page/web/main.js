@@ -69,7 +69,7 @@ function showMessage(text, seconds = 0) {
 const player = new Player(history);
 const connection = new Connection({
   hello(fields) {
-    history.name(fields.columns);
+    history.name(fields.columns, fields.continues);
     clock.restart();
     road = new Road(fields.road);
     showMessage('');
@@ -119,6 +119,16 @@ const connection = new Connection({
   lost() {
     setState('lost', 'Reconnecting');
     showMessage('The connection to the run was lost. This page reconnects by itself.');
+  },
+  moved() {
+    setState('lost', 'Another run');
+    showMessage('Another run serves this port now: open the address that it printed.');
+  },
+  next() {
+    showMessage('The next run has started at this address.');
+    element('message').append(' ', Object.assign(document.createElement('button'), {
+      type: 'button', textContent: 'Open it', onclick: () => location.reload(),
+    }));
   },
   closed(reason) {
     setState('refused', 'Disconnected');

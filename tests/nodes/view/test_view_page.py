@@ -30,6 +30,7 @@ from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from browser import Tab
     from rclpy.context import Context
@@ -120,9 +121,13 @@ def browser() -> Iterator[Browser]:
 
 
 @contextmanager
-def run(context: Context, mode: str) -> Iterator[tuple[ViewNode, Car, CruiseController | None]]:
+def run(
+    context: Context, mode: str, port: int = 0
+) -> Iterator[tuple[ViewNode, Car, CruiseController | None]]:
     car = Car(context, 'lab' if mode == 'acc' else 'flat')
-    view = ViewNode(mode, context=context, status=lambda: Status(missed=2, paused=car.paused))
+    view = ViewNode(
+        mode, port=port, context=context, status=lambda: Status(missed=2, paused=car.paused)
+    )
     controller = CruiseController(context=context) if mode == 'acc' else None
     nodes = [node for node in (view, car, controller) if node]
     executor = QuickExecutor(2, context=context)
@@ -465,6 +470,30 @@ def test_page_reports_a_lost_connection_and_reconnects(
         tab.close()
     finally:
         wire.close()
+
+
+def test_page_finds_the_next_run_on_its_port(
+    ros: Context, browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path))
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with run(ros, 'teleop', port) as (view, _, _):
+        tab = browser.open(view.url)
+        wait_until(lambda: tab.text('#state') == 'Live')
+    wait_until(lambda: tab.text('#state') == 'Reconnecting')
+    with run(ros, 'teleop', port) as (view, _, _):
+        wait_until(lambda: tab.text('#state') == 'Live')
+        view.end('The run has ended.')
+        wait_until(lambda: tab.text('#state') == 'Ended')
+    with run(ros, 'teleop', port):
+        wait_until(lambda: tab.text('#message').startswith('The next run has started'))
+        tab.click('#message button')
+        wait_until(lambda: tab.text('#state') == 'Live')
+    monkeypatch.setenv('XDG_STATE_HOME', str(tmp_path / 'of another user'))
+    with run(ros, 'teleop', port):
+        wait_until(lambda: tab.text('#message').startswith('Another run serves this port now'))
+    tab.close()
 
 
 def test_page_of_another_origin_cannot_connect(
