@@ -160,7 +160,8 @@ class Tab:
     def middle(self, selector: str) -> tuple[float, float]:
         """Return where an element's middle is [px]."""
         x, y = self.run(
-            f'(() => {{ const b = document.querySelector({selector!r}).getBoundingClientRect();'
+            f'(() => {{ const e = document.querySelector({selector!r});'
+            "e.scrollIntoView({ block: 'nearest' }); const b = e.getBoundingClientRect();"
             'return [b.x + b.width / 2, b.y + b.height / 2]; })()'
         )
         return x, y
@@ -203,7 +204,8 @@ class Tab:
         )
 
     def remember(self, canvas: str) -> None:
-        """Remember a canvas's picture, for `changed`."""
+        """Remember a canvas's picture, for `changed`, once it has a size."""
+        self.until(f'document.querySelector({canvas!r}).width > 1')
         self.run(f'(window.kept ??= {{}}, kept[{canvas!r}] = {_PICTURE % canvas}, 0)')
 
     def changed(self, canvas: str) -> int:

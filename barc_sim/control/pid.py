@@ -111,6 +111,15 @@ class PID:
         'derivative': 'kd times the rate of change of the measured speed, negative',
     }
 
+    #: Gains that show what each term does, by the name that the page's button has.
+    presets: Mapping[str, Mapping[str, float]] = {
+        'P': {'kp': 4.0, 'ki': 0.0, 'kd': 0.0},
+        'PI': {'kp': 4.0, 'ki': 8.0, 'kd': 0.0},
+        'PID': {'kp': 4.0, 'ki': 8.0, 'kd': 0.5},
+        'Too much I': {'kp': 0.3, 'ki': 40.0, 'kd': 0.0},
+        'Tuned': {'kp': KP, 'ki': KI, 'kd': KD},
+    }
+
     def __init__(
         self,
         kp: float = KP,

@@ -116,9 +116,7 @@ class GroundScene:
         axes.set(facecolor=GROUND, xticks=[], yticks=[])
         axes.spines[:].set_visible(False)
         self._grid, self._world = Affine2D(), Affine2D()
-        self._path = Line2D(
-            [], [], color=VERMILLION, lw=2.0, transform=self._world + axes.transData
-        )
+        self._path = Line2D([], [], color=BLUE, lw=2.0, transform=self._world + axes.transData)
         lines = [
             _grid(spacing, color, self._grid + axes.transData)
             for spacing, color in ((FINE, FINE_COLOR), (COARSE, COARSE_COLOR))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 from io import BytesIO
-from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
+from barc_sim.figures.palette import COLOURS, term_colours
 from barc_sim.figures.style import (
     BLUE,
     DASHES,
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
 SIZE = (9.6, 7.2)  #: [inch]
-_TERM_COLORS = (BLUE, GREEN, VERMILLION, SKY)
 
 
 class NotebookFigure(Figure):
@@ -105,9 +104,18 @@ def terms_figure(log: Log) -> Figure | None:
         return None
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
     axes = figure.subplots()
-    axes.step(log.distance, log.motor, where='post', color=INK, lw=1.0, ls=DASHES, label='command')
-    for (name, values), color in zip(log.terms.items(), cycle(_TERM_COLORS), strict=False):
-        axes.step(log.distance, values, where='post', color=color, lw=1.4, label=name)
+    axes.step(
+        log.distance, log.motor, where='post', color=GREEN, lw=1.0, ls=DASHES, label='command'
+    )
+    for name, color in term_colours(tuple(log.terms)).items():
+        axes.step(
+            log.distance,
+            log.terms[name],
+            where='post',
+            color=COLOURS[color].light,
+            lw=1.4,
+            label=name,
+        )
     # Limits by the command: the terms at the start would hide the rest.
     low, high = limits(log.motor, share=0.5, least=1.0)
     axes.set(xlim=limits(log.distance, share=0.01, least=0.5), ylim=(low, high))

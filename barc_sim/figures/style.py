@@ -1,4 +1,4 @@
-"""The palette and the Matplotlib style of all figures; limits of axes, and readings."""
+"""The Matplotlib style of all figures; limits of axes, and readings."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from barc_sim.figures.palette import COLOURS
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
 
-# Okabe and Ito's palette, which colour-blind readers can distinguish, and greys.
-BLUE = '#0072B2'
-SKY = '#56B4E9'
-VERMILLION = '#D55E00'
-GREEN = '#009E73'
-INK = '#222222'
+BLUE = COLOURS['blue'].light
+SKY = COLOURS['sky'].light
+VERMILLION = COLOURS['vermillion'].light
+GREEN = COLOURS['green'].light
+INK = COLOURS['ink'].light
 MUTED = '#6B6B6B'
 GREY = '#9A9A9A'
 EARTH = '#E4E1DA'

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from barc_sim.control.pid import PID
-from barc_sim.control.types import GAINS
+from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import COLUMNS, REFERENCE
+from barc_sim.figures.palette import FORCES, QUANTITIES, term_colours
+from barc_sim.page.protocol import COLUMNS, OTHERS
+from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller, Gain
     from barc_sim.simulation.log import Log
 
-SIMULATOR = ('road', 'l_f', 'l_r')  #: parameters of `vehicle_simulator` that the page shows
+SIMULATOR = ('road', 'l_f', 'l_r', 'mass')  #: parameters of `vehicle_simulator` that the page shows
 
 
 def facts(
@@ -33,17 +35,24 @@ def facts(
     `kind` declares the controller's gains, a slider each, and the terms to draw. `road` replaces
     the one that the simulator's parameter names.
     """
-    sliders = {**kind.gains, 'speed_reference': REFERENCE}
+    sliders = {**kind.gains, **OTHERS}
     return {
         'mode': mode,
         'columns': COLUMNS,
         'road': road_facts(road) if road else _road(simulator.get('road')),
         'axles': [-simulator.get('l_r', 1.5), simulator.get('l_f', 1.5)],
+        'mass': simulator.get('mass', Vehicle().mass),
         'terms': list(kind.terms),
+        'colours': QUANTITIES | term_colours((*kind.terms,)),
+        'forces': FORCES,
         'sliders': {
             name: {'label': _label(name, gain), 'max': gain.slider}
             for name, gain in sliders.items()
         },
+        'presets': {name: dict(gains) for name, gains in getattr(kind, 'presets', {}).items()},
+        'controller_type': next(
+            (name for name, known in TYPES.items() if known is kind), DEFAULT_TYPE
+        ),
         'tuning': {name: controller[name] for name in sliders if name in controller},
     }
 

@@ -10,7 +10,7 @@ import json
 from typing import Any, NamedTuple, NoReturn
 
 from barc_sim.control.controller import Gain
-from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import GAINS, TERMS
 from barc_sim.simulation.log import COMMAND, ENVIRONMENT, PID_STATE, columns_of
 
@@ -26,13 +26,18 @@ COLUMNS = (
     'psi',  # [rad] heading
     'speed',  # [m/s] along the vehicle
     'measured_speed',  # [m/s]
+    'absolute_speed',  # [m/s] along and across the vehicle
+    'lap',  # number of the lap: each reset and each return to the start begins one
     *(name for topic in TOPICS for name in columns_of(topic).values()),
     *OTHER_TERMS,
 )
-#: The speed to hold, as a slider has it.
-REFERENCE = Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0)
+#: The sliders that every controller has beside its gains.
+OTHERS = {
+    'speed_reference': Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0),
+    'acceleration_limit': Gain(ACCELERATION_LIMIT, 'm/s²', 'acceleration limit', 20.0),
+}
 #: The parameters of any controller that the page may set.
-TUNABLE = (*GAINS, 'speed_reference')
+TUNABLE = (*GAINS, *OTHERS)
 
 
 class RequestError(ValueError):
@@ -58,13 +63,17 @@ class Reset(NamedTuple):
     """Put the car back to the start."""
 
 
+class ResetController(NamedTuple):
+    """Make the controller forget its past, such as the integral."""
+
+
 class Pause(NamedTuple):
     """Stop simulated time, or let it go on."""
 
     on: bool
 
 
-Request = Drive | Tune | Reset | Pause
+Request = Drive | Tune | Reset | ResetController | Pause
 
 
 class Status(NamedTuple):
@@ -106,6 +115,8 @@ def parse(message: str | bytes) -> Request:
         return Tune(fields['name'], _number(fields['value'], 1e9))
     if kind == 'reset' and not fields:
         return Reset()
+    if kind == 'reset_controller' and not fields:
+        return ResetController()
     if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
         return Pause(fields['on'])
     raise RequestError('unknown request')

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from barc_sim.figures.palette import QUANTITIES, term_colours
 from barc_sim.page.desktop import open_page
 from barc_sim.page.facts import driven_road, facts, road_facts
+from barc_sim.page.laps import laps_of
 from barc_sim.page.protocol import encode
 from barc_sim.page.rows import columns_in, rows_of
 from barc_sim.page.server import ViewServer
@@ -36,8 +38,10 @@ class Replay:
                 'road': road and road_facts(road),
                 'columns': columns_in(log),
                 'terms': list(log.terms),
+                'colours': QUANTITIES | term_colours((*log.terms,)),
             },
             replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
+            laps=laps_of(log)[0].facts(),
         )
         self._rows = rows_of(log)
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from math import cos, nan, sin
+from math import cos, hypot, nan, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from barc_sim.figures.style import use_measurement
+from barc_sim.page.laps import Laps, laps_of
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
-from barc_sim.simulation.log import PID_STATE, STATE_ERROR, columns_of
+from barc_sim.simulation.log import ENVIRONMENT, PID_STATE, STATE_ERROR, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -23,12 +24,14 @@ if TYPE_CHECKING:
 
 #: The fields of each topic that belong to a state, and their values before its first message.
 FIELDS: dict[str, dict[str, float]] = {
-    STATE_ERROR: dict.fromkeys(('s', 'ey', 'epsi', 'v_x'), 0.0),
+    STATE_ERROR: dict.fromkeys(('s', 'ey', 'epsi', 'v_x', 'v_y'), 0.0),
     **{topic: dict.fromkeys(columns_of(topic), nan) for topic in TOPICS},
 }
 # What `controller_state` holds beyond the fields of `pid_state`.
 FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
-STATE_FIELDS = ('x', 'y', 'psi', 'v_x')
+STATE_FIELDS = ('x', 'y', 'psi', 'v_x', 'v_y')
+_REFERENCE = [*FIELDS[PID_STATE]].index('reference')
+_THETA = [*FIELDS[ENVIRONMENT]].index('theta')
 _ROW = struct.Struct(f'<{len(COLUMNS)}d')
 _HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
 _WAITING = 100  #: samples per topic that wait for their state
@@ -39,6 +42,7 @@ class Rows:
 
     def __init__(self) -> None:
         """Start without states."""
+        self.laps = Laps()
         self._first: int | None = None
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
         self._waiting: dict[str, deque[Sample]] = {
@@ -67,16 +71,25 @@ class Rows:
         for topic, waiting in self._waiting.items():
             while waiting and waiting[0][0] <= stamp:
                 self._latest[topic] = waiting.popleft()[1]
-        x, y, psi, v_x = values
-        s, ey, epsi, e_v_x = self._latest[STATE_ERROR]
+        x, y, psi, v_x, v_y = values
+        s, ey, epsi, e_v_x, e_v_y = self._latest[STATE_ERROR]
         heading = psi - epsi
+        t = (stamp - self._first) / 1e9
+        distance = x - (s * cos(heading) - ey * sin(heading))
+        across = y - (s * sin(heading) + ey * cos(heading))
+        speed = v_x - e_v_x
+        reference = self._latest[PID_STATE][_REFERENCE]
+        theta_deg = self._latest[ENVIRONMENT][_THETA]
+        lap = self.laps.add(t, distance, across, speed, reference, theta_deg)
         return _ROW.pack(
-            (stamp - self._first) / 1e9,
-            x - (s * cos(heading) - ey * sin(heading)),
-            y - (s * sin(heading) + ey * cos(heading)),
+            t,
+            distance,
+            across,
             heading,
-            v_x - e_v_x,
+            speed,
             v_x,
+            hypot(speed, v_y - e_v_y),
+            lap,
             *(value for topic in TOPICS for value in self._latest[topic]),
         )
 
@@ -92,6 +105,8 @@ def rows_of(log: Log) -> bytes:
         'psi': heading,
         'speed': known.speed,
         'measured_speed': known.v_x,
+        'absolute_speed': np.hypot(known.speed, known.v_y - known.e_v_y),
+        'lap': np.array(laps_of(known)[1], dtype=float),
     }
     absent = np.full(len(log), nan)
     rows = [columns.get(name, absent) for name in columns_in(log)]

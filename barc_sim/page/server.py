@@ -19,6 +19,7 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from barc_sim.errors import UserError
+from barc_sim.figures.palette import style_sheet
 from barc_sim.page.protocol import RequestError, encode, parse
 from barc_sim.page.token import kept_token
 
@@ -127,6 +128,7 @@ class ViewServer:
         self._files = {
             path.name: path.read_bytes() for path in _FILES.iterdir() if path.suffix in _TYPES
         }
+        self._files['palette.css'] = style_sheet().encode()
         self._loop = asyncio.new_event_loop()
         self._closing = asyncio.Event()
         self._ready = Event()

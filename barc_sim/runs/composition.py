@@ -168,7 +168,7 @@ class Run(ABC):
         if self.bag and self._nodes:
             self.bag.end(self.simulators)
         for view in self._views if self._nodes else ():
-            view.end('The run has ended.')
+            view.end('The run has ended.', bag=str(self.bag.recorder.path) if self.bag else '')
         self._destroy()
 
     def discard(self) -> None:

@@ -23,7 +23,7 @@ def test_a_road_that_the_simulator_names_is_told() -> None:
 def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
     told = facts('acc', {}, {'kp': 30.0, 'observer_gain': 0.5}, LQR)
     assert told['terms'] == ['feedback', 'compensation']
-    assert [*told['sliders']] == [*LQR.gains, 'speed_reference']
+    assert [*told['sliders']] == [*LQR.gains, 'speed_reference', 'acceleration_limit']
     assert told['sliders']['observer_gain'] == {
         'label': 'Gain of the disturbance observer, observer_gain',
         'max': 1.0,

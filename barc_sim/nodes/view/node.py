@@ -20,7 +20,17 @@ from barc_sim.nodes.view.node_clients import NodeClients
 from barc_sim.nodes.view.state_feed import StateFeed
 from barc_sim.page.driver_arbiter import DriverArbiter
 from barc_sim.page.facts import SIMULATOR, facts
-from barc_sim.page.protocol import TUNABLE, Drive, Pause, Reset, Status, Tune, encode
+from barc_sim.page.protocol import (
+    OTHERS,
+    TUNABLE,
+    Drive,
+    Pause,
+    Reset,
+    ResetController,
+    Status,
+    Tune,
+    encode,
+)
 from barc_sim.page.server import ViewServer
 from barc_sim.ros import names
 from barc_sim.ros.endpoints import publisher
@@ -33,6 +43,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from barc_sim.control.controller import Controller
+    from barc_sim.page.laps import Laps
     from barc_sim.page.protocol import Request
     from barc_sim.page.server import Page
     from barc_sim.vehicle.road import Road
@@ -106,7 +117,7 @@ class ViewNode(Node):
         self._kind: type[Controller] | None = None  # of the controller, once it is known
         self._retry_at: dict[str, float] = {}
         self._paused = False
-        self._ended: str | None = None
+        self._ended: str | None = None  # the message of the end
         self._next_status = 0.0
         self._server = ViewServer(self, values['host'], values['port'])
         self.url = self._server.url
@@ -124,9 +135,17 @@ class ViewNode(Node):
         """Number of states taken."""
         return self._feed.seen
 
-    def end(self, reason: str) -> None:
-        """Show the pages the end of the run and its reason; may be called from any thread."""
-        self._server.call(partial(self._end, reason))
+    @property
+    def laps(self) -> Laps:
+        """The laps of the run so far."""
+        return self._feed.laps
+
+    def end(self, reason: str, bag: str = '') -> None:
+        """Show the pages the end of the run, its reason and `bag`, the bag's path.
+
+        May be called from any thread.
+        """
+        self._server.call(partial(self._end, reason, bag))
 
     def destroy_node(self) -> None:
         """Close all pages and the port, and destroy the node."""
@@ -140,7 +159,7 @@ class ViewNode(Node):
         yield encode('hello', **self._facts())
         yield self._feed.history()
         if self._ended is not None:
-            yield encode('end', reason=self._ended)
+            yield self._ended
 
     def _facts(self) -> dict[str, Any]:
         kind = self._kind or PID
@@ -162,6 +181,9 @@ class ViewNode(Node):
             self._node_clients.pause(request.on, on_done=on_done)
         elif isinstance(request, Reset):
             self._node_clients.reset(on_done=partial(self._on_done, page, 'reset'))
+        elif isinstance(request, ResetController):
+            on_done = partial(self._on_done, page, 'reset the controller')
+            self._node_clients.reset_controller(on_done=on_done)
 
     def leave(self, page: Page) -> None:
         """Release the keys of a page that has closed."""
@@ -177,7 +199,7 @@ class ViewNode(Node):
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
             self._update_parameters()
-            if self._ended is None:
+            if self._ended is None and self._server.pages:
                 self._send_status()
         return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
 
@@ -190,6 +212,7 @@ class ViewNode(Node):
 
     def _send_status(self) -> None:
         missed, slipped, paused = self._status() if self.seen else Status()
+        laps = self.laps.facts()
         factor, driver = self._feed.realtime_factor(), self._arbiter.driver
         for page in self._server.pages:
             page.send(
@@ -198,6 +221,7 @@ class ViewNode(Node):
                     factor=factor,
                     missed=missed,
                     slipped=slipped,
+                    laps=laps,
                     paused=self._paused if paused is None else paused,
                     driver=None if driver is None else 'you' if driver is page else 'other',
                 )
@@ -212,7 +236,7 @@ class ViewNode(Node):
             self._request('controller', ('controller_type',), self._on_controller_type)
         elif not self._controller:
             on_values = partial(self._on_parameters, self._controller)
-            self._request('controller', (*self._kind.gains, 'speed_reference'), on_values)
+            self._request('controller', (*self._kind.gains, *OTHERS), on_values)
         controller = f'{self.get_namespace().rstrip("/")}/controller'
         for event, _ in take(self._events, _DEPTH):
             if event.node == controller:
@@ -248,11 +272,17 @@ class ViewNode(Node):
             self._send_status()
         self._on_done(page, 'pause', done, why)
 
-    def _end(self, reason: str) -> None:
-        self._ended = reason
+    def _end(self, reason: str, bag: str) -> None:
         if rows := self._feed.poll():
             self._server.send(rows)
-        self._server.send(encode('end', reason=reason))
+        self._ended = encode(
+            'end',
+            reason=reason,
+            bag=bag,
+            laps=self.laps.facts(),
+            stretches=self.laps.stretches(),
+        )
+        self._server.send(self._ended)
 
 
 def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:

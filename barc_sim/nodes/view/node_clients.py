@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _SET = 'controller/set_parameters'
 _SERVICES = {
     names.RESET_SIMULATOR: Trigger,
+    names.RESET_CONTROLLER: Trigger,
     names.PAUSE_SIMULATOR: SetBool,
     _SET: SetParameters,
     'controller/get_parameters': GetParameters,
@@ -51,6 +52,10 @@ class NodeClients:
     def reset(self, on_done: OnDone) -> None:
         """Reset the car to the start."""
         self._request(names.RESET_SIMULATOR, Trigger.Request(), _success, on_done)
+
+    def reset_controller(self, on_done: OnDone) -> None:
+        """Make the controller forget its past."""
+        self._request(names.RESET_CONTROLLER, Trigger.Request(), _success, on_done)
 
     def pause(self, on: bool, on_done: OnDone) -> None:
         """Pause or resume simulated time."""

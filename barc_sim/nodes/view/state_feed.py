@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from barc_sim.page.laps import Laps
     from barc_sim.page.rows import Sample
 
 _TYPES = {
@@ -88,6 +89,11 @@ class StateFeed:
     def history(self) -> bytes:
         """Return the rows of the last minute."""
         return self._rows.history()
+
+    @property
+    def laps(self) -> Laps:
+        """The laps of the run so far."""
+        return self._rows.laps
 
     def until_next(self) -> float:
         """Return the time until the next poll [s], a little after the next state is expected."""

@@ -1,14 +1,15 @@
-// A line chart over the last seconds.
+// A line chart over time or position, with ghosts of other laps, shaded slopes and a cursor.
 
-import { colours, font, niceStep, reading } from './look.js';
+import { colours, ease, font, niceStep, reading } from './look.js';
 
-const WINDOW = 20; // [s]
 const EASE = 0.2; // share of the way to new limits, at each drawing
-const [LEFT, RIGHT, TOP, BOTTOM] = [36, 8, 8, 22];
+const [LEFT, RIGHT, TOP, BOTTOM] = [40, 8, 8, 22];
+const DENSE = 2; // rows per pixel from which only the extremes are drawn
+const SAMPLES = 4096; // rows that the limits are taken from
 
 export class Chart {
   /**
-   * `lines`: {column, colour, width, dash}, the first one at the bottom; `span`: the least
+   * `lines`: {column, colour, width, dash, hidden}, the first one at the bottom; `span`: the least
    * difference of the limits; `widest`: the widest limits.
    */
   constructor(surface, lines, span, widest) {
@@ -19,37 +20,74 @@ export class Chart {
     this.shown = null;
   }
 
-  draw(history, state, window = WINDOW) {
+  /** Return the value on the horizontal axis at a place [px]. */
+  value(place, [from, to]) {
+    const share = (place - LEFT) / Math.max(this.surface.width - LEFT - RIGHT, 1);
+    return from + share * (to - from);
+  }
+
+  /**
+   * Draw the part of the run that `view` shows: {axis: 't' or 'x', range, first, last, cursor,
+   * ghosts: [{history, first, last, shift, dash}], slopes: [{from, to, grade}]}.
+   */
+  draw(history, state, view) {
     const context = this.surface.begin();
     if (!state) return;
     const { width, height } = this.surface;
-    const to = Math.max(state.t, (history.count ? history.at(0, 't') : 0) + window);
-    const from = to - window;
-    const rows = [Math.max(history.row(from), 0), history.row(state.t)];
-    const goal = this.#limits(history, rows);
-    this.shown = this.shown?.map((limit, i) => limit + EASE * (goal[i] - limit)) ?? goal;
+    const [from, to] = view.range;
+    const goal = this.#limits(history, view);
+    this.shown = this.shown?.map((limit, i) => limit + ease(EASE) * (goal[i] - limit)) ?? goal;
     const [low, high] = this.shown;
-    const x = (t) => LEFT + ((t - from) / window) * (width - LEFT - RIGHT);
+    const x = (t) => LEFT + ((t - from) / (to - from)) * (width - LEFT - RIGHT);
     const y = (v) => TOP + ((high - v) / (high - low)) * (height - TOP - BOTTOM);
-    drawAxes(context, width, height, { from, to, low, high, x, y });
+    for (const { from: start, to: end, grade } of view.slopes) {
+      context.fillStyle = colours.slope;
+      context.globalAlpha = Math.min(0.25 + Math.abs(grade) / 40, 1);
+      const [a, b] = [Math.max(x(start), LEFT), Math.min(x(end), width - RIGHT)];
+      if (b > a) context.fillRect(a, TOP, b - a, height - TOP - BOTTOM);
+    }
+    context.globalAlpha = 1;
+    drawAxes(context, width, height, view.axis, { from, to, low, high, x, y });
 
     context.save();
     context.beginPath();
     context.rect(LEFT, TOP - 2, width - LEFT - RIGHT + 2, height - TOP - BOTTOM + 4);
     context.clip();
-    for (const line of this.lines) drawLine(context, history, rows, state, line, x, y);
+    const lines = this.lines.filter((line) => !line.hidden);
+    for (const ghost of view.ghosts) {
+      context.globalAlpha = 0.45;
+      for (const line of lines) {
+        if (line.column === 'reference') continue;
+        drawLine(context, ghost.history, ghost, line, view.axis, (v) => x(v + ghost.shift), y, ghost.dash);
+      }
+      context.globalAlpha = 1;
+    }
+    for (const line of lines) {
+      drawLine(context, history, view, line, view.axis, x, y, line.dash, state);
+    }
+    if (view.cursor !== null) {
+      context.strokeStyle = colours.muted;
+      context.lineWidth = 1;
+      context.beginPath();
+      context.moveTo(x(view.cursor), TOP);
+      context.lineTo(x(view.cursor), height - BOTTOM);
+      context.stroke();
+    }
     context.restore();
   }
 
   /** Return limits on whole ticks around the visible values. */
-  #limits(history, [first, last]) {
+  #limits(history, view) {
     let [low, high] = [Infinity, -Infinity];
-    const stride = Math.max(1, (last - first) >> 10);
-    for (let row = first; row <= last; row += stride) {
-      for (const { column } of this.lines) {
-        const value = history.at(row, column);
-        if (value < low) low = value;
-        if (value > high) high = value;
+    const lines = this.lines.filter((line) => !line.hidden);
+    for (const { history: rows, first, last } of [{ history, ...view }, ...view.ghosts]) {
+      const stride = Math.max(1, Math.floor((last - first) / SAMPLES));
+      for (let row = first; row <= last; row += stride) {
+        for (const { column } of lines) {
+          const value = rows.at(row, column);
+          if (value < low) low = value;
+          if (value > high) high = value;
+        }
       }
     }
     if (low > high) [low, high] = [0, 0];
@@ -61,13 +99,14 @@ export class Chart {
   }
 }
 
-function drawAxes(context, width, height, { from, to, low, high, x, y }) {
+function drawAxes(context, width, height, axis, { from, to, low, high, x, y }) {
   context.font = font(12);
   context.fillStyle = colours.muted;
   context.lineWidth = 1;
   context.textAlign = 'right';
   context.textBaseline = 'middle';
   const step = niceStep(high - low, 4);
+  const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
   for (let i = Math.ceil(low / step - 0.01); i * step <= high + 0.01 * step; i += 1) {
     const v = Math.round(y(i * step)) + 0.5;
     context.strokeStyle = i === 0 ? colours.muted : colours.grid;
@@ -75,37 +114,66 @@ function drawAxes(context, width, height, { from, to, low, high, x, y }) {
     context.moveTo(LEFT, v);
     context.lineTo(width - RIGHT, v);
     context.stroke();
-    context.fillText(reading(i * step, step < 1 ? 1 : 0), LEFT - 6, v);
+    context.fillText(reading(i * step, digits), LEFT - 6, v);
   }
   context.textAlign = 'center';
   context.textBaseline = 'alphabetic';
   const tick = niceStep(to - from, Math.max(width / 90, 2));
+  const places = Math.max(0, Math.ceil(-Math.log10(tick) - 1e-9));
+  const unit = axis === 't' ? 's' : 'm';
   for (let t = Math.ceil(from / tick) * tick; t <= to + 1e-9; t += tick) {
     const u = x(t);
-    if (u < LEFT || t < 0) continue;
-    context.fillText(`${reading(t, 0)} s`, Math.min(u, width - 16), height - 4);
+    if (u < LEFT || (axis === 't' && t < 0)) continue;
+    context.fillText(`${reading(t, places)} ${unit}`, Math.min(u, width - 18), height - 4);
   }
 }
 
-function drawLine(context, history, [first, last], state, line, x, y) {
+function drawLine(context, history, { first, last }, line, axis, x, y, dash, state = null) {
+  const width = history.columns.length;
+  const { data, index } = history;
+  const [at, column, lap] = [index[axis], index[line.column], index.lap];
+  if (column === undefined) return;
   context.strokeStyle = colours[line.colour];
   context.lineWidth = line.width;
   context.lineJoin = 'round';
-  context.setLineDash(line.dash ?? []);
+  context.setLineDash(dash ?? []);
   context.beginPath();
   let pen = false;
+  let before = NaN;
+  const span = Math.abs(x(data[last * width + at]) - x(data[first * width + at]));
+  const dense = axis === 't' && last - first > DENSE * Math.max(span, 1);
+  let [pixel, low, high] = [NaN, Infinity, -Infinity];
   for (let row = first; row <= last; row += 1) {
-    const value = history.at(row, line.column);
+    const value = data[row * width + column];
+    const now = data[row * width + lap];
+    if (now !== before) pen = false; // the car was put somewhere else: no line across
+    before = now;
     if (Number.isNaN(value)) {
       pen = false;
       continue;
     }
-    const u = x(history.at(row, 't'));
-    if (pen) context.lineTo(u, y(value));
-    else context.moveTo(u, y(value));
+    const u = x(data[row * width + at]);
+    if (dense) { // one stroke per pixel, between the extremes
+      if (Math.floor(u) !== pixel || !pen) {
+        if (low <= high && pen) {
+          context.lineTo(pixel, y(low));
+          context.lineTo(pixel, y(high));
+        }
+        if (!pen) context.moveTo(u, y(value));
+        [pixel, low, high] = [Math.floor(u), value, value];
+      } else {
+        if (value < low) low = value;
+        if (value > high) high = value;
+      }
+    } else if (pen) {
+      context.lineTo(u, y(value));
+    } else {
+      context.moveTo(u, y(value));
+    }
     pen = true;
   }
-  if (pen) context.lineTo(x(state.t), y(state[line.column]));
+  const until = state && state[axis];
+  if (pen && state && last === history.row(state.t)) context.lineTo(x(until), y(state[line.column]));
   context.stroke();
   context.setLineDash([]);
 }

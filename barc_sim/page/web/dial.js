@@ -14,7 +14,7 @@ export function drawDial(surface, state) {
   drawAxle(context, (3 * width) / 4, height / 2, radius, Number.isNaN(state.servo) ? 0 : state.servo);
 }
 
-/** x points up and y to the left, as in the picture. */
+/** x points right and y up, as in the picture. */
 function drawCompass(context, x, y, radius, heading) {
   context.save();
   context.translate(x, y);
@@ -27,7 +27,7 @@ function drawCompass(context, x, y, radius, heading) {
   context.fillStyle = colours.muted;
   context.textAlign = 'center';
   context.textBaseline = 'middle';
-  [['x', 0, -1], ['y', -1, 0]].forEach(([name, u, v]) => {
+  [['x', 1, 0], ['y', 0, -1]].forEach(([name, u, v]) => {
     context.fillText(name, 0.76 * radius * u, 0.76 * radius * v);
   });
   context.strokeStyle = colours.muted;
@@ -39,7 +39,7 @@ function drawCompass(context, x, y, radius, heading) {
     context.lineTo(0, -radius + (i % 3 === 2 ? 8 : 5));
     context.stroke();
   }
-  context.rotate(-heading);
+  context.rotate(Math.PI / 2 - heading);
   context.fillStyle = colours.blue;
   context.beginPath();
   context.moveTo(0, -0.58 * radius);

@@ -1,10 +1,10 @@
 // The states so far, and the state at any time between them.
 
-const MOST = 1 << 18; // rows
-const JUMP = 3; // [m] between two states: the car was reset
+const MOST = 1 << 18; // rows: an hour and a half, then the older half is thinned out
 
 export class History {
-  constructor() {
+  constructor(most = MOST) {
+    this.most = most;
     this.columns = [];
     this.repeats = false;
     this.clear();
@@ -36,7 +36,7 @@ export class History {
         this.clear();
       }
       if (this.count && t === this.last('t')) continue;
-      if (this.count === MOST) this.#forget();
+      if (this.count === this.most) this.#thin();
       if ((this.count + 1) * width > this.data.length) this.#grow();
       this.data.set(rows.subarray(from, from + width), this.count * width);
       this.count += 1;
@@ -64,11 +64,22 @@ export class History {
     return low;
   }
 
-  /** Return whether the car was reset between `row` and the next one. */
+  /** Return whether a lap begins between `row` and the next one: the car is somewhere else. */
   jumps(row) {
-    return Math.hypot(
-      this.at(row + 1, 'x') - this.at(row, 'x'), this.at(row + 1, 'y') - this.at(row, 'y'),
-    ) > JUMP;
+    return this.at(row + 1, 'lap') !== this.at(row, 'lap');
+  }
+
+  /** Return the first row of the lap of `row`. */
+  lapStart(row) {
+    const lap = this.at(row, 'lap');
+    let low = -1;
+    let high = row;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (this.at(middle, 'lap') < lap) low = middle;
+      else high = middle;
+    }
+    return high;
   }
 
   /** Return the state at `t`: motion is interpolated, commands hold until the next. */
@@ -80,7 +91,7 @@ export class History {
     if (row + 1 < this.count && !this.jumps(row)) {
       const span = this.at(row + 1, 't') - state.t;
       const share = Math.min(Math.max((t - state.t) / span, 0), 1);
-      for (const name of ['x', 'y', 'psi', 'speed', 'measured_speed', 'elevation', 'servo']) {
+      for (const name of MOVING) {
         const next = this.at(row + 1, name);
         if (!Number.isNaN(next)) state[name] += share * (next - state[name]);
       }
@@ -95,11 +106,21 @@ export class History {
     this.data = larger;
   }
 
-  /** Drop the older half. */
-  #forget() {
+  /** Drop every second row of the older half, but none that begins or ends a lap. */
+  #thin() {
     const width = this.columns.length;
     const half = this.count >> 1;
-    this.data.copyWithin(0, half * width, this.count * width);
-    this.count -= half;
+    let kept = 1;
+    for (let row = 1; row < this.count; row += 1) {
+      const plain = row < half && row % 2 && !this.jumps(row) && !this.jumps(row - 1);
+      if (plain) continue;
+      this.data.copyWithin(kept * width, row * width, (row + 1) * width);
+      kept += 1;
+    }
+    this.count = kept;
   }
 }
+
+const MOVING = [
+  'x', 'y', 'psi', 'speed', 'measured_speed', 'absolute_speed', 'elevation', 'servo',
+];

@@ -3,24 +3,41 @@
 const names = [
   'panel', 'line', 'grid', 'ink', 'muted', 'blue', 'sky', 'green', 'orange', 'purple',
   'vermillion', 'air-high', 'air-low', 'earth', 'surface', 'ground', 'ground-line',
-  'ground-strong',
+  'ground-strong', 'slope',
 ];
 
 export const colours = {};
 
+const probe = document.createElement('i');
+probe.hidden = true;
+probe.className = 'probe';
+
 function readColours() {
-  const style = getComputedStyle(document.documentElement);
-  for (const name of names) colours[name] = style.getPropertyValue(`--${name}`).trim();
+  document.documentElement.append(probe);
+  for (const name of names) {
+    probe.style.color = `var(--${name})`;
+    colours[name] = getComputedStyle(probe).color;
+  }
+  probe.remove();
 }
 
-/** Read the colours now; when light becomes dark, read them again and call `changed`. */
+/** Read the colours now; return a function that reads them again and calls `changed`. */
 export function watchColours(changed) {
-  readColours();
-  matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
+  const read = () => {
     readColours();
     changed();
-  });
+  };
+  read();
+  for (const query of ['(prefers-color-scheme: dark)', '(forced-colors: active)']) {
+    matchMedia(query).addEventListener('change', read);
+  }
+  return read;
 }
+
+const still = matchMedia('(prefers-reduced-motion: reduce)');
+
+/** Return the share of the way to go to a new value in this drawing; all where motion disturbs. */
+export const ease = (share) => (still.matches ? 1 : share);
 
 export const font = (size, weight = 400) =>
   `${weight} ${size}px system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", "DejaVu Sans", sans-serif`;
@@ -57,6 +74,40 @@ export function reading(value, digits) {
   if (value === null || value === undefined || Number.isNaN(value)) return '–';
   const text = value.toFixed(digits);
   return (Number(text) === 0 ? text.replace('-', '') : text).replace('-', '−');
+}
+
+/** Set an element's text, where it differs. */
+export function show(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** Return a new element with properties and children. */
+export function make(tag, properties = {}, ...children) {
+  const element = Object.assign(document.createElement(tag), properties);
+  element.append(...children);
+  return element;
+}
+
+/** Offer a file for download. */
+export function save(name, blob) {
+  const link = make('a', { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+/** Copy a text; return whether that was possible. */
+export async function copy(text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch { // plain http from another machine has no clipboard
+    const area = make('textarea', { value: text });
+    document.body.append(area);
+    area.select();
+    const done = document.execCommand('copy');
+    area.remove();
+    return done;
+  }
 }
 
 /** Return a step of 1, 2 or 5 times a power of ten that divides `span` in about `count`. */

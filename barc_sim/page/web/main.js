@@ -5,8 +5,10 @@ import { Clock } from './clock.js';
 import { Connection } from './connection.js';
 import { drawDial } from './dial.js';
 import { Driving } from './drive.js';
+import { Explorer } from './explorer.js';
 import { History } from './history.js';
-import { reading, Surface, watchColours } from './look.js';
+import { Lesson } from './lesson.js';
+import { copy, make, reading, show, Surface, watchColours } from './look.js';
 import { Player } from './player.js';
 import { Road } from './road.js';
 import { drawCourse, drawSide } from './side.js';
@@ -21,7 +23,7 @@ const element = (id) => document.getElementById(id);
 const history = new History();
 const clock = new Clock();
 const top = new TopView();
-let facts = { mode: 'acc', axles: [-1.5, 1.5], road: null };
+let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, forces: {} };
 let road = new Road(null);
 let paused = false;
 let ended = false;
@@ -31,31 +33,36 @@ let message_timer = null;
 const stale = () => { drawn = {}; };
 const surface = (id) => new Surface(element(id), stale);
 const [scene, course, dial] = ['scene', 'course', 'dial'].map(surface);
-const speedChart = new Chart(surface('speed-chart'), [
-  { column: 'reference', colour: 'ink', width: 1.5, dash: [6, 4] },
-  { column: 'speed', colour: 'blue', width: 2.5 },
-], 1, [-150, 150]);
-const COMMAND = { column: 'motor', colour: 'green', width: 2.5 };
-const TERM_COLOURS = ['orange', 'sky', 'purple', 'ink'];
-const commandChart = new Chart(surface('command-chart'), [COMMAND], 4, [-10, 10]);
-watchColours(stale);
+const speedChart = new Chart(surface('speed-chart'), [], 1, [-150, 150]);
+const commandChart = new Chart(surface('command-chart'), [], 4, [-10, 10]);
+const speedPart = { chart: speedChart, legend: element('speed-legend') };
+const commandPart = { chart: commandChart, legend: element('command-legend') };
+const readColours = watchColours(stale);
+const player = new Player(history);
+const explorer = new Explorer(history, player, [speedPart, commandPart], stale);
+const lesson = new Lesson();
 
-/** Draw the controller's terms below its command, and name them in the legend. */
-function showTerms(terms) {
-  const lines = terms.map((column, i) => (
-    { column, colour: TERM_COLOURS[i % TERM_COLOURS.length], width: 1.5 }
-  ));
-  commandChart.lines = [...[...lines].reverse(), COMMAND];
-  element('terms').replaceChildren(element('terms').firstElementChild, ...lines.map((line) => (
-    Object.assign(document.createElement('li'), {
-      className: `acc line-${line.colour}`, textContent: line.column,
-    })
-  )));
+/** Prepare the charts for a mode and a controller's terms. */
+function prepareCharts({ mode, terms, colours }) {
+  const line = (column, width, more = {}) => ({ column, colour: colours[column], width, ...more });
+  const acc = mode === 'acc';
+  speedChart.lines = acc
+    ? [
+      line('measured_speed', 1, { colour: colours.v_x, name: 'measured', hidden: true }),
+      line('reference', 1.5, { dash: [6, 4] }), line('speed', 2.5),
+    ]
+    : [line('absolute_speed', 2.5, { colour: colours.speed, name: 'speed' })];
+  commandChart.lines = [
+    ...(acc ? terms.map((term) => line(term, 1.5)).reverse() : []),
+    line('motor', 2.5, { name: 'command' }),
+  ];
+  explorer.name(speedPart);
+  explorer.name(commandPart);
 }
 
 function setState(state, text) {
   element('state').dataset.state = state;
-  if (element('state-text').textContent !== text) element('state-text').textContent = text;
+  show(element('state-text'), text);
 }
 
 /** Show a message, for some seconds or until the next one. */
@@ -66,7 +73,6 @@ function showMessage(text, seconds = 0) {
   if (text && seconds) message_timer = setTimeout(() => showMessage(''), 1000 * seconds);
 }
 
-const player = new Player(history);
 const connection = new Connection({
   hello(fields) {
     history.name(fields.columns, fields.continues);
@@ -77,6 +83,7 @@ const connection = new Connection({
     this.facts(fields);
     document.body.toggleAttribute('data-replay', 'replay' in fields);
     if (fields.replay) player.begin(fields.replay);
+    if (fields.laps) showLaps(fields.laps);
   },
   facts(fields) {
     const known = JSON.stringify(fields.road) === JSON.stringify(facts.road);
@@ -87,7 +94,13 @@ const connection = new Connection({
     element('title').textContent = title;
     document.title = `${title} – barc_sim`;
     tuning.show(fields.sliders, fields.tuning);
-    showTerms(fields.terms);
+    tuning.offer(fields.presets);
+    const prepared = JSON.stringify([fields.mode, fields.terms, fields.colours]);
+    if (prepared !== this.prepared) {
+      this.prepared = prepared;
+      prepareCharts(fields);
+      lesson.prepare(fields);
+    }
     stale();
   },
   rows(rows) {
@@ -96,6 +109,7 @@ const connection = new Connection({
   },
   status(status) {
     paused = status.paused;
+    showLaps(status.laps);
     element('factor').textContent = reading(status.factor, 2);
     element('missed').textContent = status.missed ?? '–';
     element('missed-fact').classList.toggle('bad', status.missed > 0);
@@ -110,10 +124,14 @@ const connection = new Connection({
     else if (what === 'reset' || what === 'pause') showMessage(`Cannot ${what}: ${why}.`, 6);
     else tuning.refuse(what, why);
   },
-  end({ reason }) {
+  end(fields) {
+    const { reason } = fields;
     ended = true;
     setState('ended', 'Ended');
     showMessage(reason);
+    document.body.toggleAttribute('data-ended', true);
+    if (fields.laps) showLaps(fields.laps);
+    lesson.end(fields, facts.mode === 'acc' ? tuning.command(facts.controller_type) : 'barc teleop');
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
   },
   lost() {
@@ -126,7 +144,7 @@ const connection = new Connection({
   },
   next() {
     showMessage('The next run has started at this address.');
-    element('message').append(' ', Object.assign(document.createElement('button'), {
+    element('message').append(' ', make('button', {
       type: 'button', textContent: 'Open it', onclick: () => location.reload(),
     }));
   },
@@ -138,6 +156,26 @@ const connection = new Connection({
 const tuning = new Tuning((name, value) => connection.send('tune', { name, value }));
 const reset = () => connection.send('reset');
 const pause = () => connection.send('pause', { on: !paused });
+element('reset-controller').addEventListener('click', () => connection.send('reset_controller'));
+element('copy-command').addEventListener('click', async () => {
+  const command = tuning.command(facts.controller_type);
+  element('tuning-note').textContent = (await copy(command)) ? `Copied: ${command}` : command;
+});
+element('theme').addEventListener('click', (event) => {
+  const root = document.documentElement;
+  const dark = !matchMedia('(prefers-color-scheme: dark)').matches;
+  const other = root.dataset.theme ? '' : (dark ? 'dark' : 'light');
+  root.dataset.theme = other;
+  event.currentTarget.setAttribute('aria-pressed', other !== '');
+  readColours();
+});
+element('full-screen').addEventListener('click', () => {
+  if (document.fullscreenElement) document.exitFullscreen();
+  else document.documentElement.requestFullscreen();
+});
+document.addEventListener('fullscreenchange', () => {
+  element('full-screen').setAttribute('aria-pressed', document.fullscreenElement !== null);
+});
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
 new Driving(
@@ -148,12 +186,19 @@ new Driving(
 
 const degrees = (radians) => (radians * 180) / Math.PI;
 
+function showLaps(laps) {
+  explorer.laps = laps;
+  lesson.showLaps(laps);
+}
+
 function showReadings(state) {
+  const teleop = facts.mode === 'teleop';
+  if (teleop) show(element('speed-label'), state.speed < -0.005 ? 'Speed |v|, in reverse' : 'Speed |v|');
   const texts = {
     time: reading(state.t, 1),
-    speed: reading(state.speed, 2),
+    speed: reading(teleop ? state.absolute_speed : state.speed, 2),
     reference: reading(state.reference, 2),
-    error: reading(state.reference - state.speed, 2),
+    error: reading(state.reference - state.speed, 3),
     position: reading(state.x, 1),
     grade: reading(state.theta_deg, 0),
     heading: reading(((degrees(state.psi) % 360) + 540) % 360 - 180, 0),
@@ -162,7 +207,7 @@ function showReadings(state) {
     command: reading(state.motor, 2),
   };
   for (const [id, text] of Object.entries(texts)) {
-    if (element(id).textContent !== text) element(id).textContent = text;
+    show(element(id), text);
   }
 }
 
@@ -170,7 +215,7 @@ function draw(milliseconds) {
   requestAnimationFrame(draw);
   const now = milliseconds / 1000;
   const newest = history.last('t');
-  const time = facts.replay ? player.advance(now) : clock.advance(now, newest);
+  const time = player.advance(now, facts.replay ? NaN : clock.advance(now, newest));
   const state = history.state(time);
   if (state) road.learn(state);
   if (drawn.time === time && drawn.count === history.count && drawn.settled) return;
@@ -178,14 +223,17 @@ function draw(milliseconds) {
   if (facts.mode === 'teleop') {
     top.draw(scene, history, facts.axles, state);
   } else {
-    drawSide(scene, road, facts.axles, state);
+    const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
+      { ...rows.state(Math.min(state.t - shift, end)), name }
+    )) : [];
+    drawSide(scene, road, facts, state, ghosts);
   }
   if (charts) {
     if (facts.mode === 'acc') drawCourse(course, road, state);
     else drawDial(dial, state);
-    speedChart.draw(history, state);
-    commandChart.draw(history, state);
+    explorer.draw(state, road);
     if (state) showReadings(state);
+    if (state && facts.mode === 'acc') lesson.update(state, facts.mass);
   }
   // The camera moves on for a while after the last state.
   const still = drawn.time === time ? (drawn.still ?? 0) + 1 : 0;

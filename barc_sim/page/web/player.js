@@ -1,7 +1,7 @@
-// Plays a recorded run, with a time slider.
+// The time that is shown: it plays a recorded run, and can hold a live one at an earlier time.
 
 import { isForControl } from './drive.js';
-import { reading } from './look.js';
+import { reading, show } from './look.js';
 
 const SKIP = 1; // [s] that an arrow key seeks
 
@@ -9,50 +9,65 @@ export class Player {
   constructor(history) {
     this.history = history;
     this.time = 0;
-    this.ready = false;
+    this.recorded = false;
     this.playing = false;
+    this.held = false; // a live run: the shown time stands still
     this.last = null;
     this.button = document.getElementById('play');
     this.slider = document.getElementById('seek');
     this.text = document.getElementById('seek-time');
     this.pace = document.getElementById('pace');
-    this.button.addEventListener('click', () => this.#play(!this.playing));
-    this.slider.addEventListener('input', () => { this.time = Number(this.slider.value); });
+    this.button.addEventListener('click', () => {
+      if (this.recorded) this.#play(!this.playing);
+      else this.hold(!this.held);
+    });
+    this.slider.addEventListener('input', () => this.seek(Number(this.slider.value)));
     addEventListener('keydown', (event) => this.#onKey(event));
   }
 
-  /** Space plays and pauses, left and right seek, unless a focused control uses the key. */
-  #onKey(event) {
-    if (!this.ready || event.ctrlKey || event.altKey || event.metaKey) return;
-    const seeks = { ArrowLeft: -SKIP, ArrowRight: SKIP }[event.code];
-    const target = event.target instanceof Element ? event.target : document.body;
-    if (event.code === 'Space' && (target === this.slider || !isForControl(event))) {
-      if (!event.repeat) this.#play(!this.playing);
-    } else if (seeks && (target === this.slider || !target.matches('input, select, textarea'))) {
-      this.time = Math.min(Math.max(this.time + seeks, 0), this.history.last('t'));
-    } else {
-      return;
-    }
-    event.preventDefault();
-  }
-
-  /** Prepare a run; `missed` is its count of missed deadlines. */
+  /** Prepare a recorded run; `missed` is its count of missed deadlines. */
   begin({ missed }) {
+    this.recorded = true;
     document.getElementById('state').hidden = true;
     document.getElementById('missed').textContent = missed;
     this.time = 0;
   }
 
-  /** Play the run, once it is loaded. */
+  /** Play the recorded run, once it is loaded. */
   loaded() {
-    this.ready = true;
     this.slider.max = this.history.last('t');
     this.#play(true);
   }
 
-  /** Return the time [s] of the run to show at `now` [s]. */
-  advance(now) {
+  /** Hold a live run at the shown time, or follow it again. */
+  hold(held) {
+    this.held = held;
+    this.button.textContent = held ? 'Back to live' : 'Freeze';
+  }
+
+  /** Show a time [s]. */
+  seek(time) {
+    if (!this.history.count) return;
+    this.time = Math.min(Math.max(time, this.history.at(0, 't')), this.history.last('t'));
+    if (!this.recorded) this.hold(true);
+  }
+
+  /** Return the time [s] to show at `now` [s]; `live` [s] is that of the live run. */
+  advance(now, live) {
     const end = this.history.last('t');
+    if (this.recorded) this.#advanceRecorded(now, end);
+    else if (!this.held) this.time = live;
+    if (Number.isNaN(end) || Number.isNaN(this.time)) return this.time;
+    show(this.text, `${reading(this.time, 1)} / ${reading(end, 1)} s`);
+    if (!this.recorded) {
+      this.slider.min = this.history.at(0, 't');
+      this.slider.max = end;
+    }
+    if (!this.slider.matches(':active')) this.slider.value = this.time;
+    return this.time;
+  }
+
+  #advanceRecorded(now, end) {
     const pace = Number(this.pace.value);
     if (this.playing && this.last !== null) this.time += pace * (now - this.last);
     this.last = now;
@@ -60,11 +75,22 @@ export class Player {
       this.time = end;
       if (this.playing) this.#play(false);
     }
-    const text = `${reading(this.time, 1)} / ${reading(end, 1)} s`;
-    if (this.text.textContent !== text) this.text.textContent = text;
-    if (!this.slider.matches(':active')) this.slider.value = this.time;
-    document.getElementById('factor').textContent = reading(this.playing ? pace : 0, 2);
-    return this.time;
+    show(document.getElementById('factor'), reading(this.playing ? pace : 0, 2));
+  }
+
+  /** Space plays and pauses, left and right seek, unless a focused control uses the key. */
+  #onKey(event) {
+    if (!this.recorded || event.ctrlKey || event.altKey || event.metaKey) return;
+    const seeks = { ArrowLeft: -SKIP, ArrowRight: SKIP }[event.code];
+    const target = event.target instanceof Element ? event.target : document.body;
+    if (event.code === 'Space' && (target === this.slider || !isForControl(event))) {
+      if (!event.repeat) this.#play(!this.playing);
+    } else if (seeks && (target === this.slider || !target.matches('input, select, textarea'))) {
+      this.seek(this.time + seeks);
+    } else {
+      return;
+    }
+    event.preventDefault();
   }
 
   #play(playing) {

@@ -9,6 +9,7 @@ export class Road {
   /** `facts`: starts [m] and grades [deg] of the stretches; null if unknown. */
   constructor(facts) {
     this.known = facts !== null;
+    this.slopes = []; // {from, to, grade} of those that are not level
     this.points = []; // rising: {s, h, e}, distance, horizontal, elevation [m]
     if (!facts) return;
     const { starts, grades_deg: grades } = facts;
@@ -18,6 +19,9 @@ export class Road {
     this.#begin(first, 0, 0);
     starts.slice(1).forEach((start, i) => this.#extend(start, grades[i]));
     this.#extend(this.to + MARGIN, grades[grades.length - 1]);
+    this.slopes = grades.map((grade, i) => (
+      { from: i ? starts[i] : first, to: starts[i + 1] ?? this.to + MARGIN, grade }
+    )).filter(({ grade }) => grade);
     const zero = this.at(0);
     const origin = this.at(starts[0]);
     for (const point of this.points) {

@@ -1,5 +1,6 @@
 // The car from the side on its road, and an overview of the whole road.
 
+import { forcesOf } from './lesson.js';
 import { colours, font, niceStep, reading } from './look.js';
 
 const WHEEL = 0.36; // [m] radius
@@ -22,9 +23,13 @@ const WINDOWS = [
 const HEADLIGHT = [[2.02, 0.3], [2.17, 0.24], [2.24, 0.14], [2.06, 0.18]];
 const TAIL_LIGHT = [[-2.24, 0.24], [-2.22, 0.44], [-2.1, 0.46], [-2.12, 0.24]];
 const BODY = '#0072B2';
+const NEWTON_PER_METRE = 4000; // of an arrow
+const LEAST_ARROW = 0.08; // [m]
 const INK = '#222222';
 
-export function drawSide(surface, road, axles, state) {
+/** Draw the car, with its forces as arrows, and pale cars where `ghosts` are. */
+export function drawSide(surface, road, facts, state, ghosts) {
+  const { axles } = facts;
   const context = surface.begin();
   const { width, height } = surface;
   const air = context.createLinearGradient(0, 0, 0, height);
@@ -35,10 +40,11 @@ export function drawSide(surface, road, axles, state) {
   if (!state || !road.points.length) return;
 
   const scale = Math.min(Math.max(width / 28, 14), height / 9);
-  const wheels = axles.map((axle) => {
-    const { h } = road.at(state.x + axle);
+  const wheelsAt = (position) => axles.map((axle) => {
+    const { h } = road.at(position + axle);
     return [h, road.wheel(h, WHEEL)];
   });
+  const wheels = wheelsAt(state.x);
   const camera = [(wheels[0][0] + wheels[1][0]) / 2, (wheels[0][1] + wheels[1][1]) / 2];
   const toScreen = ([h, e]) => [
     AHEAD * width + (h - camera[0]) * scale, 0.56 * height - (e - camera[1]) * scale,
@@ -47,7 +53,57 @@ export function drawSide(surface, road, axles, state) {
   const right = camera[0] + ((1 - AHEAD) * width) / scale + 1;
   drawGround(context, road, toScreen, left, right, height);
   drawPosts(context, road, toScreen, state.x, width / scale);
-  drawCar(context, wheels.map(toScreen), scale, axles, state.x);
+  for (const ghost of ghosts) {
+    context.globalAlpha = 0.3;
+    drawCar(context, wheelsAt(ghost.x).map(toScreen), scale, axles, ghost.x);
+    context.globalAlpha = 1;
+    const [h, e] = wheelsAt(ghost.x)[0];
+    const [x, y] = toScreen([h, e + 2]);
+    context.fillStyle = colours.ink;
+    context.font = font(12);
+    context.textAlign = 'left';
+    context.fillText(ghost.name, x, y);
+  }
+  const placed = wheels.map(toScreen);
+  drawCar(context, placed, scale, axles, state.x);
+  drawForces(context, placed, scale, facts, state);
+}
+
+/** Draw each force from the car along the road, those of a direction above one another. */
+function drawForces(context, [rear, front], scale, { forces, mass }, state) {
+  const angle = Math.atan2(front[1] - rear[1], front[0] - rear[0]);
+  context.save();
+  context.translate((rear[0] + front[0]) / 2, (rear[1] + front[1]) / 2);
+  context.rotate(angle);
+  context.lineWidth = 4;
+  context.lineCap = 'butt';
+  const rows = { 1: 0, '-1': 0 };
+  for (const [name, force] of Object.entries(forcesOf(state, mass))) {
+    const metres = force / NEWTON_PER_METRE;
+    if (!(Math.abs(metres) >= LEAST_ARROW)) continue;
+    const side = Math.sign(metres);
+    const y = (0.55 - 0.5 * rows[side]) * -scale;
+    rows[side] += 1;
+    const from = side * 2.4 * scale;
+    const to = from + metres * scale;
+    const head = Math.min(10, Math.abs(to - from));
+    context.strokeStyle = context.fillStyle = colours[forces[name]];
+    context.beginPath();
+    context.moveTo(from, y);
+    context.lineTo(to - side * head * 0.8, y);
+    context.stroke();
+    context.beginPath();
+    context.moveTo(to, y);
+    context.lineTo(to - side * head, y - 0.6 * head);
+    context.lineTo(to - side * head, y + 0.6 * head);
+    context.fill();
+    context.font = font(12, 600);
+    context.fillStyle = colours.ink;
+    context.textAlign = side > 0 ? 'left' : 'right';
+    context.textBaseline = 'middle';
+    context.fillText(name, to + side * 5, y);
+  }
+  context.restore();
 }
 
 function drawGround(context, road, toScreen, left, right, height) {

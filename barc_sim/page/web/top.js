@@ -1,11 +1,12 @@
-// The car from above, to scale, on a grid that scrolls; x is up, y to the left.
+// The car from above, to scale, on a grid that scrolls; x is to the right, y up, as in figures.
 
-import { colours, font, niceStep, reading } from './look.js';
+import { colours, ease, font, niceStep, reading } from './look.js';
 
 const LENGTH = 4.5; // [m]
 const WIDTH = 1.9;
 const TYRE = [0.7, 0.28]; // [m] length and width
 const TRACK = 0.9; // [m] from the middle to a wheel
+const PATH = 30000; // rows of the path that are drawn
 const BODY = '#0072B2';
 const INK = '#222222';
 
@@ -21,17 +22,17 @@ export class TopView {
     context.fillRect(0, 0, width, height);
     if (!state) return;
     const wanted = 20 + 0.7 * Math.min(Math.abs(state.speed), 60);
-    this.span = Number.isNaN(this.span) ? wanted : this.span + 0.04 * (wanted - this.span);
+    this.span = Number.isNaN(this.span) ? wanted : this.span + ease(0.04) * (wanted - this.span);
     const scale = Math.min(width, height) / this.span;
     const toScreen = (x, y) => [
-      width / 2 - (y - state.y) * scale, height / 2 - (x - state.x) * scale,
+      width / 2 + (x - state.x) * scale, height / 2 - (y - state.y) * scale,
     ];
     drawGrid(context, width, height, scale, state, toScreen);
     drawPath(context, history, state, toScreen);
     const [x, y] = toScreen(state.x, state.y);
     context.save();
     context.translate(x, y);
-    context.rotate(-state.psi - Math.PI / 2);
+    context.rotate(-state.psi);
     context.scale(scale, -scale);
     drawCar(context, axles, Number.isNaN(state.servo) ? 0 : state.servo, scale);
     context.restore();
@@ -41,7 +42,7 @@ export class TopView {
 
 function drawGrid(context, width, height, scale, state, toScreen) {
   const step = Math.max(niceStep(60 / scale, 1), 1);
-  const [alongX, alongY] = [height / 2 / scale, width / 2 / scale];
+  const [alongX, alongY] = [width / 2 / scale, height / 2 / scale];
   context.font = font(12);
   context.fillStyle = colours.muted;
   const each = (from, to, draw) => {
@@ -54,20 +55,20 @@ function drawGrid(context, width, height, scale, state, toScreen) {
     }
   };
   each(state.x - alongX, state.x + alongX, (x, strong) => {
-    const [, v] = toScreen(x, 0);
-    context.moveTo(0, v);
-    context.lineTo(width, v);
-    context.textAlign = 'left';
-    context.textBaseline = 'bottom';
-    if (strong && v > 70) context.fillText(`x ${reading(x, 0)} m`, 8, v - 3);
-  });
-  each(state.y - alongY, state.y + alongY, (y, strong) => {
-    const [u] = toScreen(0, y);
+    const [u] = toScreen(x, 0);
     context.moveTo(u, 0);
     context.lineTo(u, height);
     context.textAlign = 'left';
     context.textBaseline = 'top';
-    if (strong && u > 240) context.fillText(`y ${reading(y, 0)} m`, u + 5, 8);
+    if (strong && u > 240) context.fillText(`x ${reading(x, 0)} m`, u + 5, 8);
+  });
+  each(state.y - alongY, state.y + alongY, (y, strong) => {
+    const [, v] = toScreen(0, y);
+    context.moveTo(0, v);
+    context.lineTo(width, v);
+    context.textAlign = 'left';
+    context.textBaseline = 'bottom';
+    if (strong && v > 70) context.fillText(`y ${reading(y, 0)} m`, 8, v - 3);
   });
 }
 
@@ -80,7 +81,7 @@ function drawPath(context, history, state, toScreen) {
   let pen = false;
   let [lastX, lastY] = [NaN, NaN];
   const end = history.row(state.t);
-  for (let row = 0; row <= end; row += 1) {
+  for (let row = Math.max(0, end - PATH); row <= end; row += 1) {
     const [x, y] = [history.at(row, 'x'), history.at(row, 'y')];
     const jumps = row < end && history.jumps(row);
     if (pen && !jumps && Math.hypot(x - lastX, y - lastY) < 0.25) continue;

@@ -1,11 +1,14 @@
 // Sliders that set the controller's parameters while it drives.
 
+import { make } from './look.js';
+
 const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
 
 export class Tuning {
   /** `set` takes a parameter's name and its value. */
   constructor(set) {
+    this.presets = document.getElementById('presets');
     this.note = document.getElementById('tuning-note');
     this.set = set;
     this.form = document.getElementById('tuning');
@@ -22,6 +25,38 @@ export class Tuning {
       if (document.activeElement !== number && !slider.matches(':active')) this.#place(name, value);
       slider.disabled = number.disabled = false;
     }
+  }
+
+  /** Offer presets: {name: {gain: value}}. */
+  offer(presets) {
+    const known = JSON.stringify(presets);
+    if (known === this.offered) return;
+    this.offered = known;
+    this.presets.hidden = !Object.keys(presets).length;
+    this.presets.replaceChildren(...Object.entries(presets).map(([name, gains]) => make('button', {
+      type: 'button',
+      textContent: name,
+      title: Object.entries(gains).map(([gain, value]) => `${gain} ${value}`).join(', '),
+      onclick: () => {
+        for (const [gain, value] of Object.entries(gains)) {
+          this.#place(gain, value);
+          this.set(gain, value);
+        }
+      },
+    })));
+  }
+
+  /** Return the command that runs with the present values; `type` is the controller's. */
+  command(type) {
+    const { speed_reference: speed, acceleration_limit: limit, ...gains } = this.values;
+    return [
+      'barc acc',
+      ...(type === 'pid' ? [] : [`--controller-type ${type}`]),
+      ...Object.entries(gains).map(([name, value]) => `--gain ${name}=${value}`),
+      ...(speed === undefined ? [] : [`--speed ${speed}`]),
+      ...(limit === undefined || limit === 8 ? []
+        : [`--ros-args -p controller:acceleration_limit:=${limit.toFixed(6).replace(/0+$/, '0')}`]),
+    ].join(' ');
   }
 
   /** Show why a value was refused, and the present one. */

@@ -25,7 +25,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.nodes.view.node import ViewNode
-from barc_sim.page.protocol import COLUMNS, Status, encode
+from barc_sim.page.protocol import COLUMNS, OTHERS, Status, encode
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor.executor import QuickExecutor
@@ -286,10 +286,11 @@ def test_missing_service_is_named(view: ViewNode) -> None:
 def test_end_is_sent_to_present_and_later_pages(view: ViewNode) -> None:
     with page(view) as client:
         client.receive('status')
-        view.end('the distance was reached')
-        assert client.receive('end') == {'reason': 'the distance was reached'}
+        view.end('the distance was reached', bag='bags/one')
+        end = client.receive('end')
+        assert (end['reason'], end['bag']) == ('the distance was reached', 'bags/one')
     with page(view) as client:
-        assert client.receive('end') == {'reason': 'the distance was reached'}
+        assert client.receive('end') == end
 
 
 def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
@@ -304,7 +305,8 @@ def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
     assert facts['mode'] == 'acc'
     assert facts['axles'] == [-1.25, 1.5]
     assert facts['road']['grades_deg'][:3] == [0.0, 10.0, 0.0]
-    assert facts['tuning'] == {'kp': 30.0, 'ki': 200.0, 'kd': 0.1, 'speed_reference': 8.0}
+    others = {'speed_reference': 8.0, 'acceleration_limit': 8.0}
+    assert facts['tuning'] == {'kp': 30.0, 'ki': 200.0, 'kd': 0.1, **others}
 
 
 def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
@@ -321,7 +323,7 @@ def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
         while not np.isfinite(client.column('feedback')).any():
             client.receive('status')
     assert facts['terms'] == [*LQR.terms]
-    assert facts['tuning'].keys() == facts['sliders'].keys() == {*LQR.gains, 'speed_reference'}
+    assert facts['tuning'].keys() == facts['sliders'].keys() == {*LQR.gains, *OTHERS}
     shown = np.isfinite(client.column('feedback'))
     total = client.column('feedback')[shown] + client.column('compensation')[shown]
     np.testing.assert_array_equal(np.clip(total, -8.0, 8.0), client.column('motor')[shown])

@@ -1,0 +1,115 @@
+// The lesson beside the picture: forces, the controller's equation, laps, and the end.
+
+import { copy, make, reading, show } from './look.js';
+
+const NAMES = { motor: 'Motor', gravity: 'Gravity', drag: 'Drag', friction: 'Friction' };
+
+/** Return the forces along the road [N] at a state: those of `environment`, and mass times `ecu`. */
+export function forcesOf(state, mass) {
+  const { motor, gravity, drag, friction } = state;
+  return { motor: mass * motor, gravity, drag, friction };
+}
+
+export class Lesson {
+  constructor() {
+    this.forces = document.getElementById('forces');
+    this.equation = document.getElementById('equation');
+    this.laps = document.querySelectorAll('[data-figure]');
+    this.card = document.getElementById('end-card');
+  }
+
+  /** Prepare the forces and the controller's terms, each in its colour. */
+  prepare({ forces, terms, colours }) {
+    this.force = {};
+    this.forces.replaceChildren(...Object.entries(forces).map(([name, colour]) => {
+      this.force[name] = make('output', { id: `force-${name}` });
+      return make(
+        'div', { className: `line-${colour}` },
+        make('dt', {}, NAMES[name] ?? name),
+        make('dd', {}, this.force[name], ' ', make('small', {}, 'N')),
+      );
+    }));
+    this.term = {};
+    const part = (name, label, colour) => {
+      this.term[name] = make('output', { id: `term-${name}` });
+      return make('span', { className: `term line-${colour}` }, `${label} `, this.term[name]);
+    };
+    this.limited = make('span', { className: 'limited', hidden: true }, 'limited');
+    this.equation.replaceChildren(
+      part('motor', 'command', colours.motor), this.limited, ' = ',
+      ...terms.flatMap((name, i) => (
+        [...(i ? [' + '] : []), part(name, name, colours[name])]
+      )),
+      make('small', {}, ' m/s²'),
+    );
+  }
+
+  update(state, mass) {
+    for (const [name, force] of Object.entries(forcesOf(state, mass))) {
+      if (name in this.force) show(this.force[name], reading(force, Math.abs(force) < 10 ? 2 : 0));
+    }
+    for (const [name, output] of Object.entries(this.term)) show(output, reading(state[name], 3));
+    this.limited.hidden = state.saturated !== 1;
+  }
+
+  /** Show the figures of the present lap beside those of the last and the best. */
+  showLaps(laps) {
+    for (const row of this.laps) {
+      const { figure, digits, scale } = row.dataset;
+      [...row.querySelectorAll('td')].forEach((cell, i) => {
+        const value = [laps.current, laps.last, laps.best][i]?.[figure];
+        show(cell, reading(value == null ? value : value * (scale ?? 1), Number(digits)));
+      });
+    }
+  }
+
+  /** Show how the run went, and what to do next. */
+  end({ reason, bag, laps, stretches }, command) {
+    const score = laps?.current ?? {};
+    const figures = [
+      ['RMS error', score.rms, 3, 'm/s'], ['Greatest error', score.greatest, 3, 'm/s'],
+      ['Overshoot', score.overshoot == null ? null : 100 * score.overshoot, 1, '%'],
+      ['Settling time', score.settling, 2, 's'],
+    ];
+    const cell = (value, digits) => make('td', {}, reading(value, digits));
+    const known = score.rms != null;
+    this.card.replaceChildren(
+      make('h2', { id: 'end-heading' }, reason),
+      ...(known ? [
+        make('dl', {}, ...figures.map(([name, value, digits, unit]) => make(
+          'div', {}, make('dt', {}, name), make('dd', {}, `${reading(value, digits)} ${unit}`),
+        ))),
+        make('div', { className: 'scroll', tabIndex: 0, role: 'region', ariaLabel: 'Stretches' }, make(
+          'table', {},
+          make('thead', {}, make('tr', {}, ...['from m', 'grade °', 'RMS', 'greatest'].map(
+            (name) => make('th', { scope: 'col' }, name),
+          ))),
+          make('tbody', {}, ...(stretches ?? []).map((stretch) => make(
+            'tr', {}, cell(stretch.start, 0), cell(stretch.theta_deg, 0),
+            cell(stretch.rms_error, 3), cell(stretch.max_error, 3),
+          ))),
+        )),
+      ] : []),
+      make('div', { className: 'next' }, ...[
+        ['Run again', command],
+        ...(bag ? [
+          ['Plot', `barc plot ${quote(bag)}`], ['Report', `barc report ${quote(bag)}`],
+          ['Replay here', `barc replay --web ${quote(bag)}`],
+        ] : []),
+      ].map(([name, text]) => make(
+        'p', {}, make('button', {
+          type: 'button',
+          onclick: async (event) => {
+            const button = event.currentTarget;
+            show(button, (await copy(text)) ? 'Copied' : 'Copy by hand');
+            setTimeout(() => show(button, name), 2000);
+          },
+        }, name), make('code', {}, text),
+      ))),
+    );
+    this.card.hidden = false;
+  }
+}
+
+/** Return a word as a shell takes it. */
+export const quote = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);

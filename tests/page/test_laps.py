@@ -1,0 +1,52 @@
+"""Laps: where one begins, and what is known of each."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barc_sim.control.pid import PID
+from barc_sim.page.laps import Laps, laps_of
+from barc_sim.simulation import metrics
+from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.log import Log
+
+
+def joined(*logs: Log) -> Log:
+    """Return a run that begins anew between the logs."""
+    shifts = np.cumsum([0.0, *(log.t[-1] + 0.02 for log in logs[:-1])])
+    parts = [replace(log, t=log.t + shift) for log, shift in zip(logs, shifts, strict=True)]
+    columns = [part.columns() for part in parts]
+    return Log(**{name: np.concatenate([c[name] for c in columns]) for name in columns[0]})
+
+
+def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
+    weak = rollout(pid=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    tuned = rollout()
+    laps, numbers = laps_of(joined(tuned, weak, tuned))
+    assert numbers == [0] * len(tuned) + [1] * len(weak) + [2] * len(tuned)
+    facts = laps.facts()
+    assert facts['count'] == 3
+    for name, log, number in (('current', tuned, 2), ('last', weak, 1), ('best', tuned, 0)):
+        summary = metrics.summary(log)
+        assert facts[name]['number'] == number
+        assert facts[name]['rms'] == pytest.approx(summary.rms_error_after_run_up)
+        assert facts[name]['greatest'] == pytest.approx(summary.max_error_after_run_up)
+        assert facts[name]['overshoot'] == pytest.approx(summary.overshoot)
+    assert [stretch['theta_deg'] for stretch in laps.stretches()][:2] == [0.0, 10.0]
+
+
+def test_fast_car_without_a_reset_drives_one_lap() -> None:
+    laps = Laps()
+    numbers = {laps.add(0.02 * k, 2.0 * k, 0.0, 100.0, 8.0, 0.0) for k in range(100)}
+    assert numbers == {0}
+
+
+def test_short_lap_is_not_the_best() -> None:
+    tuned = rollout()
+    short = rollout(distance=15.0)
+    weak = rollout(pid=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    laps, _ = laps_of(joined(weak, short, tuned))
+    assert laps.facts()['best']['number'] == 0
