@@ -213,7 +213,9 @@ def test_what_cannot_be_graded_has_a_row_with_a_remark(
 def test_a_submission_with_the_name_of_the_class_list_is_graded(tmp_path: Path) -> None:
     (tmp_path / 'lab' / 'class.csv').mkdir(parents=True)
 
-    assert main([str(tmp_path / 'lab'), '--out', str(tmp_path / 'out'), '--jobs', '1']) == 0
+    assert (
+        barc(['grade', str(tmp_path / 'lab'), '--out', str(tmp_path / 'out'), '--jobs', '1']) == 0
+    )
     assert (tmp_path / 'out' / 'class.csv').is_file()
     assert results(tmp_path / 'out', 'class.csv.submission')['score'] == 0.0
 
