@@ -1,5 +1,18 @@
 """What a user did that can't be done, in one sentence."""
 
 
+def escaped(text: str) -> str:
+    """Return `text` with the characters that control a terminal written as escapes."""
+    return ''.join(
+        c if c.isprintable() or c in '\n\t' else c.encode('unicode_escape').decode() for c in text
+    )
+
+
 class UserError(ValueError):
-    """Names the value, what was expected and what to do; ends a command with exit code 2."""
+    """Names the value, what was expected and what to do; ends a command with exit code 2.
+
+    Its text is shown on terminals, and names can come from a bag: they are escaped.
+    """
+
+    def __init__(self, message: str = '') -> None:
+        super().__init__(escaped(message))

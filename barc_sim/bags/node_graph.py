@@ -7,7 +7,12 @@ import json
 import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.bags import bounds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 #: ROS's own topics, which every node publishes; figures name them, but do not draw them.
 EVERYONES = ('/rosout', '/parameter_events')
@@ -30,14 +35,40 @@ class NodeGraph:
 
     @classmethod
     def from_json(cls, text: str) -> NodeGraph:
-        """Return the graph from the JSON of `to_json`."""
-        values = json.loads(text)
-        return cls(
-            nodes=tuple(values['nodes']),
-            topics=values['topics'],
-            publications=tuple((node, topic) for node, topic in values['publications']),
-            subscriptions=tuple((topic, node) for topic, node in values['subscriptions']),
-        )
+        """Return the graph from the JSON of `to_json`.
+
+        Raises
+        ------
+        ValueError
+            It is none, or too large.
+        """
+        values = bounds.from_json(text)
+        try:
+            graph = cls(
+                nodes=tuple(map(_name, values['nodes'])),
+                topics={_name(topic): _name(kind) for topic, kind in values['topics'].items()},
+                publications=_links(values['publications']),
+                subscriptions=_links(values['subscriptions']),
+            )
+        except (AttributeError, KeyError, TypeError) as error:
+            raise ValueError(f'no graph: {error!r}') from None
+        known = {*graph.nodes, *graph.topics}
+        links = (*graph.publications, *graph.subscriptions)
+        if len(known) > bounds.MAX_NODES or len(links) > bounds.MAX_LINKS:
+            raise ValueError(f'a graph of {len(known)} nodes and topics, and {len(links)} links')
+        if not known.issuperset(name for link in links for name in link):
+            raise ValueError('a graph with a link to a node or topic that it lacks')
+        return graph
+
+
+def _name(value: object) -> str:
+    if not isinstance(value, str) or len(value) > bounds.MAX_NAME:
+        raise TypeError('a name')
+    return value
+
+
+def _links(pairs: Iterable[tuple[object, object]]) -> tuple[Link, ...]:
+    return tuple((_name(source), _name(target)) for source, target in pairs)
 
 
 class Part(NamedTuple):

@@ -11,6 +11,7 @@ import numpy as np
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from barc_sim.bags import bounds
 from barc_sim.bags.metadata import METADATA_NAME
 from barc_sim.bags.records import files, records
 from barc_sim.bags.samples import TOPICS, Sample, join
@@ -50,7 +51,7 @@ def info(path: Path | str) -> dict[str, str]:
         for record in records(file, messages=False):
             if isinstance(record, Metadata) and record.name == METADATA_NAME:
                 entries.update(record.metadata)
-    return entries
+    return bounds.check_entries(Path(path), entries)
 
 
 def attachments(path: Path | str) -> dict[str, bytes]:
@@ -130,7 +131,7 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
             f'{str(path)!r} has several cars, {", ".join(cars)}: name one, as in '
             f'--namespace {cars[0]}'
         )
-    return join(samples[cars[0]])
+    return bounds.check_log(Path(path), join(samples[cars[0]]))
 
 
 def _in_order(namespace: str) -> tuple[int, str]:
@@ -144,6 +145,7 @@ class _Decoder:
     def __init__(self) -> None:
         self.undecodable = 0  # records
         self._types = get_typestore(Stores.EMPTY)
+        self._registered: set[tuple[str, bytes]] = set()
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, tuple[str, str]] = {}  # namespace and topic
 
@@ -166,8 +168,17 @@ class _Decoder:
         schema = self._schemas.get(channel.schema_id)
         self._channels.pop(channel.id, None)
         if schema and schema.name == MESSAGE_TYPES.get(topic):
-            self._types.register(get_types_from_msg(schema.data.decode(), schema.name))
+            self._register(schema)
             self._channels[channel.id] = namespace or '/', topic
+
+    def _register(self, schema: Schema) -> None:
+        """Add a type; the number of definitions is bounded, as parsing one is slow."""
+        if (schema.name, schema.data) in self._registered:
+            return
+        if len(schema.data) > bounds.MAX_SCHEMA or len(self._registered) >= bounds.MAX_SCHEMAS:
+            raise ValueError('schema')
+        self._registered.add((schema.name, schema.data))
+        self._types.register(get_types_from_msg(schema.data.decode(), schema.name))
 
     def _sample(self, message: Message) -> tuple[str, Sample]:
         _, topic = self._channels[message.channel_id]

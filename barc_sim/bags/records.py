@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from mcap.reader import SeekingReader
 from mcap.records import Chunk, McapRecord
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.stream_reader import StreamReader
 
+from barc_sim.bags.bounds import Budget
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def records(
     Raises
     ------
     UserError
-        It cannot be read, or is not an MCAP file.
+        It cannot be read, is not an MCAP file, or unpacks to too much.
     """
     found = Damage() if damage is None else damage
     try:
@@ -95,6 +96,7 @@ def records(
         stream.seek(0)
         # A length greater than the file's is damage: no memory is allocated for it.
         reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+        budget = Budget(file, size)
         whole = 0
         try:
             for record in reader.records:
@@ -102,7 +104,9 @@ def records(
                 if not isinstance(record, Chunk):
                     yield record
                 elif messages:
-                    yield from _whole(record, found)
+                    yield from _whole(record, found, budget)
+        except UserError:
+            raise
         except Exception:  # noqa: BLE001 (damage may raise anything)
             found.unfinished = True
             found.unread = size - whole
@@ -119,9 +123,11 @@ def _described(stream: IO[bytes]) -> list[McapRecord]:
         return []
 
 
-def _whole(chunk: Chunk, damage: Damage) -> list[McapRecord]:
+def _whole(chunk: Chunk, damage: Damage, budget: Budget) -> list[McapRecord]:
     try:
-        return breakup_chunk(chunk, validate_crc=True)
+        return budget.unpack(chunk)
+    except UserError:
+        raise
     except Exception:  # noqa: BLE001 (damage may raise anything)
         damage.unreadable_chunks += 1
         return []

@@ -6,10 +6,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import yaml
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
-from barc_sim.bags import metadata
+from barc_sim.bags import bounds, metadata
 from barc_sim.bags.file import BagFile
 from barc_sim.bags.metadata import METADATA_NAME, Span, Topic
 from barc_sim.bags.pieces import is_being_written
@@ -136,8 +135,8 @@ class _Copy:
 
 def _topic(channel: Channel, schema: Schema) -> Topic:
     qos: Any = None
-    with suppress(yaml.YAMLError):
-        qos = yaml.safe_load(channel.metadata.get('offered_qos_profiles', ''))
+    with suppress(ValueError):
+        qos = bounds.from_yaml(channel.metadata.get('offered_qos_profiles', ''))
     return Topic(
         name=channel.topic,
         type=schema.name,

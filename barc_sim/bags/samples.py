@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from barc_sim.bags.bounds import MAX_TERMS
+from barc_sim.errors import UserError
 from barc_sim.simulation.log import COMMAND, MESSAGE_TYPES, PID_STATE, STATE, Log, columns_of
 
 if TYPE_CHECKING:
@@ -67,6 +69,11 @@ def _terms(samples: Sequence[Sample | None]) -> dict[str, NDArray[np.float64]]:
     """Return the terms that the samples of the states name; NaN where one has none."""
     found = [dict(sample.terms) if sample else {} for sample in samples]
     names = dict.fromkeys(name for terms in found for name in terms)
+    if len(names) > MAX_TERMS:
+        raise UserError(
+            f'the bag has a controller with {len(names)} terms, where at most {MAX_TERMS} are '
+            'read: name another bag'
+        )
     return {name: np.array([terms.get(name, np.nan) for terms in found]) for name in names}
 
 

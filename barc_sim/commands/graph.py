@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -40,7 +40,7 @@ def run(options: Namespace) -> None:
 
     path = output.target(options.save, FORMATS) if options.save is not None else None
     graph, title = _of_bag(options.bag) if options.bag else _of_system()
-    print('\n'.join(lines(graph)))  # noqa: T201
+    print(escaped('\n'.join(lines(graph))))  # noqa: T201
     drawing = GraphDrawing(graph, title)
     window = None if path else output.window(drawing.size, title)
     if window:
@@ -60,7 +60,12 @@ def _of_bag(path: Path) -> tuple[NodeGraph, str]:
     text = reader.info(path).get('graph')
     if text is None:
         raise UserError(f'{str(path)!r} holds no graph: name the bag of a run of barc_sim')
-    return NodeGraph.from_json(text), path.resolve().name
+    try:
+        return NodeGraph.from_json(text), path.resolve().name
+    except ValueError as error:
+        raise UserError(
+            f'the graph in {str(path)!r} cannot be drawn ({error}): name the bag of a run'
+        ) from None
 
 
 def _of_system() -> tuple[NodeGraph, str]:

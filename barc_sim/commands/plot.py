@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import add_bag_arguments
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
+_SHOWN = 120  # characters of a setting
 
 
 def add_arguments(parser: Parser) -> None:
@@ -68,4 +70,8 @@ def run(options: Namespace) -> None:
 
 def settings(info: Mapping[str, str]) -> str:
     """Return the road and the gains in a run's metadata, in one line."""
-    return ' · '.join(f'{key} {info[key]}' for key in ('road', *GAINS) if key in info)
+    return ' · '.join(
+        f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
+        for key in ('road', *GAINS)
+        if key in info
+    )

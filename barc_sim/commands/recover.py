@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.errors import escaped
+
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator
@@ -47,4 +49,4 @@ def run(options: Namespace) -> None:
     from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
 
     for line in report(recover(options.bag)):
-        print(line)  # noqa: T201
+        print(escaped(line))  # noqa: T201

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.option_types import number
 from barc_sim.cli.parser import add_bag_arguments
+from barc_sim.errors import escaped
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -87,5 +88,5 @@ def run(options: Namespace) -> int:
         whole = asdict(judgement) | {'possible': judgement.possible}
         print(json.dumps(whole, indent=2))  # noqa: T201
     else:
-        print(in_words(judgement))  # noqa: T201
+        print(escaped(in_words(judgement)))  # noqa: T201
     return 0 if judgement.possible else 1

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 MARGIN = 60.0
 #: [m] between the points at which the height of a wheel is computed.
 RESOLUTION = 0.02
+_MOST_POINTS = 2_000_000  # beyond 40 km the points are further apart
 
 
 class Terrain:
@@ -66,7 +67,8 @@ class Terrain:
         horizontal, elevation
             [m], each of shape `(k,)`: the lowest places at which the wheel does not sink in.
         """
-        horizontal = np.arange(self.horizontal[0], self.horizontal[-1], RESOLUTION)
+        resolution = max(RESOLUTION, float(np.ptp(self.horizontal)) / _MOST_POINTS)
+        horizontal = np.arange(self.horizontal[0], self.horizontal[-1], resolution)
         offsets = np.arange(-radius, radius, RESOLUTION)
         elevation = np.full(horizontal.shape, -np.inf)
         for offset, above in zip(offsets, np.sqrt(radius**2 - offsets**2), strict=True):

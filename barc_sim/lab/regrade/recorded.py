@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from barc_sim.bags import reader
+from barc_sim.bags import bounds, reader
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.archives import Member
 from barc_sim.lab.grade.code import ConfinedCode
@@ -87,19 +84,22 @@ def read(path: Path, namespace: str | None = None) -> Recorded:
 def _parameters(text: str, car: str) -> list[dict[str, Any]]:
     """Return the parameters of the nodes in a car's namespace."""
     try:
-        nodes = yaml.safe_load(text)
+        nodes = bounds.from_yaml(text)
         return [
             dict(node['ros__parameters']) for name, node in nodes.items() if name.startswith(car)
         ]
-    except (yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError):
+    except (AttributeError, KeyError, TypeError, ValueError):
         return []
 
 
 def _claims(text: str) -> tuple[dict[str, str], dict[str, str]]:
     try:
-        claims = json.loads(text)
-        return dict(claims.get('files', {})), dict(claims.get('sha256', {}))
-    except (AttributeError, TypeError, ValueError):
+        claims = bounds.from_json(text)
+        return tuple(  # type: ignore[return-value]
+            {key: value for key, value in claims.get(name, {}).items() if isinstance(value, str)}
+            for name in ('files', 'sha256')
+        )
+    except (AttributeError, ValueError):
         return {}, {}
 
 

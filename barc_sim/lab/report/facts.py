@@ -86,7 +86,7 @@ def _graph(text: str | None) -> NodeGraph | None:
         return None
     try:
         return NodeGraph.from_json(text)
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except ValueError:
         return None
 
 

@@ -1,0 +1,209 @@
+"""Bags that are made to harm: each command ends soon, with a result or a sentence."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+import zstandard
+from made_bags import GRAPH, PERIOD, encoded, fill, make, parameters
+from mcap.writer import CompressionType, Writer
+
+from barc_sim.__main__ import main as barc
+from barc_sim.bags.schemas import definition
+from barc_sim.bags.writer import BagWriter
+from barc_sim.lab.user_code.adapters import METADATA
+from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.log import MESSAGE_TYPES, STATE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+COMMANDS = ('plot', 'report', 'regrade', 'graph', 'recover')
+SECONDS = 10.0
+MEMORY = 500 << 20  # bytes
+LOG = closed_loop(distance=2.0)
+SCHEMA = definition(MESSAGE_TYPES[STATE])
+
+
+def bag(path: Path, metadata: dict[str, str] | None = None, **attachments: bytes) -> None:
+    make(path, LOG, metadata, attachments)
+
+
+def with_metadata(name: str, text: str) -> Callable[[Path], None]:
+    return lambda path: bag(path, {name: text})
+
+
+def attached(*names: str) -> Callable[[Path], None]:
+    claim = {'files': {'model': 'bike_model.py'}, 'sha256': {}}
+    files = {'student/bike_model.py': b'1 / 0', **dict.fromkeys(names, b'')}
+    return lambda path: bag(path, {METADATA: json.dumps(claim)}, **files)
+
+
+def file_of(
+    path: Path, messages: list[tuple[int, bytes]], schema: str = SCHEMA, **metadata: str
+) -> None:
+    """Write a bag of one chunk of states, with the channel's metadata."""
+    path.mkdir()
+    with (path / 'run_0.mcap').open('wb') as stream:
+        writer = Writer(stream, chunk_size=1 << 40, compression=CompressionType.ZSTD)
+        writer.start(profile='ros2')
+        number = writer.register_schema(MESSAGE_TYPES[STATE], 'ros2msg', schema.encode())
+        channel = writer.register_channel('/' + STATE, 'cdr', number, metadata)
+        for k, data in messages:
+            writer.add_message(channel, k, data, k, 0)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+def alias_bomb(path: Path) -> None:
+    bomb = 'a0: &a0 [x, x]\n' + ''.join(
+        f'a{k}: &a{k} [{", ".join([f"*a{k - 1}"] * 10)}]\n' for k in range(1, 12)
+    )
+    file_of(path, [(0, encoded(LOG, 0, STATE))], offered_qos_profiles=f'- {{{bomb}}}')
+
+
+def one_stamp_far_off(path: Path) -> None:
+    far = bytearray(encoded(LOG, 1, STATE))
+    far[4:8] = struct.pack('<i', 2_000_000_000)
+    file_of(path, [(0, encoded(LOG, 0, STATE)), (PERIOD, bytes(far))])
+
+
+def chunk_of(path: Path, content: bytes, size: int, compression: str = 'zstd') -> None:
+    """Write a bag of one chunk with any content."""
+    name = compression.encode()
+    body = struct.pack('<QQQII', 0, 0, size, 0, len(name)) + name
+    body += struct.pack('<Q', len(content)) + content
+    path.mkdir()
+    with (path / 'run_0.mcap').open('wb') as stream:
+        Writer(stream).start(profile='ros2')
+        stream.write(b'\x06' + struct.pack('<Q', len(body)) + body)
+
+
+def zstd_bomb(path: Path) -> None:
+    compressor = zstandard.ZstdCompressor().compressobj(size=2 << 30)
+    parts = [compressor.compress(bytes(64 << 20)) for _ in range(32)]
+    chunk_of(path, b''.join([*parts, compressor.flush()]), 64)
+
+
+def many_messages(path: Path) -> None:
+    data = encoded(LOG, 0, STATE)
+    record = struct.pack('<HIQQ', 1, 0, 0, 0) + data
+    whole = (b'\x05' + struct.pack('<Q', len(record)) + record) * 500_000
+    chunk_of(path, zstandard.compress(whole), len(whole))
+
+
+def many_fields(path: Path) -> None:
+    file_of(path, [(k, encoded(LOG, k, STATE)) for k in range(3)], 'float64 a\n' * 20_000)
+
+
+def upright(path: Path) -> None:
+    make(path, replace(LOG, theta_deg=LOG.theta_deg + 95.0))
+
+
+CHAIN = {
+    'nodes': [f'/n{k}' for k in range(1500)],
+    'topics': {f'/t{k}': 'a/msg/B' for k in range(1500)},
+    'publications': [[f'/n{k}', f'/t{k}'] for k in range(1500)],
+    'subscriptions': [[f'/t{k}', f'/n{k + 1}'] for k in range(1499)],
+}
+#: By name: what makes the bag, and the sentence that one of the commands says, if it says any.
+HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
+    'YAML aliases': (alias_bomb, ''),
+    'a stamp far off': (one_stamp_far_off, 'between two of them, where a run has at most'),
+    'zstd bomb': (zstd_bomb, 'has no states'),
+    'many messages': (many_messages, 'unpacks to more than a recording of its size can hold'),
+    'a schema of 20,000 fields': (many_fields, 'has no states'),
+    'a long road': (with_metadata('road', '0:1,' * 75_000), "characters of metadata 'road'"),
+    'JSON in JSON': (with_metadata('graph', '[' * 100_000), 'cannot be drawn'),
+    'JSON of a number': (with_metadata('graph', '9' * 100_000), 'cannot be drawn'),
+    'YAML in YAML': (with_metadata('parameters', '[' * 5_000), 'no parameters'),
+    'a chain of nodes': (with_metadata('graph', json.dumps(CHAIN)), 'cannot be drawn'),
+    'a graph of numbers': (with_metadata('graph', '{"nodes": [1]}'), 'cannot be drawn'),
+    'a link to nothing': (
+        with_metadata('graph', json.dumps(json.loads(GRAPH) | {'topics': {}})),
+        'cannot be drawn',
+    ),
+    'an upright road': (upright, 'has a grade of'),
+    'claims of lists': (with_metadata(METADATA, '{"files": {"model": []}}'), ''),
+    'a file without a name': (attached('student/'), ''),
+    'a file and a folder': (attached('student/a', 'student/a/b'), 'that no run attaches'),
+    'a long name': (attached('student/' + 'x' * 300), 'that no run attaches'),
+    'a file in a file': (attached('student/bike_model.py/x'), 'that no run attaches'),
+}
+
+
+@pytest.mark.parametrize(('write', 'sentence'), HOSTILE.values(), ids=HOSTILE)
+def test_a_hostile_bag_ends_in_a_result_or_a_sentence(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    write: Callable[[Path], None],
+    sentence: str,
+) -> None:
+    monkeypatch.delenv('DISPLAY', raising=False)
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'bag'
+    write(path)
+    said = ''
+    for command in COMMANDS:
+        options = [str(path)]
+        if command == 'graph':
+            options = ['--save', 'graph.svg', '--bag', str(path)]
+        began = time.monotonic()
+
+        code = barc([command, *options])
+
+        assert code in {0, 1, 2}
+        assert time.monotonic() - began < SECONDS
+        captured = capsys.readouterr()
+        assert 'Traceback' not in captured.err
+        if code == 2:
+            assert captured.err.count('\n') == 1, captured.err
+        said += captured.out + captured.err
+    assert sentence in said
+
+
+@pytest.mark.parametrize('write', [zstd_bomb, many_messages, one_stamp_far_off])
+@pytest.mark.parametrize('command', ['plot', 'replay', 'recover'])
+@pytest.mark.slow
+def test_a_hostile_bag_takes_little_memory(
+    tmp_path: Path, write: Callable[[Path], None], command: str
+) -> None:
+    path = tmp_path / 'bag'
+    write(path)
+
+    process = subprocess.Popen([sys.executable, '-m', 'barc_sim', command, str(path)])
+    _, _, usage = os.wait4(process.pid, 0)
+    process.returncode = 0
+
+    assert usage.ru_maxrss << 10 < MEMORY
+
+
+def test_names_of_a_bag_do_not_control_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cars, code = tmp_path / 'cars', tmp_path / 'code'
+    for directory, namespaces in ((cars, ('/a', '/\x1b[2J')), (code, ('',))):
+        directory.mkdir()
+        writer = BagWriter(directory, metadata={'parameters': parameters()})
+        writer.attach({'student/\x1b]0;x\x07.py': b''})
+        for namespace in namespaces:
+            fill(writer, LOG, namespace)
+        writer.close()
+
+    for arguments in (['plot', str(cars)], ['recover', str(cars)], ['regrade', str(code)]):
+        barc(arguments)
+
+    captured = capsys.readouterr()
+    assert '\x1b' not in captured.out + captured.err
+    assert r'several cars, /a, /\x1b[2J' in captured.err
+    assert r'/\x1b[2J/z_vhcl' in captured.out
+    assert r'\x1b]0;x\x07.py: is not the file' in captured.out
