@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from typing import TYPE_CHECKING, Any, cast
 
 from mcap.writer import CompressionType, Writer
@@ -36,6 +37,9 @@ class BagFile:
         self.span = Span()
         self.pieces = Pieces(path)
         self.finished = False
+        self.on_disk: Counter[str] = Counter()  #: messages that the system has taken, by topic
+        self._in_pieces: Counter[str] = Counter()  # of finished chunks
+        self._in_chunk: Counter[str] = Counter()  # of the chunk in progress
         self._writer = Writer(
             cast('IO[Any]', self.pieces),
             chunk_size=_CHUNK_SIZE,
@@ -64,7 +68,11 @@ class BagFile:
         channel = self._channels.get(topic.name)
         if channel is None:
             channel = self._channels[topic.name] = self._register(topic)
+        before = self.size
+        self._in_chunk[topic.name] += 1
         self._writer.add_message(channel, received, data, published, sequence & 0xFFFF_FFFF)
+        if self.size != before:
+            self._count_chunk()
         self.span.add(received)
         return self.pieces.waiting
 
@@ -82,10 +90,15 @@ class BagFile:
             {'offered_qos_profiles': qos, 'topic_type_hash': topic.type_hash},
         )
 
+    def _count_chunk(self) -> None:
+        self._in_pieces += self._in_chunk
+        self._in_chunk.clear()
+
     def end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
         if not self.finished:
             self._writer.flush()  # type: ignore[no-untyped-call]
+            self._count_chunk()
 
     def commit(self) -> None:
         """Write the finished chunks, and close the file if it is finished.
@@ -97,6 +110,8 @@ class BagFile:
         """
         if self.pieces.waiting:
             self.pieces.commit()
+            self.on_disk += self._in_pieces
+            self._in_pieces.clear()
         if self.finished:
             self.pieces.close()
 
@@ -105,4 +120,5 @@ class BagFile:
         if not self.finished:
             self._writer.add_metadata('rosbag2', {'serialized_metadata': to_yaml(information)})
             self._writer.finish()  # type: ignore[no-untyped-call]
+            self._count_chunk()
             self.finished = True

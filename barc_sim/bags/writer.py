@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -57,7 +58,7 @@ class BagWriter:
         self._limits = limits or FileLimits()
         self._files: list[BagFile] = []
         self._topics: dict[str, Topic] = {}
-        self.counts: dict[str, int] = {}  #: of messages, by topic
+        self.counts: dict[str, int] = {}  #: of messages given to `write`, by topic
         self._metadata: dict[str, str] = {}
         self.closed = False
         try:
@@ -73,6 +74,11 @@ class BagWriter:
     def file(self) -> Path:
         """The file that is being written."""
         return self._files[-1].path
+
+    @property
+    def on_disk(self) -> dict[str, int]:
+        """The number of messages that the operating system has taken, by topic."""
+        return dict(sum((file.on_disk for file in self._files), Counter()))
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run; an entry replaces one of the same name."""

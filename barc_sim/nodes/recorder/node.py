@@ -143,13 +143,19 @@ class BagRecorder(Node):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Number of messages recorded, by topic."""
-        return dict(self._writer.counts)
+        """Number of messages in the bag's files, by topic."""
+        return self._writer.on_disk
 
     @property
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Number of messages lost, by topic and publishing node; None where that is unknown."""
-        return self._topics.lost()
+        """Number of messages lost, by topic and publishing node; None where that is unknown.
+
+        What the disk has refused to the end is a loss of the recorder.
+        """
+        lost = self._topics.lost()
+        for topic, count in self._thread.unwritten.items():
+            lost[topic] = (lost.get(topic) or {}) | {self.get_name(): count}
+        return lost
 
     @property
     def paused(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -57,6 +57,7 @@ class WriterThread:
         self._clock = SimulatedClock()
         self._late: list[Message] = []
         self.failure: str | None = None  #: the first one
+        self.unwritten: dict[str, int] = {}  #: messages that are lost, by topic, once closed
         self._writer = writer
         self._source = source
         self._reserve = reserve
@@ -182,6 +183,16 @@ class WriterThread:
             if not self._stuck:
                 self._try(lambda: self._writer.add_metadata(final_metadata()))
             self._try(self._writer.close)
+            self._count_unwritten()
+
+    def _count_unwritten(self) -> None:
+        """Count the messages that were received, and that the disk has refused to the end."""
+        left = Counter(self._writer.counts)
+        left.subtract(self._writer.on_disk)
+        if self._stuck and not self._broken:
+            self._waiting.extend((*self._late, *self._source()))
+        left.update(message.topic.name for message in self._waiting)
+        self.unwritten = {topic: count for topic, count in left.items() if count > 0}
 
 
 class SimulatedClock:

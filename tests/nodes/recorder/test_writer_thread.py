@@ -121,6 +121,38 @@ def test_final_metadata_is_requested_after_the_last_message(
     assert waiting == [0]
 
 
+@pytest.mark.parametrize('messages', [3, 5000], ids=['less than a chunk', 'several chunks'])
+def test_what_the_disk_refuses_to_the_end_is_counted(
+    tmp_path: Path, source: Source, monkeypatch: pytest.MonkeyPatch, messages: int
+) -> None:
+    (tmp_path / 'run').mkdir()
+    writer = BagWriter(tmp_path / 'run')
+    thread = WriterThread(writer, source.take, 0, lambda _: None)
+    thread.start()
+    source.put(1)
+    wait_for(lambda: writer.on_disk == {'/value': 1})
+    written = os.pwrite
+    full = (tmp_path / 'run' / 'run_0.mcap').stat().st_size + 70_000
+
+    def fill(descriptor: int, data: bytes, offset: int) -> int:
+        if offset + len(data) > full:
+            raise OSError(28, 'No space left on device')
+        return written(descriptor, data, offset)
+
+    monkeypatch.setattr(os, 'pwrite', fill)
+    for k in range(messages):
+        source.put(k + 2)
+        if k % 500 == 0:
+            time.sleep(0.06)
+    if messages == 3:
+        full = 0
+    thread.close()
+
+    in_bag = len(recorded(tmp_path))
+    assert writer.on_disk == {'/value': in_bag}
+    assert thread.unwritten == {'/value': messages + 1 - in_bag}
+
+
 def test_refused_messages_are_written_once_the_disk_accepts_them(
     thread: WriterThread,
     source: Source,
