@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
+import os
+import re
 import reprlib
 import traceback
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -18,6 +22,7 @@ if TYPE_CHECKING:
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
 _SHOWN = 120
+_ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
 
 
 class Calls:
@@ -72,14 +77,22 @@ class Calls:
                 f'{place}: {call} did not return within {self._budget:g} s; expected '
                 f'{self._expected}: is there an endless loop?'
             )
+        if isinstance(error, AbsentModuleError):
+            return UserCodeError(f'{place}: {call} uses {error}')
         if isinstance(error, NotImplementedError):
             return UserCodeError(
                 f'{place}: {self.function.__name__} is not written yet (TODO): called as {call}; '
                 f'expected {self._expected}'
             )
         return UserCodeError(
-            f'{place}: {call} raised {describe_error(error)}; expected {self._expected}'
+            f'{place}: {call} raised {self._described(error)}; expected {self._expected}'
         )
+
+    def _described(self, error: BaseException) -> str:
+        """Return an exception's text, with the shadowed name if a call of one raised it."""
+        text = describe_error(error).replace(str(self._folder.path) + os.sep, '')
+        hint = shadowed_name(self._folder, error)
+        return f'{text}: {hint}' if hint else text
 
     def _call_text(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
         names = [name for name in inspect.signature(self.function).parameters if name not in kwargs]
@@ -103,10 +116,10 @@ def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
 
 
 def short_repr(value: object) -> str:
-    """Return `value` as text for a sentence."""
+    """Return `value` as text for a sentence, without addresses in memory."""
     if isinstance(value, float):
         return f'{value:.9g}' if value % 1.0 else repr(value)
-    text = ' '.join(_repr(value).split())
+    text = _ADDRESS.sub('', ' '.join(_repr(value).split()))
     return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
 
 
@@ -120,7 +133,7 @@ def _repr(value: object) -> str:
 def describe_error(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
     try:
-        text = ' '.join(str(error).split())
+        text = _ADDRESS.sub('', ' '.join(str(error).split()))
     except Exception:  # noqa: BLE001 (a user's __str__)
         text = ''
     text = text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
@@ -142,6 +155,39 @@ def raised_at(folder: Folder, error: BaseException) -> str | None:
         if (place := _place(folder, frame.f_code.co_filename, line))
     ]
     return places[-1] if places else None
+
+
+def shadowed_name(folder: Folder, error: BaseException) -> str:
+    """Return a sentence on the name that a call found to be no function; empty if none."""
+    if not isinstance(error, TypeError) or 'object is not callable' not in str(error):
+        return ''
+    frames = [
+        (frame, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if frame.f_code.co_filename in folder.trees
+    ]
+    if not frames:
+        return ''
+    frame, line = frames[-1]
+    tree = folder.trees[frame.f_code.co_filename]
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+            continue
+        name = node.func.id
+        value = frame.f_locals.get(name, frame.f_globals.get(name, len))
+        if node.lineno <= line <= (node.end_lineno or line) and not callable(value):
+            at = _assigned_at(tree, name)
+            where = f', assigned in line {at},' if at else ''
+            return f'{name} is {short_repr(value)} here{where} which hides the function {name}'
+    return ''
+
+
+def _assigned_at(tree: ast.Module, name: str) -> int | None:
+    """Return the first line that assigns to `name`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
+            return node.lineno
+    return None
 
 
 def _place(folder: Folder, filename: str, line: int) -> str | None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import inspect
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.call import Calls, defined_at, number
-from barc_sim.lab.user_code.signatures import check_takes, dt_name, options_for
+from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, options_for
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from barc_sim.lab.user_code.gains import ChosenGains
     from barc_sim.lab.user_code.importing import Folder
 
 _BIKE_FE = ('x', 'y', 'psi', 'v', 'a', 'd_f', 'a0', 'm', 'Ff', 'theta', 'ts')
@@ -81,6 +83,12 @@ class ControllerFactory:
             )
         self._folder = folder
         self._budget = budget
+        #: The gains that its file chooses.
+        self.chosen: ChosenGains | None = None
+        names = [*inspect.signature(cls).parameters]
+        #: The names of the constructor's arguments for kp, ki and kd; empty: it takes any three.
+        self.gain_names = gain_names(names) if len(names) >= len(_GAINS) else ()
+        self._in_order = self.gain_names == tuple(names[:3]) or not self.gain_names
         self._options = options_for(cls, _GAINS)
         self._calls = Calls(folder, cls, budget, 'an object')
         self._expected = 'a finite number, the acceleration [m/s²]'
@@ -93,7 +101,11 @@ class ControllerFactory:
         UserCodeError
             if the user's constructor fails.
         """
-        instance = self._calls(kp, ki, kd, **self._options(options))
+        taken = self._options(options)
+        if self._in_order:
+            instance = self._calls(kp, ki, kd, **taken)
+        else:
+            instance = self._calls(**dict(zip(self.gain_names, (kp, ki, kd), strict=True)), **taken)
         method = instance.acc_calculate
         dt = dt_name(self._folder, method, _SPEEDS)
         calls = Calls(self._folder, method, self._budget, self._expected)

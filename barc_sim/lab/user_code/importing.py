@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import builtins
 import contextlib
 import importlib.util
@@ -10,14 +11,16 @@ import sys
 import threading
 from importlib.machinery import FileFinder, SourceFileLoader
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code.source import Source, compiled, read
+from barc_sim.lab.user_code.absent import Absent, is_ros, is_ros_1
+from barc_sim.lab.user_code.source import Source, compiled, guarded_lines, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from importlib.machinery import ModuleSpec
-    from types import ModuleType
+    from types import FrameType, ModuleType
 
 _SWAP = threading.RLock()
 
@@ -27,21 +30,36 @@ class Folder:
 
     They are in `sys.modules` only during an import, so that two folders can each have a
     `helpers.py`. No bytecode is written or read. A file never hides a module of the standard
-    library.
+    library. A module that is not here, such as those of ROS 1, is an `Absent`.
 
     Attributes
     ----------
     sources
         The loaded files, by path.
+    trees
+        Their syntax trees, by path.
+    tolerated
+        What was tolerated in them, a phrase each.
     """
 
     def __init__(
-        self, path: Path, output: Callable[[str], object] | None = None, prefix: str = ''
+        self,
+        path: Path,
+        output: Callable[[str], object] | None = None,
+        prefix: str = '',
+        *,
+        packages: bool = True,
     ) -> None:
         """Pass the modules' printed text to `output`, or to stdout without it.
 
-        `prefix` is put before the names of the folder's files in messages.
+        `prefix` is put before the names of the folder's files in messages. Without `packages`,
+        of the installed packages only NumPy is here.
         """
+        self._packages = packages
+        self._guarded: dict[str, frozenset[int]] = {}
+        self._uses_rclpy = False
+        self.trees: dict[str, ast.Module] = {}
+        self.tolerated: list[str] = []
         self.path = path.absolute()
         self._prefix = prefix
         self.sources: dict[str, Source] = {}
@@ -81,7 +99,16 @@ class Folder:
         self.sources[str(path)] = source
         # All of the module's functions find `import` and `print` here.
         vars(module)['__builtins__'] = self._builtins
-        exec(compiled(source), vars(module))  # noqa: S102 (running it is the purpose)
+        result = compiled(source)
+        self.trees[str(path)] = result.tree
+        self._guarded[str(path)] = guarded_lines(result.tree)
+        self._uses_rclpy |= any(
+            isinstance(node, ast.Import) and any(alias.name == 'rclpy' for alias in node.names)
+            for node in ast.walk(result.tree)
+        )
+        for phrase in result.tolerated:
+            self._tolerate(f'{source.name}: {phrase}')
+        exec(result.code, vars(module))  # noqa: S102 (running it is the purpose)
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, _: ModuleType | None = None
@@ -105,10 +132,70 @@ class Folder:
         fromlist: Sequence[str] = (),
         level: int = 0,
     ) -> ModuleType:
-        if level == 0 and name.partition('.')[0] not in self._names:
-            return __import__(name, globals, locals, fromlist, level)
+        top = name.partition('.')[0]
+        if level and not (globals or {}).get('__package__'):
+            # A file of the lab's package is loaded by itself: its neighbours are in its folder.
+            level = 0
+            if not name:
+                return SimpleNamespace(  # type: ignore[return-value]
+                    **{each: self._import(each, globals, locals, (each,)) for each in fromlist}
+                )
+        if level == 0 and top not in self._names:
+            return self._import_installed(name, globals, locals, fromlist)
         with self._modules_in_place():
             return __import__(name, globals, locals, fromlist, level)
+
+    def _import_installed(
+        self,
+        name: str,
+        globals: dict[str, Any] | None,  # noqa: A002 (__import__'s own names)
+        locals: dict[str, Any] | None,  # noqa: A002
+        fromlist: Sequence[str],
+    ) -> ModuleType:
+        """Return a module of Python or of an installed package, or an `Absent`."""
+        top = name.partition('.')[0]
+        path, line = self._importing_line()
+        source = self.sources.get(path)
+        here = source is None or top in sys.stdlib_module_names or top == 'numpy'
+        if not here and self._packages:
+            here = not is_ros(name) or (self._uses_rclpy and not is_ros_1(name))
+        missing = name
+        if here:
+            try:
+                return __import__(name, globals, locals, fromlist, 0)
+            except ModuleNotFoundError as error:
+                if source is None or line in self._guarded.get(path, ()):
+                    raise
+                missing = error.name or name
+        assert source  # noqa: S101 (others are here)
+        if not is_ros(name) and (line in self._guarded[path] or '*' in (fromlist or ())):
+            raise ModuleNotFoundError(missing, name=missing)
+        ros = is_ros(name)
+        reason = (
+            'ROS 1 is not here and not needed: barc_sim provides the nodes, and calls PID every '
+            '0.02 s'
+            if ros
+            else f'there is no module {missing!r} here ({source.name}, line {line}): NumPy and '
+            "Python's own modules are; install it for your own runs, put it into the folder, or "
+            'do without it'
+        )
+        self._tolerate(
+            f'{source.name}, line {line}: {source.line(line)}: '
+            + ('ROS is not needed' if ros else 'not here')
+        )
+        absent: Any = Absent(name if fromlist else top, reason)
+        return absent  # type: ignore[no-any-return]
+
+    def _importing_line(self) -> tuple[str, int]:
+        """Return the path and line of the innermost statement of this folder."""
+        frame: FrameType | None = sys._getframe(2)  # noqa: SLF001 (who imports)
+        while frame and frame.f_code.co_filename not in self.sources:
+            frame = frame.f_back
+        return (frame.f_code.co_filename, frame.f_lineno) if frame else ('', 0)
+
+    def _tolerate(self, phrase: str) -> None:
+        if phrase not in self.tolerated:
+            self.tolerated.append(phrase)
 
     @contextlib.contextmanager
     def _modules_in_place(self) -> Iterator[None]:

@@ -17,6 +17,7 @@ from barc_sim.lab.user_code.functions import (
     UserPid,
     UserRelay,
 )
+from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.importing import Folder
 from barc_sim.lab.user_code.source import Source, UserCodeError
 
@@ -59,6 +60,8 @@ class UserCode:
     files: Mapping[str, str] = field(default_factory=dict)
     #: The files above, and those that they import from their folder.
     sources: tuple[Source, ...] = ()
+    #: What was tolerated in them, a phrase each.
+    tolerated: tuple[str, ...] = ()
 
 
 def load_folder(
@@ -67,6 +70,7 @@ def load_folder(
     *,
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
+    packages: bool = True,
 ) -> UserCode:
     """Load the files of `folder`.
 
@@ -80,13 +84,17 @@ def load_folder(
         [s] Time budget of each call; None: no limit, and no thread.
     output
         Receives the text that user code prints; without it, that goes to stdout.
+    packages
+        Whether the code can import any installed package; else NumPy alone, as in `check` and
+        `grade`.
 
     Raises
     ------
     UserCodeError
         if there is no such folder, nothing in it, or a file that can't be used.
     """
-    return load_files(find_files(folder, parts), budget=budget, output=output)
+    files = find_files(folder, parts)
+    return load_files(files, budget=budget, output=output, packages=packages)
 
 
 def find_files(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
@@ -102,11 +110,28 @@ def find_files(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dic
         raise UserCodeError(
             f'there is no folder {str(folder)!r}: barc new {shlex.quote(str(folder))} writes one'
         )
-    files = {part: folder / FILES[part] for part in parts if (folder / FILES[part]).exists()}
-    if not files:
+    found = {part: file for part in parts if (file := find_file(folder, part))}
+    if not found:
         names = ', '.join(FILES[part] for part in parts)
         raise UserCodeError(f'the folder {str(folder)!r} has no {names}: expected one at least')
-    return files
+    return found
+
+
+def find_file(folder: Path, part: str) -> Path | None:
+    """Return the file of a part in `folder`: of its name, or the only one of a similar name.
+
+    Similar are `Bike_Model.py` and `bike_model_final(1).py`.
+    """
+    exact = folder / FILES[part]
+    if exact.exists():
+        return exact
+    stem = _letters(exact.stem)
+    similar = [file for file in sorted(folder.glob('*.py')) if _letters(file.stem).startswith(stem)]
+    return similar[0] if len(similar) == 1 else None
+
+
+def _letters(name: str) -> str:
+    return ''.join(filter(str.isalpha, name.lower()))
 
 
 def load_files(
@@ -114,6 +139,7 @@ def load_files(
     *,
     budget: float | None = BUDGET,
     output: Callable[[str], object] | None = None,
+    packages: bool = True,
 ) -> UserCode:
     """Load files by part (see `FILES`), of any folders; the options are those of `load_folder`."""
     loaders: dict[str, Callable[[Folder, Path, float | None], Any]] = {
@@ -125,7 +151,12 @@ def load_files(
     paths = {part: Path(os.path.abspath(file)) for part, file in files.items()}  # noqa: PTH100
     parents = dict.fromkeys(path.parent for path in paths.values())
     folders = {
-        parent: Folder(parent, output, f'{number}_{parent.name}/' if len(parents) > 1 else '')
+        parent: Folder(
+            parent,
+            output,
+            f'{number}_{parent.name}/' if len(parents) > 1 else '',
+            packages=packages,
+        )
         for number, parent in enumerate(parents, 1)
     }
     loaded = {
@@ -135,6 +166,14 @@ def load_files(
         **loaded,
         files={part: folders[path.parent].sources[str(path)].name for part, path in paths.items()},
         sources=tuple(source for folder in folders.values() for source in folder.sources.values()),
+        tolerated=tuple(
+            [
+                f'{paths[part].name} is taken as {FILES[part]}: did you mean that name?'
+                for part in paths
+                if paths[part].name != FILES[part]
+            ]
+            + [phrase for folder in folders.values() for phrase in folder.tolerated]
+        ),
     )
 
 
@@ -185,7 +224,10 @@ def _controller(folder: Folder, path: Path, budget: float | None) -> ControllerF
     cls = _named(folder, path, budget, ['PID'])
     if not isinstance(cls, type):
         raise UserCodeError(f'{path.name}: PID is {short_repr(cls)}; expected a class')
-    return ControllerFactory(folder, cls, budget)
+    factory = ControllerFactory(folder, cls, budget)
+    trees = {folder.sources[file].name: tree for file, tree in folder.trees.items()}
+    factory.chosen = find_gains(trees, folder.sources[str(path.absolute())].name)
+    return factory
 
 
 def _relay(folder: Folder, path: Path, budget: float | None) -> RelayFactory:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.call import defined_at, short_repr
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.user_code.importing import Folder
 
+#: Names of a gain, in lower case: kp, k_p, p, p_gain, gain_p, kpgain, proportional, …
+_GAIN = re.compile(
+    r'(?:k|gain|coeff)?_?([pid])(?:rop|nt|er)?(?:ortional|egral|ivative)?_?(?:gain|term|coeff)?'
+)
 _EVERY_KIND = inspect.Parameter.VAR_KEYWORD
 
 
@@ -38,6 +43,16 @@ def dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) 
         if _binds(signature, count, **{name: 0.0}):
             return name
     raise _takes(folder, function, signature, names)
+
+
+def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
+    """Return those of `parameters` that are kp, ki and kd: by their names, else the first three."""
+    found: dict[str, str] = {}
+    for name in parameters:
+        if match := _GAIN.fullmatch(name.lower()):
+            found.setdefault(match[1], name)
+    names = tuple(found[letter] for letter in 'pid' if letter in found)
+    return names if len(names) == len('pid') else tuple(parameters[:3])
 
 
 def _signature(folder: Folder, function: Callable[..., Any]) -> inspect.Signature:

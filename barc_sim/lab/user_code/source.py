@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import re
 import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
     from types import CodeType
 
 _MAX_BYTES = 1_000_000
-_ROS_1 = {'rospy', 'roslib', 'barc', 'rosbag', 'rosgraph', 'dynamic_reconfigure', 'tf'}
+_SHOWN = 120  #: characters of a wrong line
+_PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
+#: What Python 3 says about Python 2, and what to write.
+_PYTHON_2 = {
+    'multiple exception types': 'write "except … as …:"',
+    "call to 'exec'": 'write exec(…)',
+    'leading zeros in decimal': 'write an octal number as 0o…',
+}
 
 
 class UserCodeError(UserError):
@@ -65,72 +72,78 @@ def read(path: Path, name: str) -> Source:
     return Source(name, path, text, hashlib.sha256(data).hexdigest())
 
 
-def compiled(source: Source) -> CodeType:
-    """Compile the source.
+class Compiled(NamedTuple):
+    """A file ready to run, and what was tolerated in it."""
+
+    code: CodeType
+    tree: ast.Module
+    tolerated: tuple[str, ...] = ()
+
+
+def compiled(source: Source) -> Compiled:
+    """Compile the source; tabs are as wide as in Python 2, up to the next multiple of 8.
 
     Raises
     ------
     UserCodeError
-        if it is not Python 3, or the lab's template for ROS 1.
+        if it is not Python 3.
     """
+    try:
+        return _compiled(source, source.text)
+    except TabError:
+        pass
+    except SyntaxError as error:
+        raise _syntax_error(source, error) from error
+    try:
+        expanded = _compiled(source, _with_blanks(source.text))
+    except SyntaxError as error:
+        raise _syntax_error(source, error) from error
+    return expanded._replace(tolerated=('tabs and blanks are mixed, a tab counts as 8',))
+
+
+def _compiled(source: Source, text: str) -> Compiled:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
-            tree = ast.parse(source.text.encode(), source.name)
-            code = compile(tree, str(source.path), 'exec', dont_inherit=True)
-    except SyntaxError as error:
-        text = (error.text or '').strip() or source.line(error.lineno or 0)
-        raise UserCodeError(
-            f'{source.name}, line {error.lineno or 1}: this is no Python 3: {error.msg}'
-            + (f': {text}' if text else '')
-        ) from error
+            tree = ast.parse(text.encode(), source.name)
+            return Compiled(compile(tree, str(source.path), 'exec', dont_inherit=True), tree)
     except (ValueError, RecursionError, MemoryError) as error:
         raise UserCodeError(f'{source.name} is no Python 3: {error}') from error
-    _refuse_ros_1(source, tree)
-    return code
 
 
-def _refuse_ros_1(source: Source, tree: ast.Module) -> None:
-    found = list(_ros_1_imports(tree))
-    if not found:
-        return
-    names = {name for node in found for name in _bound(node)}
-    lines = {node.lineno for node in found}
-    lines |= {node.lineno for node in _run_at_import(tree) if names & _used(node)}
-    first = source.line(found[0].lineno)
-    some = len(lines) > 1
-    raise UserCodeError(
-        f'{source.name}, line {found[0].lineno}: {first}: ROS 1 is not installed and '
-        f'not needed: delete the line{"s" if some else ""} '
-        f'{", ".join(map(str, sorted(lines)))}; barc_sim provides the nodes'
+def _with_blanks(text: str) -> str:
+    """Return `text` with the tabs of each indentation expanded."""
+    lines = []
+    for line in text.splitlines(keepends=True):
+        rest = line.lstrip(' \t')
+        lines.append(line[: len(line) - len(rest)].expandtabs(8) + rest)
+    return ''.join(lines)
+
+
+def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
+    text = ((error.text or '').strip() or source.line(error.lineno or 0))[:_SHOWN]
+    at = f'{source.name}, line {error.lineno or 1}'
+    if 'print' in error.msg and (statement := _PRINT.match(text)):
+        lines = [
+            str(number)
+            for number, line in enumerate(source.text.splitlines(), 1)
+            if _PRINT.match(line.strip())
+        ]
+        more = f'; so in the lines {", ".join(lines)}' if len(lines) > 1 else ''
+        return UserCodeError(
+            f'{at}: {text}: this is the print of Python 2: write print({statement[1]}){more}'
+        )
+    if python_2 := next((new for old, new in _PYTHON_2.items() if old in error.msg), ''):
+        return UserCodeError(f'{at}: this is Python 2: {python_2}: {text}')
+    return UserCodeError(f'{at}: syntax error: {error.msg}' + (f': {text}' if text else ''))
+
+
+def guarded_lines(tree: ast.Module) -> frozenset[int]:
+    """Return the lines in the body of a `try`, where a failing import has a replacement."""
+    return frozenset(
+        line
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Try) and node.handlers
+        for part in node.body
+        for line in range(part.lineno, (part.end_lineno or part.lineno) + 1)
     )
-
-
-def _ros_1_imports(tree: ast.Module) -> Iterator[ast.Import | ast.ImportFrom]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            modules = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            modules = [node.module or '']
-        else:
-            continue
-        # Message packages are known by their `msg` and `srv` modules.
-        if any(_ROS_1 & {m.partition('.')[0]} or m.endswith(('.msg', '.srv')) for m in modules):
-            yield node
-
-
-def _bound(node: ast.Import | ast.ImportFrom) -> set[str]:
-    return {(alias.asname or alias.name).partition('.')[0] for alias in node.names}
-
-
-def _run_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
-    """Yield the statements that run when the module is loaded: no definitions, no `__main__`."""
-    for node in tree.body:
-        if isinstance(node, (ast.FunctionDef, ast.ClassDef, ast.Import, ast.ImportFrom)):
-            continue
-        if not (isinstance(node, ast.If) and '__name__' in _used(node.test)):
-            yield node
-
-
-def _used(node: ast.AST) -> set[str]:
-    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}

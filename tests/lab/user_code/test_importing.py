@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.importing import Folder
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -140,5 +141,70 @@ def test_a_folder_that_has_gone_keeps_what_was_loaded(tmp_path: Path) -> None:
 
 def test_a_helper_that_cannot_be_compiled_is_named(tmp_path: Path) -> None:
     own = folder(tmp_path, main='import helpers', helpers='x = (')
-    with pytest.raises(UserCodeError, match=r'^helpers\.py, line 1: this is no Python 3'):
+    with pytest.raises(UserCodeError, match=r'^helpers\.py, line 1: syntax error'):
         own.load(own.path / 'main.py')
+
+
+ROS_1 = """\
+#!/usr/bin/env python
+import rospy
+from barc.msg import ECU, Z_DynBkMdl
+from labs.msg import *
+from std_msgs.msg import Float64
+from .bike_model import bikeFE
+from . import input_map
+import matplotlib.pyplot as plt
+from math import sin
+
+rospy.init_node('x')
+
+def clock():
+    return rospy.get_time() - 1.0
+
+class PID(rospy.SubscribeListener):
+    pass
+
+def main():
+    while not rospy.is_shutdown():
+        rospy.sleep(1.0)
+
+try:
+    main()
+except rospy.ROSInterruptException:
+    pass
+"""
+
+
+def test_the_labs_files_for_ros_1_are_loaded_as_they_are(tmp_path: Path) -> None:
+    own = folder(tmp_path, controller=ROS_1, bike_model='bikeFE = 1')
+    module = own.load(own.path / 'controller.py')
+    assert module.bikeFE == 1
+    assert own.tolerated == [
+        'controller.py, line 2: import rospy: ROS is not needed',
+        'controller.py, line 3: from barc.msg import ECU, Z_DynBkMdl: ROS is not needed',
+        'controller.py, line 4: from labs.msg import *: ROS is not needed',
+        'controller.py, line 5: from std_msgs.msg import Float64: ROS is not needed',
+        'controller.py, line 7: from . import input_map: not here',
+    ]
+    with pytest.raises(AbsentModuleError, match=r'^rospy\.get_time\(\), but ROS 1 is not here'):
+        module.clock()
+
+
+def test_without_packages_only_numpy_is_here(tmp_path: Path) -> None:
+    folder(tmp_path, main='import numpy, yaml\ndef f(): return 1 + yaml.load("1")')
+    own = Folder(tmp_path, packages=False)
+    module = own.load(tmp_path / 'main.py')
+    assert module.numpy.pi > 3.0
+    assert own.tolerated == ['main.py, line 1: import numpy, yaml: not here']
+    with pytest.raises(
+        AbsentModuleError, match=r"there is no module 'yaml' here \(main.py, line 1"
+    ):
+        module.f()
+
+
+def test_an_import_that_has_a_replacement_fails_where_it_is_not_here(tmp_path: Path) -> None:
+    text = 'try:\n    import yaml\nexcept ImportError:\n    yaml = 3\n'
+    folder(tmp_path, main=text)
+    own = Folder(tmp_path, packages=False)
+    assert own.load(tmp_path / 'main.py').yaml == 3
+    assert own.tolerated == []
