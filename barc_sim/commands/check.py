@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
+    from barc_sim.lab.check.judging import Settings
     from barc_sim.lab.check.worker import Report
 
 FORMATS = ('png', 'pdf', 'svg')
@@ -25,15 +27,27 @@ def add_arguments(parser: Parser) -> None:
     parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of both files')
     parser.add_argument(
-        '--seed', type=int, default=0, metavar='N', help='of the random states and roads (0)'
+        '--rubric',
+        default='lab',
+        metavar='RUBRIC',
+        help='the points, as in grade: lab, strict, extended or a file (%(default)s)',
+    )
+    parser.add_argument(
+        '--seed', type=int, metavar='N', help="of the random states and roads (the rubric's)"
     )
     for name in ('kp', 'ki', 'kd'):
         parser.add_argument(
             f'--{name}',
             type=float,
             metavar='GAIN',
-            help='for the drives over the roads (default: that of a run)',
+            help='for the drives over the roads (the one in controller.py)',
         )
+    parser.add_argument(
+        '--acceleration-limit',
+        type=float,
+        metavar='A',
+        help="of the controller on the roads [m/s²] (the rubric's: none)",
+    )
     parser.add_argument(
         '--save', metavar='FILE', help='the figure: .png, .pdf or .svg (LAB/check.png)'
     )
@@ -48,33 +62,53 @@ def run(options: Namespace) -> int:
     UserError
         where there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.lab.check import GAINS  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.lab.check.report import print_report  # noqa: PLC0415
+    from barc_sim.lab.check.report import print_report  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.lab.check.worker import judge_folder  # noqa: PLC0415
+    from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
         raise UserError('--save and --no-plot contradict each other: give one of them')
-    given = (options.kp, options.ki, options.kd)
-    kp, ki, kd = (
-        default if gain is None else gain for gain, default in zip(given, GAINS, strict=True)
-    )
-    gains = (kp, ki, kd)
-    if not all(map(isfinite, gains)):
-        raise UserError(f'the gains kp, ki, kd are {gains}: expected finite numbers')
-    path = None if options.no_plot else _path(options)
-    report = judge_folder(options.folder, options.seed, gains)
-    print_report(report)
+    folder = options.folder
+    if folder.is_file() and folder.suffix == '.py':
+        folder = folder.parent
+    rubric = load(options.rubric)
+    settings = _settings(rubric.settings, options)
+    path = None if options.no_plot else _path(options, folder)
+    report = judge_folder(folder, settings)
+    print_report(report, rubric)
     if path:
-        settings = f'kp {kp:g} · ki {ki:g} · kd {kd:g} · seed {options.seed}'
-        _draw(report, path, f'{options.folder.resolve().name}, beside the reference', settings)
+        gains = f'{report.gains} · ' if report.gains else ''
+        _draw(
+            report,
+            path,
+            f'{folder.resolve().name}, beside the reference',
+            f'{gains}seed {settings.seed}',
+        )
     judged = [finding for finding in report.findings if not finding.skipped]
     return 0 if all(finding.passed for finding in judged) else NOT_PASSED
 
 
-def _path(options: Namespace) -> Path:
+def _settings(settings: Settings, options: Namespace) -> Settings:
+    """Return the rubric's settings, changed by the options."""
+    given = {
+        name: value
+        for name in ('seed', 'kp', 'ki', 'kd', 'acceleration_limit')
+        if (value := getattr(options, name)) is not None
+    }
+    for name, value in given.items():
+        if not isfinite(value):
+            raise UserError(f'--{name.replace("_", "-")} is {value}: expected a finite number')
+    if given.get('acceleration_limit', 1.0) <= 0.0:
+        raise UserError(
+            f'--acceleration-limit is {options.acceleration_limit:g}: expected a number above 0'
+        )
+    return replace(settings, **given)
+
+
+def _path(options: Namespace, folder: Path) -> Path:
     from barc_sim.figures import output  # noqa: PLC0415
 
-    return output.target(options.save or str(options.folder / 'check.png'), FORMATS)
+    return output.target(options.save or str(folder / 'check.png'), FORMATS)
 
 
 def _draw(report: Report, path: Path, title: str, settings: str) -> None:

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from barc_sim.lab.grade.batch import Failure
     from barc_sim.lab.grade.report import Report
 
-_RUBRIC = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubric.yaml'
 _CLASS = 'class.csv'
 # Submissions in progress on a cluster: enough for all workers, few enough for the memory.
 _ON_A_CLUSTER = 64
@@ -39,7 +38,13 @@ def add_arguments(parser: Parser) -> None:
         metavar='SUBMISSIONS',
         help='a submission: a folder, .zip or .tar.gz; or a folder of those',
     )
-    parser.add_argument('--rubric', type=Path, metavar='FILE', help=f'the points ({_RUBRIC})')
+    rubrics = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubrics'
+    parser.add_argument(
+        '--rubric',
+        default='lab',
+        metavar='RUBRIC',
+        help=f'the points: lab, strict, extended or a file like those in {rubrics} (%(default)s)',
+    )
     parser.add_argument(
         '--out', type=Path, default=Path('grades'), metavar='DIR', help='(%(default)s)'
     )

@@ -11,8 +11,9 @@ import pytest
 from rich.console import Console
 
 from barc_sim.__main__ import main as barc
-from barc_sim.lab.check import GAINS, report
+from barc_sim.lab.check import report
 from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.grade.rubric import load
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,9 +64,12 @@ def test_all_met_is_exit_code_0_and_a_figure(
 ) -> None:
     assert barc(['check', str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == 'model.x             100 %  right in all 3,750 states'
-    assert 'pid.proportional        -  there is no controller.py' in lines
-    assert lines[-2:] == ['5 of 5 criteria are met in full', str(folder / 'check.png')]
+    assert lines[0] == 'model.x                   8 / 8  right in all 2,750 states'
+    assert 'pid.proportional          0 / 8  there is no controller.py' in lines
+    assert lines[-2:] == [
+        '5 of 5 criteria are met in full: 50 of 100 points',
+        str(folder / 'check.png'),
+    ]
     assert (folder / 'check.png').read_bytes().startswith(b'\x89PNG')
 
 
@@ -74,11 +78,14 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(
 ) -> None:
     assert barc(['check', str(wrong), '--no-plot', '--kp', '2']) == 1
     out = capsys.readouterr().out
-    assert 'pid.integral          0 %  there is no I: with ki alone the output is always 0' in out
+    assert (
+        'pid.integral              0 / 8  there is no I: with ki alone the output is always 0'
+        in out
+    )
     assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 gives' in out
     assert 'your code printed:\n  [red]called\n' in out
     assert 'more lines' in out
-    assert '6 of 12 criteria are met in full' in out
+    assert '6 of 9 criteria are met in full: ' in out
     assert not (wrong / 'check.png').exists()
 
 
@@ -88,15 +95,15 @@ def test_a_cause_is_named_once(wrong: Path, capsys: pytest.CaptureFixture[str]) 
     assert barc(['check', str(wrong), '--no-plot']) == 1
     out = capsys.readouterr().out
     assert out.count('is the sign of beta right?') == 1
-    assert 'model.y            14.2 %  see model.x\n' in out
+    assert '  see model.x\n' in out
 
 
 def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     out = StringIO()
     console = Console(file=out, force_terminal=True, color_system=None, width=100)
-    report.print_report(judge_folder(wrong, 0, GAINS), console)
+    report.print_report(judge_folder(wrong, load().settings), load(), console)
     text = out.getvalue()
-    assert text.splitlines()[0].split() == ['criterion', 'score', 'finding']
+    assert text.splitlines()[0].split() == ['criterion', 'points', 'finding']
     assert "the lab's road, stretch by stretch" in text
     assert '[red]called' in text
     assert max(map(len, text.splitlines())) <= 100
@@ -116,7 +123,7 @@ def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path, name: str) -
         (['.'], "the folder '.' has no bike_model.py and no controller.py"),
         (['my_lab', '--save', 'a.jpeg'], "'a.jpeg': the name must end in"),
         (['my_lab', '--save', 'a.png', '--no-plot'], 'contradict each other'),
-        (['my_lab', '--kp', 'nan'], 'expected finite numbers'),
+        (['my_lab', '--kp', 'nan'], 'expected a finite number'),
     ],
 )
 def test_misuse_is_one_line_and_exit_code_2(
@@ -144,4 +151,4 @@ def test_the_module_is_a_command(folder: Path) -> None:
         timeout=100,
     )
     assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout.endswith('5 of 5 criteria are met in full\n')
+    assert done.stdout.endswith('5 of 5 criteria are met in full: 50 of 100 points\n')

@@ -6,16 +6,16 @@ Tolerances are far above the differences between maths libraries, and far below 
 
 from barc_sim.lab.check.code import JudgedCode, JudgedController, LocalCode, Row
 from barc_sim.lab.check.findings import CRITERIA, Finding
-from barc_sim.lab.check.judging import GAINS, findings, judge
+from barc_sim.lab.check.judging import Settings, findings, judge
 
 __all__ = [
     'CRITERIA',
-    'GAINS',
     'Finding',
     'JudgedCode',
     'JudgedController',
     'LocalCode',
     'Row',
+    'Settings',
     'findings',
     'judge',
 ]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from barc_sim.lab.user_code.gains import ChosenGains
 
 
 class Row(NamedTuple):
@@ -59,8 +61,17 @@ class JudgedCode(Protocol):
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
         """Return the result of `bikeFE` for each row; lengths [m] are passed if it takes them."""
 
-    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
-        """Return a new `PID` with these gains."""
+    def new_pid(
+        self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
+    ) -> JudgedController:
+        """Return a new `PID` with these gains.
+
+        It gets the `limit` [m/s²] of its output if it takes one. With `fresh` its file is loaded
+        again, so that no global variable has a value of an earlier run.
+        """
+
+    def chosen_gains(self) -> ChosenGains | None:
+        """Return the gains that `controller.py` chooses; None if it has none."""
 
 
 class Parts(Protocol):
@@ -103,13 +114,20 @@ class LocalCode:
             results.append((x, y, psi, v))
         return results
 
-    def new_pid(self, kp: float, ki: float, kd: float) -> JudgedController:
+    def new_pid(
+        self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
+    ) -> JudgedController:
         """Return a new `PID` with these gains."""
         controller = self._user_code.controller
         if controller is None:
             raise LookupError('there is no PID')
-        limits = {'output_min': -ACCELERATION_LIMIT, 'output_max': ACCELERATION_LIMIT}
-        return _LocalController(controller(kp, ki, kd, **limits))
+        if fresh and (again := getattr(controller, 'fresh', None)):
+            controller = again()
+        return _LocalController(controller(kp, ki, kd, output_min=-limit, output_max=limit))
+
+    def chosen_gains(self) -> ChosenGains | None:
+        """Return the gains that `controller.py` chooses."""
+        return getattr(self._user_code.controller, 'chosen', None)
 
 
 class _LocalController:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.situations import Sequence
 
 _RELATIVE = 1e-7
+_WIDEST = 60  #: values of a window
+_MOST_DIGITS = 4
 
 
 class Trial(NamedTuple):
@@ -44,8 +46,6 @@ def diagnose_proportional(trials: list[Trial]) -> str:
         return 'P has the wrong sign: the error is speed_reference - speed_current'
     if hint := _diagnose_gain('kp', 'P', ratios, trials):
         return hint
-    if all(_is(r, t.gain * TS) for r, t in zip(ratios, trials, strict=True)):
-        return 'P is multiplied by dt: it is kp * e'
     others: dict[str, Callable[[Trial], Floats]] = {
         'the outputs of all calls are added up: the output is P + I + D of this call alone': (
             lambda t: np.cumsum(t.sequence.error)
@@ -72,28 +72,23 @@ def diagnose_integral(trials: list[Trial]) -> str:
     ratios = [trial.ratio(trial.variants) for trial in trials]
     if hint := _diagnose_gain('ki', 'I', ratios, trials):
         return hint
-    factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
-    factor = _common(factors)
-    if factor:
-        sign = (
-            'I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt'
-            if factor < 0.0
-            else ''
+    if _factor_below_zero(ratios, trials):
+        return 'I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt'
+    others: dict[str, Callable[[Trial], list[Floats]]] = {
+        'I has no memory: the errors are not added up, or the sum is lost between calls': (
+            lambda t: [t.sequence.error]
+        ),
+        'I has no sign: do not use abs on the error': lambda t: [np.abs(v) for v in t.variants],
+    }
+    others |= {
+        f'I adds up the last {width} errors only: the integral adds up all of them': (
+            lambda t, width=width: [_window(t.sequence.error, width)]  # type: ignore[misc]
         )
-        if _is(abs(factor), 1.0 / TS):
-            step = 'I has no dt: add up ki * e * dt, with dt = 0.02 s'
-        elif _is(abs(factor), 1.0):
-            step = ''
-        else:
-            step = (
-                f'I uses dt = {abs(factor) * TS:g} s: PID is called every {TS:g} s, '
-                'ki * (sum of e * dt)'
-            )
-        return '; and '.join(filter(None, [sign, step]))
-    if all(t.ratio([t.sequence.error]) for t in trials):
-        return 'I has no memory: the errors are not added up, or the sum is lost between calls'
-    if all(t.ratio([np.abs(shape) for shape in t.variants]) for t in trials):
-        return 'I has no sign: do not use abs on the error'
+        for width in range(2, _WIDEST)
+    }
+    for hint, shapes in others.items():
+        if all(t.ratio(shapes(t)) for t in trials):
+            return hint
     if all(
         np.abs(t.outputs[60:] / (t.outputs[60] or 1.0) - 1.0).max() <= _RELATIVE for t in trials
     ):
@@ -106,34 +101,85 @@ def diagnose_derivative(trials: list[Trial]) -> str:
     ratios = [trial.ratio(trial.variants) for trial in trials]
     if hint := _diagnose_gain('kd', 'D', ratios, trials):
         return hint
-    factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
-    factor = _common(factors)
-    if factor:
-        sign = (
+    if _factor_below_zero(ratios, trials):
+        return (
             'D has the wrong sign: it is kd * (e - e_before) / dt, or with the measured speed '
             '-kd * (v - v_before) / dt'
-            if factor < 0.0
-            else ''
         )
-        if _is(abs(factor), TS):
-            step = f'D has no dt: divide the change of e by dt = {TS:g} s'
-        elif _is(abs(factor), TS * TS):
-            step = f'D is multiplied by dt: divide the change of e by dt = {TS:g} s'
-        elif _is(abs(factor), 1.0):
-            step = ''
-        else:
-            step = (
-                f'D uses dt = {TS / abs(factor):g} s: PID is called every {TS:g} s, '
-                'kd * (e - e_before) / dt'
-            )
-        return '; and '.join(filter(None, [sign, step]))
     forgets = all(
         t.ratio([t.sequence.error, t.sequence.error - t.sequence.error[0], t.sequence.measured])
         for t in trials
     )
     if forgets:
         return 'D does not store the error of the last call: set e_before at the end of each call'
+    for width in range(2, _WIDEST):
+        if all(t.ratio([_change(t.sequence.error, width)]) for t in trials):
+            return (
+                f'D is the change over {width} calls: it is the change since the last call, '
+                'kd * (e - e_before) / dt'
+            )
     return _example('D', 'kd * (e - e_before) / dt', trials[0])
+
+
+def remark(term: str, factor: float) -> str:
+    """Return what to say of a term that is right up to a `factor`, which the gains absorb."""
+    known = {
+        'P': {TS: 'P is multiplied by dt: it is kp * e'},
+        'I': {1.0 / TS: 'I has no dt: add up ki * e * dt, with dt = 0.02 s'},
+        'D': {
+            TS: f'D has no dt: divide the change of e by dt = {TS:g} s',
+            TS * TS: f'D is multiplied by dt: divide the change of e by dt = {TS:g} s',
+        },
+    }
+    other = {
+        'P': f'P is multiplied by {factor:g}: it is kp * e',
+        'I': f'I uses dt = {factor * TS:g} s: PID is called every {TS:g} s, ki * (sum of e * dt)',
+        'D': (
+            f'D uses dt = {TS / factor:g} s: PID is called every {TS:g} s, kd * (e - e_before) / dt'
+        ),
+    }
+    return next((text for value, text in known[term].items() if _is(factor, value)), other[term])
+
+
+def common_factor(trials: list[Trial]) -> float | None:
+    """Return the factor of a term's outputs, if it is the same for all gains and positive."""
+    factor = _common([_factor(trial.ratio(trial.variants), trial) for trial in trials])
+    return factor if factor and factor > 0.0 else None
+
+
+def rounding(trials: list[Trial]) -> str:
+    """Return a sentence if the outputs are rounded, else an empty string."""
+    outputs = np.concatenate([trial.outputs for trial in trials])
+    for digits in range(_MOST_DIGITS):
+        if np.any(outputs) and np.array_equal(outputs, np.round(outputs, digits)):
+            if digits:
+                return f'the outputs are rounded to {digits} digits: return them as they are'
+            return (
+                'the outputs are whole numbers: does int(…) or // cut them? Return them as they are'
+            )
+    return ''
+
+
+def _factor(ratio: float | None, trial: Trial) -> float | None:
+    return ratio / trial.gain if ratio else None
+
+
+def _factor_below_zero(ratios: list[float | None], trials: list[Trial]) -> bool:
+    factor = _common([_factor(r, t) for r, t in zip(ratios, trials, strict=True)])
+    return factor is not None and factor < 0.0
+
+
+def _window(values: Floats, width: int) -> Floats:
+    """Return the sums of the last `width` values."""
+    sums = np.cumsum(values)
+    summed: Floats = sums - np.concatenate([np.zeros(width), sums[:-width]])
+    return summed
+
+
+def _change(values: Floats, width: int) -> Floats:
+    """Return the changes over `width` values."""
+    changed: Floats = values - np.concatenate([np.full(width, values[0]), values[:-width]])
+    return changed
 
 
 def _diagnose_gain(name: str, term: str, ratios: list[float | None], trials: list[Trial]) -> str:

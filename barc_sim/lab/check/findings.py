@@ -35,8 +35,10 @@ class Trajectory:
 #: User code can return numbers of any size: NumPy does not warn about them.
 IGNORE_FLOAT_ERRORS = np.errstate(all='ignore')
 
-MODEL = ('model.x', 'model.y', 'model.psi', 'model.v', 'model.trajectory')
-PID = ('pid.proportional', 'pid.integral', 'pid.derivative', 'pid.windup', 'pid.reset')
+EQUATIONS = ('model.x', 'model.y', 'model.psi', 'model.v')
+MODEL = (*EQUATIONS, 'model.trajectory', 'model.reverse', 'model.general')
+TERMS = ('pid.proportional', 'pid.integral', 'pid.derivative')
+PID = (*TERMS, 'pid.dt', 'pid.first_call', 'pid.windup', 'pid.reset')
 LOOP = ('loop.lab_road', 'loop.random_roads')
 #: Every criterion, in the order of a report; a rubric names them.
 CRITERIA = (*MODEL, *PID, *LOOP)
@@ -53,6 +55,8 @@ class Finding:
     #: what a figure shows
     evidence: Comparison | Trajectory | None = field(default=None, compare=False, repr=False)
     skipped: bool = False  #: there is no such file: the score is 0
+
+    factor: float | None = None  #: of a term of the PID: 1 with the lab's formula, dt included
 
     @property
     def passed(self) -> bool:

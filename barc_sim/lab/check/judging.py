@@ -1,58 +1,115 @@
-"""Judges user code by every criterion."""
+"""Judges user code by the criteria of a rubric."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
-from barc_sim.lab.check.findings import LOOP, MODEL, PID, Finding
-from barc_sim.lab.check.loop import judge_lab_road, judge_random_roads
+from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, Finding
+from barc_sim.lab.check.findings import TERMS as TERM_CRITERIA
+from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
 from barc_sim.lab.check.memory import judge_reset
-from barc_sim.lab.check.model import judge_equations
-from barc_sim.lab.check.terms import TERMS, judge_term
+from barc_sim.lab.check.model import judge_beyond, judge_equations
+from barc_sim.lab.check.results import run_general, run_reverse
+from barc_sim.lab.check.terms import (
+    TERMS,
+    ignores_gains,
+    judge_dt,
+    judge_first_call,
+    judge_term,
+)
 from barc_sim.lab.check.trajectory import judge_trajectory
 from barc_sim.lab.check.windup import judge_windup
+from barc_sim.lab.user_code.gains import ChosenGains
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Collection, Iterator
 
     from barc_sim.lab.check.code import JudgedCode
-    from barc_sim.lab.check.stretches import Gains
 
 
-GAINS: tuple[float, float, float] = (KP, KI, KD)  #: the run's
+_DEFAULT = ChosenGains(KP, KI, KD, "barc_sim's own, because controller.py chooses none")
+_COMMAND_LINE = 'the command line'
 
 
-def judge(code: JudgedCode, seed: int = 0, gains: Gains = GAINS) -> list[Finding]:
-    """Return a finding for each of `findings.CRITERIA`, in that order.
+@dataclass(frozen=True)
+class Settings:
+    """How user code is judged."""
 
-    Parameters
-    ----------
-    code
-        The user code. Its errors become findings.
-    seed
-        Selects the states, the sequences of speeds and the random roads.
-    gains
-        kp, ki, kd with which the class drives the roads. The defaults of its constructor are not
-        used: a run passes gains, too.
+    seed: int = 0  #: of the states, the sequences of speeds and the random roads
+    kp: float | None = None  #: on the roads; None: the file's own
+    ki: float | None = None
+    kd: float | None = None
+    acceleration_limit: float = inf  #: [m/s²] on the roads; the lab's car has none
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    criteria: Collection[str] = CRITERIA
+
+
+def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
+    """Return a finding for each criterion of `settings`, in the order of `findings.CRITERIA`.
+
+    Errors of the code become findings.
     """
-    return list(findings(code, seed, gains))
+    return list(findings(code, settings or Settings()))
 
 
-def findings(code: JudgedCode, seed: int = 0, gains: Gains = GAINS) -> Iterator[Finding]:
+def findings(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield the findings of `judge`, each as soon as it is known."""
+    for finding in _all(code, settings):
+        if finding.criterion in settings.criteria:
+            yield finding
+
+
+def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
+    """Return the gains with which the code drives: the command line's, the file's or barc_sim's."""
+    chosen = code.chosen_gains() or _DEFAULT
+    given = (settings.kp, settings.ki, settings.kd)
+    if given == (None, None, None):
+        return chosen
+    kp, ki, kd = (c if g is None else g for g, c in zip(given, chosen[:3], strict=True))
+    rest = '' if None not in given else f', the others from {chosen.origin}'
+    return ChosenGains(kp, ki, kd, _COMMAND_LINE + rest)
+
+
+def _all(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
+    wanted = settings.criteria
     if code.has_model:
-        yield from judge_equations(code, seed)
-        yield judge_trajectory(code)
+        yield from _judge_model(code, settings)
     else:
         yield from _skipped(MODEL, 'there is no bike_model.py')
-    if code.has_controller:
-        yield from judge_controller(code, seed)
-        yield judge_lab_road(code, gains)
-        yield judge_random_roads(code, gains, seed)
-    else:
+    if not code.has_controller:
         yield from _skipped((*PID, *LOOP), 'there is no controller.py')
+        return
+    controller = [*judge_controller(code, settings.seed, wanted)]
+    yield from controller
+    factors = {finding.criterion: finding.factor or 1.0 for finding in controller}
+    conditions = Conditions(
+        gains_used(code, settings),
+        settings.acceleration_limit,
+        settings.thresholds,
+        [factors[criterion] for criterion in TERM_CRITERIA],
+    )
+    if LOOP[0] in wanted:
+        yield judge_lab_road(code, conditions)
+    if LOOP[1] in wanted:
+        yield judge_random_roads(code, conditions, settings.seed)
+
+
+def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
+    seed = settings.seed
+    judges: dict[str, Callable[[], Finding]] = {
+        'model.trajectory': partial(judge_trajectory, code),
+        'model.reverse': partial(judge_beyond, 'model.reverse', code, seed, run_reverse),
+        'model.general': partial(judge_beyond, 'model.general', code, seed, run_general),
+    }
+    if not set(EQUATIONS).isdisjoint(settings.criteria):
+        yield from judge_equations(code, seed)
+    for criterion, judge_it in judges.items():
+        if criterion in settings.criteria:
+            yield judge_it()
 
 
 def _skipped(criteria: tuple[str, ...], message: str) -> Iterator[Finding]:
@@ -60,17 +117,28 @@ def _skipped(criteria: tuple[str, ...], message: str) -> Iterator[Finding]:
         yield Finding(criterion, 0.0, message, skipped=True)
 
 
-def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
+def judge_controller(
+    code: JudgedCode, seed: int, wanted: Collection[str] = CRITERIA
+) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
     reset = judge_reset(code, seed)
-    for term in TERMS:
-        yield _with_cause(judge_term(code, term, seed), reset)
-    yield _with_cause(judge_windup(code), reset)
+    ignored = ignores_gains(code, seed)
+    terms = [
+        Finding(term.criterion, 0.0, ignored) if ignored else judge_term(code, term, seed)
+        for term in TERMS
+    ]
+    judges: dict[str, Callable[[], Finding]] = {
+        'pid.dt': partial(judge_dt, terms),
+        'pid.first_call': partial(judge_first_call, code, terms[-1], seed),
+        'pid.windup': partial(judge_windup, code),
+    }
+    for finding in (*terms, *(judge_it() for name, judge_it in judges.items() if name in wanted)):
+        yield _with_cause(finding, reset)
     yield reset
 
 
 def _with_cause(finding: Finding, reset: Finding) -> Finding:
-    """Put values left from an earlier run first in the message: they change every other result."""
-    if finding.passed or not reset.details.get('leaks'):
+    """Put randomness first in the message: it changes every other result."""
+    if finding.passed or not reset.details.get('random'):
         return finding
     return replace(finding, message=f'{reset.message}. So: {finding.message}')

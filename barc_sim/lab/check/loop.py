@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from math import nan
+from dataclasses import dataclass, field
+from functools import cache
+from math import inf, isfinite, nan
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import ACCELERATION_LIMIT, PID, speed_controller
+from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
@@ -18,7 +20,10 @@ from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from barc_sim.lab.check.code import JudgedCode, JudgedController
+    from barc_sim.lab.user_code.gains import ChosenGains
     from barc_sim.simulation.log import Log
 
 
@@ -44,9 +49,42 @@ def random_road(seed: int, number: int) -> tuple[Road, float]:
 
 RANDOM_ROADS = 4
 LAB_DISTANCE = 180.0  #: [m]
-#: [m/s] RMS speed error after the run-up: full marks up to `GOOD`, none from `BAD` on, linear in
-#: between. The lab's published example has 0.10, the reference 0.02.
-GOOD, BAD = 0.15, 1.5
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """Speed errors [m/s] after the run-up, for half of the marks each.
+
+    Full marks up to `full_…`, none from `zero_…` on, linear in between.
+    """
+
+    full_rms: float = 0.15
+    zero_rms: float = 1.5
+    full_max: float = 0.5
+    zero_max: float = 3.0
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """How a controller drives."""
+
+    gains: ChosenGains
+    limit: float = inf  #: [m/s²] of its output
+    thresholds: Thresholds = field(default_factory=Thresholds)
+    factors: Sequence[float] = (1.0, 1.0, 1.0)  #: of its terms, as in a finding
+
+    @property
+    def effective(self) -> Gains:
+        """The gains times the terms' factors."""
+        kp, ki, kd = (g * f for g, f in zip(self.gains[:3], self.factors, strict=True))
+        return kp, ki, kd
+
+    def __str__(self) -> str:
+        """Return them as text."""
+        limit = f'limited to {self.limit:g} m/s²' if isfinite(self.limit) else 'without a limit'
+        return f'with {self.gains}, {limit}'
+
+
 #: [s] of simulated time: three times as long as the reference needs for the lab's road.
 _LONGEST = 70.0
 
@@ -60,19 +98,19 @@ class Drive(NamedTuple):
 
 
 class _Limited(PID):
-    """A user's controller, its output limited to what the motor can do."""
+    """A user's controller, its output limited."""
 
-    def __init__(self, controller: JudgedController) -> None:
-        super().__init__(
-            nan, nan, nan, output_min=-ACCELERATION_LIMIT, output_max=ACCELERATION_LIMIT
-        )
+    def __init__(self, controller: JudgedController, limit: float) -> None:
+        super().__init__(nan, nan, nan, output_min=-limit, output_max=limit)
         self.proportional = self.integral = self.derivative = nan
         self._controller = controller
+        self.calls = 0
 
     def acc_calculate(
         self, speed_reference: float, speed_current: float, dt: float | None = None
     ) -> float:
         """Return the acceleration [m/s²]."""
+        self.calls += 1
         dt = self.dt if dt is None else dt
         requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
         output = min(max(requested, self.output_min), self.output_max)
@@ -81,44 +119,55 @@ class _Limited(PID):
 
 
 @IGNORE_FLOAT_ERRORS
-def judge_lab_road(code: JudgedCode, gains: Gains) -> Finding:
+def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Finding:
     """Return the finding for the lab's road, with an explanation for each stretch of it."""
     try:
-        drive = _drive(code, gains, Road.lab(), LAB_DISTANCE)
-    except UserError as error:
-        return Finding('loop.lab_road', 0.0, str(error))
-    stretches = explain(drive.log, gains)
-    score = _score(drive)
-    message = _describe(drive)
+        drive = _drive(code, conditions, Road.lab(), LAB_DISTANCE)
+    except _DriveError as error:
+        return Finding('loop.lab_road', 0.0, f'{error} ({conditions})')
+    stretches = explain(drive.log, conditions.effective, conditions.limit)
+    score = _score(drive, conditions.thresholds)
+    message = f'{_describe(drive, conditions.thresholds)}, {conditions}'
     if score < 1.0:
         message += f'. {describe_worst(stretches)}'
-    reference = closed_loop(Plant(road=drive.road), speed_controller(*gains), distance=LAB_DISTANCE)
     return Finding(
         'loop.lab_road',
         score,
         message,
-        {'gains': list(gains), 'stretches': [stretch._asdict() for stretch in stretches]},
-        Comparison(drive.log, reference),
+        {
+            'gains': list(conditions.gains[:3]),
+            'stretches': [stretch._asdict() for stretch in stretches],
+        },
+        Comparison(drive.log, _reference()),
     )
 
 
+@cache
+def _reference() -> Log:
+    return closed_loop(distance=LAB_DISTANCE)
+
+
 @IGNORE_FLOAT_ERRORS
-def judge_random_roads(code: JudgedCode, gains: Gains, seed: int) -> Finding:
+def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Finding:
     """Return the finding for random roads: the mean of their scores."""
     try:
-        drives = [_drive(code, gains, *random_road(seed, number)) for number in range(RANDOM_ROADS)]
-    except UserError as error:
+        drives = [
+            _drive(code, conditions, *random_road(seed, number)) for number in range(RANDOM_ROADS)
+        ]
+    except _DriveError as error:
         return Finding('loop.random_roads', 0.0, str(error))
-    scores = [_score(drive) for drive in drives]
+    thresholds = conditions.thresholds
+    scores = [_score(drive, thresholds) for drive in drives]
     worst_drive = drives[int(np.argmin(scores))]
-    message = f'the worst of {len(drives)} roads: {_describe(worst_drive)}'
+    message = f'the worst of {len(drives)} roads: {_describe(worst_drive, thresholds)}'
     if min(scores) < 1.0:
-        message += f'. {describe_worst(explain(worst_drive.log, gains))}'
+        worst = explain(worst_drive.log, conditions.effective, conditions.limit)
+        message += f'. {describe_worst(worst)}'
     roads = [
         {
             'starts': list(drive.road.starts),
             'grades_deg': list(drive.road.grades_deg),
-            'rms_error': _rms(drive),
+            'rms_error': _errors(drive)[0],
             'score': score,
         }
         for drive, score in zip(drives, scores, strict=True)
@@ -126,33 +175,52 @@ def judge_random_roads(code: JudgedCode, gains: Gains, seed: int) -> Finding:
     return Finding('loop.random_roads', float(np.mean(scores)), message, {'roads': roads})
 
 
-def _drive(code: JudgedCode, gains: Gains, road: Road, distance: float) -> Drive:
+class _DriveError(UserError):
+    """User code has failed on the way; the text names the call."""
+
+
+def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float) -> Drive:
     plant = Plant(road=road)
-    pid = _Limited(code.new_pid(*gains))
-    log = closed_loop(plant, pid, distance=distance, max_duration=_LONGEST)
+    try:
+        controller = code.new_pid(*conditions.gains[:3], limit=conditions.limit)
+    except UserError as error:
+        raise _DriveError(str(error)) from error
+    pid = _Limited(controller, conditions.limit)
+    try:
+        log = closed_loop(plant, pid, distance=distance, max_duration=_LONGEST)
+    except UserError as error:
+        time = (pid.calls - 1) * plant.ts
+        raise _DriveError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
     return Drive(road, log, bool(plant.state.x >= distance))
 
 
-def _rms(drive: Drive) -> float:
-    return round(summary(drive.log).rms_error_after_run_up, 6)
+def _errors(drive: Drive) -> tuple[float, float]:
+    """Return the RMS and the greatest error [m/s] after the run-up."""
+    result = summary(drive.log)
+    return round(result.rms_error_after_run_up, 6), round(result.max_error_after_run_up, 6)
 
 
-def _score(drive: Drive) -> float:
-    rms = _rms(drive)
-    if not drive.arrived or not rms < BAD:
+def _score(drive: Drive, thresholds: Thresholds) -> float:
+    if not drive.arrived:
         return 0.0
-    return min(1.0, (BAD - rms) / (BAD - GOOD))
+    rms, greatest = _errors(drive)
+    shares = (
+        (thresholds.zero_rms - rms) / (thresholds.zero_rms - thresholds.full_rms),
+        (thresholds.zero_max - greatest) / (thresholds.zero_max - thresholds.full_max),
+    )
+    # NaN is no error that is small.
+    return sum(min(1.0, share) if share > 0.0 else 0.0 for share in shares) / len(shares)
 
 
-def _describe(drive: Drive) -> str:
+def _describe(drive: Drive, thresholds: Thresholds) -> str:
     log = drive.log
     if not drive.arrived:
         return (
             f'the car is at {log.distance[-1]:.1f} m after {log.t[-1]:.0f} s, at '
             f'{log.speed[-1]:.2f} m/s: it does not reach the end of the road'
         )
-    result = summary(log)
+    rms, greatest = _errors(drive)
     return (
-        f'RMS error {result.rms_error_after_run_up:.3f} m/s after the first 10 m, at most '
-        f'{result.max_error_after_run_up:.3f} m/s ({GOOD:g} m/s RMS is full marks)'
+        f'RMS error {rms:.3f} m/s after the first 10 m, at most {greatest:.3f} m/s '
+        f'({thresholds.full_rms:g} and {thresholds.full_max:g} m/s are full marks)'
     )

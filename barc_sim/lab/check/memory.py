@@ -63,25 +63,30 @@ class _Memory:
                 faults.append(f'reset() does not clear {self._not_reset()}')
         score = 1.0 - len(faults) / checks
         message = '; '.join(faults) or 'each run starts fresh'
-        return Finding('pid.reset', score, message, {'leaks': leaks})
+        return Finding('pid.reset', score, message, {'random': False})
 
     def _run(self, gains: Gains, sequence: Sequence | None = None) -> list[float]:
-        return self._code.new_pid(*gains).acc_sequence((sequence or self._sequence).rows)
+        return self._code.new_pid(*gains, fresh=False).acc_sequence(
+            (sequence or self._sequence).rows
+        )
 
     def _second_half(self) -> list[float]:
         """Return the outputs of a PID that continues after another sequence."""
-        pid = self._code.new_pid(*_GAINS)
+        pid = self._code.new_pid(*_GAINS, fresh=False)
         pid.acc_sequence(self._other.rows)
         return pid.acc_sequence(self._sequence.rows)
 
     def _reset_run(self, gains: Gains) -> list[float] | None:
         """Return the outputs of a PID after its reset; None if it has none."""
-        pid = self._code.new_pid(*gains)
+        pid = self._code.new_pid(*gains, fresh=False)
         pid.acc_sequence(self._other.rows)
         return pid.acc_sequence(self._sequence.rows) if pid.reset() else None
 
     def _beside_another(self) -> list[float]:
-        one, other = self._code.new_pid(*_GAINS), self._code.new_pid(*_GAINS)
+        one, other = (
+            self._code.new_pid(*_GAINS, fresh=False),
+            self._code.new_pid(*_GAINS, fresh=False),
+        )
         outputs = []
         for mine, its in zip(self._sequence.rows, self._other.rows, strict=True):
             outputs.append(one.acc_calculate(*mine))
@@ -94,7 +99,7 @@ class _Memory:
             0.0,
             f'the same speeds give different outputs{when}: does PID use random numbers, or the '
             f"computer's clock? It is called every {TS:g} s of simulated time",
-            {'leaks': True},
+            {'random': True},
         )
 
     def _kept(self) -> str:

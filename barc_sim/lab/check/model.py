@@ -12,19 +12,18 @@ from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
 from barc_sim.lab.check.results import Results, call_text, find_randomness, run_situations
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from barc_sim.lab.check.code import JudgedCode
 
 
 @IGNORE_FLOAT_ERRORS
 def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
-    """Return a finding for each of the four equations.
+    """Return a finding for each of the four equations, in states of the lab's road.
 
     An equation's score is a product. The first factor is the share of states in which it is right,
     as a mean over the situations that test it. The second is the same share over all other
-    situations. Axle distances are varied if the function takes and uses them; otherwise they are
-    the lab's.
+    situations.
     """
     results = run_situations(code, seed)
     random = find_randomness(code, results)
@@ -34,9 +33,8 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     found = {} if random or not finite else _causes(finite, wrong)
     findings = []
     for name in NAMES:
-        states = sum(len(part.rows) for part in results)
         if name not in wrong and not random:
-            message = f'right in all {states:,} states'
+            message = _right(results)
         else:
             message = random or _message(results, name, found.get(name))
         score = 0.0 if random else scores[name]
@@ -46,6 +44,27 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     return findings
 
 
+@IGNORE_FLOAT_ERRORS
+def judge_beyond(
+    criterion: str, code: JudgedCode, seed: int, run: Callable[[JudgedCode, int], list[Results]]
+) -> Finding:
+    """Return the finding for all equations together, in states that the lab's road has not."""
+    results = run(code, seed)
+    shares = [part.right(column) for part in results for column in range(len(NAMES))]
+    score = float(np.mean([np.mean(share) for share in shares]))
+    if score == 1.0:
+        return Finding(criterion, 1.0, _right(results))
+    wrong = [name for name in NAMES if _score(results, name) < 1.0]
+    # A cause must explain the results on the lab's road, too.
+    finite = [part for part in (*run_situations(code, seed), *results) if not part.failure]
+    found = _causes(finite, wrong) if finite else {}
+    return Finding(criterion, score, _message(results, wrong[0], found.get(wrong[0])))
+
+
+def _right(results: Sequence[Results]) -> str:
+    return f'right in all {sum(len(part.rows) for part in results):,} states'
+
+
 def _score(results: Sequence[Results], name: str) -> float:
     column = NAMES.index(name)
     tested: list[float] = []
@@ -53,7 +72,7 @@ def _score(results: Sequence[Results], name: str) -> float:
     for part in results:
         share = float(np.mean(part.right(column)))
         (tested if name in part.situation.concerns.split() else other).append(share)
-    return float(np.mean(tested) * np.mean(other))
+    return float(np.mean(tested or [1.0]) * np.mean(other or [1.0]))
 
 
 def _shares(results: Sequence[Results], name: str) -> dict[str, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from rich.console import Console
 from rich.table import Table
@@ -16,27 +16,55 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.worker import Printed, Report
 
 
+class Points(Protocol):
+    """The parts of a rubric that a report uses."""
+
+    @property
+    def points(self) -> Mapping[str, float]:
+        """By criterion."""
+
+    @property
+    def max_score(self) -> float:
+        """The sum of all points."""
+
+    def points_for(self, finding: Finding, /) -> float:
+        """Return the points for a finding."""
+
+
+_HEADER = ('from', 'grade', 'RMS', 'at most', 'cause')
 _LINES = 5  #: of the text that user code printed
 
 
-def print_report(report: Report, console: Console | None = None) -> None:
+def print_report(report: Report, rubric: Points, console: Console | None = None) -> None:
     """Print a report: tables in a terminal, one line for each finding in a pipe."""
     console = console or Console(highlight=False)
     findings = _without_repeats(report.findings)
     stretches = _stretches(report.findings)
     if console.is_terminal:
-        console.print(_table(findings))
+        console.print(_table(findings, rubric))
         if stretches:
             console.print(_stretch_table(stretches))
     else:
         for finding in findings:
-            _plain(console, f'{finding.criterion:18} {_score(finding):>6}  {finding.message}')
+            points = _points(finding, rubric)
+            _plain(console, f'{finding.criterion:18} {points:>12}  {finding.message}')
+        if stretches:
+            _plain(console, '  '.join(_HEADER))
         for stretch in stretches:
             _plain(console, '  '.join(_cells(stretch)))
+    if report.gains:
+        _plain(console, f'gains: {report.gains}')
+    if report.tolerated:
+        _plain(console, f'tolerated: {"; ".join(report.tolerated)}')
     _print_output(report.printed, console)
     judged = [finding for finding in report.findings if not finding.skipped]
     passed = sum(finding.passed for finding in judged)
-    _plain(console, f'{passed} of {len(judged)} criteria are met in full')
+    total = round(sum(rubric.points_for(finding) for finding in report.findings), 2)
+    _plain(
+        console,
+        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {rubric.max_score:g} '
+        'points',
+    )
 
 
 def _without_repeats(findings: Sequence[Finding]) -> list[Finding]:
@@ -60,28 +88,29 @@ def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
     return []
 
 
-def _score(finding: Finding) -> str:
-    # Rounded down: only full marks are shown as 100 %.
-    return '-' if finding.skipped else f'{int(finding.score * 1000) / 10:g} %'
+def _points(finding: Finding, rubric: Points) -> str:
+    return f'{rubric.points_for(finding):g} / {rubric.points[finding.criterion]:g}'
 
 
-def _table(findings: Sequence[Finding]) -> Table:
+def _table(findings: Sequence[Finding], rubric: Points) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column('criterion', no_wrap=True)
-    table.add_column('score', justify='right', no_wrap=True)
+    table.add_column('points', justify='right', no_wrap=True)
     table.add_column('finding')
     for finding in findings:
         colour = 'dim' if finding.skipped else 'green' if finding.passed else 'red'
-        table.add_row(finding.criterion, Text(_score(finding), style=colour), Text(finding.message))
+        points = Text(_points(finding, rubric), style=colour)
+        table.add_row(finding.criterion, points, Text(finding.message))
     return table
 
 
 def _stretch_table(stretches: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(box=None, pad_edge=False, title="the lab's road, stretch by stretch")
     table.title_justify = 'left'
-    for name in ('from', 'grade', 'RMS', 'at most'):
+    *numbers, cause = _HEADER
+    for name in numbers:
         table.add_column(name, justify='right', no_wrap=True)
-    table.add_column('cause')
+    table.add_column(cause)
     for stretch in stretches:
         table.add_row(*(Text(cell) for cell in _cells(stretch)))
     return table
@@ -110,4 +139,4 @@ def _print_output(printed: Printed, console: Console) -> None:
 
 def _plain(console: Console, text: str) -> None:
     """Print `text` without markup."""
-    console.print(Text(text), soft_wrap=True)
+    console.print(Text(text), soft_wrap=not console.is_terminal)

@@ -10,7 +10,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab.check.diagnose_model import close
 from barc_sim.lab.check.equations import NAMES
-from barc_sim.lab.check.situations import SITUATIONS, Situation, with_lengths
+from barc_sim.lab.check.situations import GENERAL, REVERSE, SITUATIONS, Situation, with_lengths
 from barc_sim.vehicle.bike_model import L_F, L_R, bikeFE
 
 if TYPE_CHECKING:
@@ -41,13 +41,26 @@ class Results:
         return close(self.got[:, column], self.expected[:, column])
 
 
-def run_situations(code: JudgedCode, seed: int) -> list[Results]:
-    """Call `bikeFE` in all situations; other axle distances are tried only if it uses them."""
+def run_situations(
+    code: JudgedCode, seed: int, situations: Sequence[Situation] = SITUATIONS
+) -> list[Results]:
+    """Call `bikeFE` in all of the `situations`."""
     results: list[Results] = []
-    for situation in SITUATIONS:
+    for situation in situations:
         results.append(_run(code, situation, situation.rows(seed), results))
-    results += _at_other_lengths(code, seed, results)
     return results
+
+
+def run_reverse(code: JudgedCode, seed: int) -> list[Results]:
+    """Call `bikeFE` with negative speeds."""
+    return run_situations(code, seed, REVERSE)
+
+
+def run_general(code: JudgedCode, seed: int) -> list[Results]:
+    """Call `bikeFE` with another car; other axle distances are tried only if it uses them."""
+    results = run_situations(code, seed, GENERAL)
+    turn = next(situation for situation in SITUATIONS if situation.name == 'a left turn')
+    return results + _at_other_lengths(code, seed, _run(code, turn, turn.rows(seed), results))
 
 
 def _run(
@@ -71,9 +84,8 @@ def _array(rows: Sequence[Next]) -> Floats:
     return np.array(rows, dtype=np.float64).reshape(-1, len(NAMES))
 
 
-def _at_other_lengths(code: JudgedCode, seed: int, results: Sequence[Results]) -> list[Results]:
+def _at_other_lengths(code: JudgedCode, seed: int, turn: Results) -> list[Results]:
     """Return the results at other axle distances, if the function takes any."""
-    turn = next(part for part in results if part.situation.name == 'a left turn')
     if turn.failure:
         return []
     try:
@@ -87,7 +99,7 @@ def _at_other_lengths(code: JudgedCode, seed: int, results: Sequence[Results]) -
     if lengths == (L_F, L_R):
         return []
     situation = with_lengths(*lengths)
-    return [_run(code, situation, situation.rows(seed), results)]
+    return [_run(code, situation, situation.rows(seed), [])]
 
 
 def _differs(rows: Sequence[Next], others: Floats) -> bool:

@@ -79,13 +79,10 @@ SITUATIONS = (
     Situation('setting off', 'v', v=(0.0, 0.0), a=_COMMAND),
     Situation('a left turn', 'x y psi', d_f=_LEFT),
     Situation('a right turn', 'x y psi', d_f=_RIGHT),
-    Situation('reversing to the left', 'x y psi', v=_REVERSE, d_f=_LEFT),
-    Situation('reversing to the right', 'x y psi', v=_REVERSE, d_f=_RIGHT),
     Situation('uphill', 'v', theta_deg=(2.0, 30.0)),
     Situation('downhill', 'v', theta_deg=(-30.0, -2.0)),
     Situation('rolling friction', 'v', Ff=_FRICTION),
     Situation('air drag', 'v', a0=_DRAG),
-    Situation('drag and friction in reverse', 'v', v=_REVERSE, a0=_DRAG, Ff=_FRICTION),
     Situation(
         "the lab's car on hills",
         'x y psi v',
@@ -95,6 +92,15 @@ SITUATIONS = (
         Ff=(_LAB.friction, _LAB.friction),
         theta_deg=(-30.0, 30.0),
     ),
+)
+#: The lab's road has none of these.
+REVERSE = (
+    Situation('reversing to the left', 'x y psi', v=_REVERSE, d_f=_LEFT),
+    Situation('reversing to the right', 'x y psi', v=_REVERSE, d_f=_RIGHT),
+    Situation('drag and friction in reverse', 'v', v=_REVERSE, a0=_DRAG, Ff=_FRICTION),
+    Situation('rolling back on a hill', 'v', v=_REVERSE, Ff=_FRICTION, theta_deg=(2.0, 30.0)),
+)
+GENERAL = (
     Situation(
         'another mass and time step',
         'x y psi v',
@@ -131,6 +137,10 @@ class Sequence:
     def error(self) -> Floats:
         """Reference minus measured [m/s]."""
         return self.reference - self.measured
+
+    def scaled(self, factor: float) -> Sequence:
+        """Return the sequence with errors that are `factor` times as large."""
+        return Sequence(self.reference, self.reference - factor * self.error)
 
     @property
     def rows(self) -> list[Sample]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import radians, sin
+from math import inf, isfinite, radians, sin
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.lab.check.situations import TS
 from barc_sim.vehicle.bike_model import GRAVITY
 
@@ -40,8 +39,11 @@ class Stretch(NamedTuple):
     cause: str
 
 
-def explain(log: Log, gains: Gains) -> list[Stretch]:
-    """Return each stretch of one grade, with the cause of its speed error."""
+def explain(log: Log, gains: Gains, limit: float = inf) -> list[Stretch]:
+    """Return each stretch of one grade, with the cause of its speed error.
+
+    `limit` is that of the output [m/s²].
+    """
     changes = np.flatnonzero(np.diff(log.theta_deg)) + 1
     edges = [0, *changes.tolist(), len(log)]
     explanations = []
@@ -57,9 +59,9 @@ def explain(log: Log, gains: Gains) -> list[Stretch]:
                 theta_deg=theta,
                 rms_error=float(np.sqrt(np.mean(error**2))),
                 max_error=float(np.max(np.abs(error))),
-                cause=_Part(log, part, before, gains).explain()
+                cause=_Part(log, part, before, gains, limit).explain()
                 if first
-                else _explain_start(log, part),
+                else _explain_start(log, part, limit),
             )
         )
         before = theta
@@ -72,7 +74,7 @@ def describe_worst(stretches: Sequence[Stretch]) -> str:
     return f'From {stretch.start:.0f} m on, at {stretch.theta_deg:g}°: {stretch.cause}'
 
 
-def _explain_start(log: Log, part: slice) -> str:
+def _explain_start(log: Log, part: slice, limit: float) -> str:
     speed, reference = log.speed[part], float(log.reference[part.start])
     error = log.speed_error[part]
     near = np.flatnonzero(np.abs(error) <= _NEAR * abs(reference))
@@ -80,15 +82,15 @@ def _explain_start(log: Log, part: slice) -> str:
         if speed.min() < -_HELD:
             return 'the car drives backwards: is the error speed_reference - speed_current?'
         return f'{reference:g} m/s is not reached: the greatest speed is {speed.max():.2f} m/s'
-    text = (
-        f'{near[0] * TS:.2f} s to {reference:g} m/s, where {ACCELERATION_LIMIT:g} m/s² allow '
-        f'{reference / ACCELERATION_LIMIT:.2f} s'
-    )
+    text = f'{near[0] * TS:.2f} s to {reference:g} m/s'
+    if isfinite(limit):
+        text += f', where {limit:g} m/s² allow {reference / limit:.2f} s'
     over = -float(error.min())
     if over > _NEAR * reference:
-        text += (
-            f'; then {over:.2f} m/s too fast: the integral grew while the output was at its '
-            'limit, or ki is large for this kp'
+        text += f'; then {over:.2f} m/s too fast: ' + (
+            'the integral grew while the output was at its limit, or ki is large for this kp'
+            if isfinite(limit)
+            else 'ki or kp is large'
         )
     return text
 
@@ -96,7 +98,10 @@ def _explain_start(log: Log, part: slice) -> str:
 class _Part:
     """A stretch of a run, with the acceleration that its grade needs."""
 
-    def __init__(self, log: Log, part: slice, theta_before: float, gains: Gains) -> None:
+    def __init__(
+        self, log: Log, part: slice, theta_before: float, gains: Gains, limit: float
+    ) -> None:
+        self.limit = limit
         self.error = log.speed_error[part]
         self.peak = float(np.max(np.abs(self.error)))
         limited = log.saturated[part]
@@ -114,7 +119,7 @@ class _Part:
             return f'{needs}: held within {_HELD:g} m/s'
         if np.count_nonzero(np.diff(np.sign(self.limited))) >= _SWINGS:
             return (
-                f'the output jumps between its limits of {ACCELERATION_LIMIT:g} m/s²: ki or kd is '
+                f'the output jumps between its limits of {self.limit:g} m/s²: ki or kd is '
                 'large for this kp'
             )
         carried = abs(float(self.error[0]))
@@ -127,7 +132,7 @@ class _Part:
     def _cause(self) -> str:
         if (time := len(self.limited) * TS) > _LONG_LIMIT:
             return (
-                f'the output was at its limit of {ACCELERATION_LIMIT:g} m/s² for {time:.1f} s, '
+                f'the output was at its limit of {self.limit:g} m/s² for {time:.1f} s, '
                 f'{self._limit_cause()}'
             )
         if (swings := self._swings()) >= _SWINGS:
@@ -170,4 +175,4 @@ class _Part:
     def _settled(self) -> float:
         """Return the time [s] after which the error stays small."""
         beyond = np.flatnonzero(np.abs(self.error) > max(0.1 * self.peak, 0.01))
-        return float(beyond[-1] + 1) * TS
+        return float(beyond[-1] + 1) * TS if beyond.size else 0.0

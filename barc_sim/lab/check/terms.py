@@ -2,7 +2,8 @@
 
 Every common form is right. The integral can add an error before or after it is used, or the mean
 of two errors, with or without the first. The derivative can use the error or the measurement, with
-or without a low-pass filter of first order; its first output is not judged.
+or without a low-pass filter of first order; its first output is not judged. A positive constant
+factor, such as a missing dt, is right and remarked upon: the gains absorb it. `pid.dt` judges it.
 """
 
 from __future__ import annotations
@@ -15,15 +16,19 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab.check.diagnose_terms import (
     Trial,
+    common_factor,
     diagnose_derivative,
     diagnose_integral,
     diagnose_proportional,
+    remark,
+    rounding,
 )
 from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
 from barc_sim.lab.check.situations import TS, Sequence, wandering
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from collections.abc import Sequence as SequenceOf
 
     from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.equations import Floats
@@ -33,6 +38,11 @@ if TYPE_CHECKING:
 #: [m/s²] Size of a term's output: 50 times as much, with a missing dt, is still below 8.
 _OUTPUT = 0.1
 TOLERANCE = 1e-9  #: [m/s²]
+_SUM = 1.0  #: [m/s] Greatest sum of errors, far below what a limited sum allows.
+#: Factors to a whole term that are usual: with or without dt.
+_FACTORS = (1.0, TS, 1.0 / TS, TS * TS)
+_HALF = 0.5
+_LARGE = 1e3  #: Factor to errors whose outputs are rounded to other numbers than 0.
 
 
 @dataclass(frozen=True)
@@ -40,6 +50,7 @@ class Term:
     """A term of the PID, and how it is judged."""
 
     criterion: str
+    name: str  #: P, I or D
     position: int  #: of its gain in kp, ki, kd
     gains: tuple[float, ...]
     reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
@@ -80,29 +91,102 @@ def _derivative(sequence: Sequence) -> list[Floats]:
 
 
 TERMS = (
-    Term('pid.proportional', 0, (0.5, 30.0), 1.0, _proportional, diagnose_proportional),
-    Term('pid.integral', 1, (0.5, 200.0), 0.6, _integral, diagnose_integral),
-    Term('pid.derivative', 2, (0.1, 3.0), 2.0 / TS, _derivative, diagnose_derivative, first=1),
+    Term('pid.proportional', 'P', 0, (0.5, 30.0), 1.0, _proportional, diagnose_proportional),
+    Term('pid.integral', 'I', 1, (0.5, 200.0), 0.6, _integral, diagnose_integral),
+    Term('pid.derivative', 'D', 2, (0.1, 3.0), 2.0 / TS, _derivative, diagnose_derivative, first=1),
 )
 
 
 @IGNORE_FLOAT_ERRORS
 def judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
-    """Return the finding for a term; its score is the share of right outputs."""
+    """Return the finding for a term; its score is the share of right outputs, above one half."""
     trials = []
     for gain in term.gains:
-        sequence = wandering(seed, f'{term.criterion} {gain}', _OUTPUT / gain / term.reach)
+        sequence = _sequence(term, gain, seed)
         try:
             outputs = np.array(code.new_pid(*term.only(gain)).acc_sequence(sequence.rows))
         except UserError as error:
             return Finding(term.criterion, 0.0, str(error))
-        variants = term.variants(sequence)
-        trials.append(Trial(gain, sequence, outputs, variants, term.first))
-    shares = [_share(trial) for trial in trials]
+        trials.append(Trial(gain, sequence, outputs, term.variants(sequence), term.first))
+    shares = [_share(trial, 1.0) for trial in trials]
     if min(shares) == 1.0:
-        return Finding(term.criterion, 1.0, _right(term, trials))
-    message = _multiplied(code, term, seed) or term.diagnose(trials)
-    return Finding(term.criterion, float(np.mean(shares)), message)
+        return Finding(term.criterion, 1.0, _right(term, trials), factor=1.0)
+    if factor := common_factor(trials):
+        hint = remark(term.name, factor)
+        message = f'{_right(term, trials)}; {hint}, or choose gains that absorb it'
+        return Finding(term.criterion, 1.0, message, factor=factor)
+    message = (
+        rounding(trials)
+        or _rounded_to_zero(code, term, trials, seed)
+        or _multiplied(code, term, seed)
+        or term.diagnose(trials)
+    )
+    score = max(float(np.mean([_share(t, factor) for t in trials])) for factor in _FACTORS)
+    # A smaller share is chance: outputs of a wrong term that happen to be right.
+    return Finding(term.criterion, score if score > _HALF else 0.0, message)
+
+
+def judge_dt(findings: SequenceOf[Finding]) -> Finding:
+    """Return the finding on the factors of the terms, from their findings."""
+    wrong = [finding for finding in findings if finding.factor != 1.0]
+    score = 1.0 - len(wrong) / len(findings)
+    if not wrong:
+        return Finding('pid.dt', 1.0, 'each term has the factor of the formula, dt included')
+    names = {term.criterion: term.name for term in TERMS}
+    hints = [
+        remark(names[finding.criterion], finding.factor)
+        if finding.factor
+        else f'{names[finding.criterion]} is not right'
+        for finding in wrong
+    ]
+    return Finding('pid.dt', score, '; '.join(hints))
+
+
+@IGNORE_FLOAT_ERRORS
+def judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Finding:
+    """Return whether D is 0 at the first call, which has no error before it."""
+    criterion = 'pid.first_call'
+    if derivative.factor is None:
+        return Finding(criterion, 0.0, 'D is not right: see pid.derivative')
+    term = TERMS[-1]
+    gain = term.gains[0]
+    try:
+        outputs = code.new_pid(*term.only(gain)).acc_sequence(_sequence(term, gain, seed).rows[:1])
+    except UserError as error:
+        return Finding(criterion, 0.0, str(error))
+    if abs(outputs[0]) <= TOLERANCE:
+        return Finding(criterion, 1.0, 'D is 0 at the first call')
+    return Finding(
+        criterion,
+        0.0,
+        f'D is {outputs[0]:.3g} m/s² at the first call, which has no error before it: start with '
+        'e_before = None, and let D be 0 then',
+    )
+
+
+@IGNORE_FLOAT_ERRORS
+def ignores_gains(code: JudgedCode, seed: int) -> str:
+    """Return a message if the outputs are the same for all gains, else an empty string."""
+    rows = wandering(seed, 'gains', 1.0).rows
+    try:
+        outputs = [code.new_pid(*gains).acc_sequence(rows) for gains in _DIFFERENT]
+    except UserError:
+        return ''
+    if outputs[0] != outputs[1] or not any(outputs[0]):
+        return ''
+    return (
+        'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd '
+        'in __init__, and use these'
+    )
+
+
+_DIFFERENT = ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
+
+
+def _sequence(term: Term, gain: float, seed: int) -> Sequence:
+    sequence = wandering(seed, f'{term.criterion} {gain}', _OUTPUT / gain / term.reach)
+    greatest = float(np.max(np.abs(np.cumsum(sequence.error))))
+    return sequence.scaled(min(1.0, _SUM / greatest)) if term.name == 'I' else sequence
 
 
 def _right(term: Term, trials: list[Trial]) -> str:
@@ -112,19 +196,26 @@ def _right(term: Term, trials: list[Trial]) -> str:
     )
 
 
-def _share(trial: Trial) -> float:
-    """Return the share of right outputs, for the variant that fits best."""
+def _rounded_to_zero(code: JudgedCode, term: Term, trials: list[Trial], seed: int) -> str:
+    """Return a message if only large outputs differ from 0, and are rounded."""
+    if any(np.any(trial.outputs) for trial in trials):
+        return ''
+    gain = term.gains[-1]
+    sequence = _sequence(term, gain, seed).scaled(_LARGE)
+    try:
+        outputs = np.array(code.new_pid(*term.only(gain)).acc_sequence(sequence.rows))
+    except UserError:
+        return ''
+    return rounding([Trial(gain, sequence, outputs, term.variants(sequence), term.first)])
+
+
+def _share(trial: Trial, factor: float) -> float:
+    """Return the share of outputs that are right but for `factor`, for the best variant."""
     outputs = trial.outputs[trial.first :]
-    expected = [trial.gain * variant[trial.first :] for variant in trial.variants]
-    expected += (
-        [
-            filtered
-            for variant in expected
-            if (filtered := _low_passed(outputs, variant)) is not None
-        ]
-        if trial.first
-        else []
-    )
+    expected = [factor * trial.gain * variant[trial.first :] for variant in trial.variants]
+    if trial.first:
+        filtered = [_low_passed(outputs, variant) for variant in expected]
+        expected += [values for values in filtered if values is not None]
     return max(_agreement(outputs, values) for values in expected)
 
 
@@ -152,7 +243,7 @@ def _multiplied(code: JudgedCode, term: Term, seed: int) -> str:
     if not term.position:
         return ''
     kp, gain = 2.0, term.gains[0]
-    sequence = wandering(seed, term.criterion, _OUTPUT / gain / term.reach)
+    sequence = _sequence(term, gain, seed)
     _, ki, kd = term.only(gain)
     try:
         alone = code.new_pid(*term.only(gain)).acc_sequence(sequence.rows)

@@ -59,7 +59,7 @@ def judge_windup(code: JudgedCode) -> Finding:
 
 def _recovery(code: JudgedCode, sign: float) -> int | None:
     """Return the number of calls until the output leaves its limit; None without an integral."""
-    pid = code.new_pid(*_GAINS)
+    pid = code.new_pid(*_GAINS, limit=ACCELERATION_LIMIT)
     pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
     if not pushed.max() > _GAINS[0] * _PUSHED + _GROWN:
         return None

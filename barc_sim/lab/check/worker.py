@@ -6,26 +6,28 @@ import io
 import multiprocessing
 import time
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, Finding
-from barc_sim.lab.check.judging import findings
+from barc_sim.lab.check.judging import Settings, findings, gains_used
+from barc_sim.lab.user_code.loading import FILES, find_file, load_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from multiprocessing.connection import Connection
     from pathlib import Path
 
-    from barc_sim.lab.check.stretches import Gains
+    from barc_sim.lab.user_code.gains import ChosenGains
 
 #: [s] Limit for one call of user code; a call in Python is ended then, with a message.
 CALL_BUDGET = 0.5
 #: [s] Limit for the process, which ends a sleep or a loop in C.
 DEADLINE = 45.0
+_PARTS = ('model', 'controller')
 _CHARACTERS = 400  #: kept of the printed text
 
 
@@ -59,8 +61,10 @@ class _Printer(io.TextIOBase):
 class Report:
     """The findings on a folder, and the text that its code printed."""
 
-    findings: list[Finding]  #: of every criterion
+    findings: list[Finding]  #: of each criterion asked for
     printed: Printed
+    gains: ChosenGains | None = None  #: that drove the roads
+    tolerated: tuple[str, ...] = ()  #: a phrase each
 
 
 @dataclass(frozen=True)
@@ -71,8 +75,7 @@ class _Parts:
 
 def judge_folder(
     folder: Path,
-    seed: int,
-    gains: Gains,
+    settings: Settings | None = None,
     *,
     budget: float = CALL_BUDGET,
     deadline: float = DEADLINE,
@@ -87,20 +90,22 @@ def judge_folder(
         if the folder is missing, or has no file to judge.
     """
     _check_there(folder)
+    settings = settings or Settings()
     # A new interpreter, without the imports and patches of this process.
     context = multiprocessing.get_context('spawn')
     ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(theirs, folder, seed, gains, budget), daemon=True)
+    process = context.Process(target=_work, args=(theirs, folder, settings, budget), daemon=True)
     process.start()
     theirs.close()
     end = time.monotonic() + deadline
     found: list[Finding] = []
-    printed = Printed()
+    wanted = [name for name in CRITERIA if name in settings.criteria]
+    report = Report([], Printed())
     lost = f'no result within {deadline:g} s: is there an endless loop, or a sleep?'
     try:
-        while len(found) < len(CRITERIA) and ours.poll(max(end - time.monotonic(), 0.0)):
-            finding, printed = ours.recv()
-            found.append(finding)
+        while len(found) < len(wanted) and ours.poll(max(end - time.monotonic(), 0.0)):
+            report = ours.recv()
+            found += report.findings
     except EOFError:
         process.join()
         lost = f'the code ended the whole process, with exit code {process.exitcode}'
@@ -108,46 +113,46 @@ def judge_folder(
         process.kill()
         process.join()
         ours.close()
-    found += [Finding(name, 0.0, lost) for name in CRITERIA[len(found) :]]
-    return Report(found, printed)
+    known = {finding.criterion for finding in found}
+    found += [Finding(name, 0.0, lost) for name in wanted if name not in known]
+    found.sort(key=lambda finding: wanted.index(finding.criterion))
+    return replace(report, findings=found)
 
 
 def _check_there(folder: Path) -> None:
-    from barc_sim.lab.user_code.loading import FILES  # noqa: PLC0415 (grade does without)
-
     if not folder.is_dir():
         raise UserError(
             f'there is no folder {str(folder)!r}: barc new {folder.name or "my_lab"} writes one'
         )
-    names = [FILES['model'], FILES['controller']]
-    if not any((folder / name).exists() for name in names):
-        raise UserError(f'the folder {str(folder)!r} has no {" and no ".join(names)} to check')
+    if not any(find_file(folder, part) for part in _PARTS):
+        names = ' and no '.join(FILES[part] for part in _PARTS)
+        raise UserError(f'the folder {str(folder)!r} has no {names} to check')
 
 
-def _work(connection: Connection, folder: Path, seed: int, gains: Gains, budget: float) -> None:
+def _work(connection: Connection, folder: Path, settings: Settings, budget: float) -> None:
     printer = _Printer()
     with redirect_stdout(printer), redirect_stderr(printer):
-        code = LocalCode(
-            _Parts(
-                model=_load(folder, 'model', budget), controller=_load(folder, 'controller', budget)
-            )
+        loaded = {part: _load(folder, part, budget) for part in _PARTS}
+        tolerated = tuple(
+            dict.fromkeys(phrase for _, phrases in loaded.values() for phrase in phrases)
         )
-        for finding in findings(code, seed, gains):
-            connection.send((finding, printer.printed()))
+        code = LocalCode(_Parts(**{part: function for part, (function, _) in loaded.items()}))
+        gains = gains_used(code, settings) if code.has_controller else None
+        for finding in findings(code, settings):
+            connection.send(Report([finding], printer.printed(), gains, tolerated))
 
 
-def _load(folder: Path, part: str, budget: float) -> Callable[..., Any] | None:
-    """Return a part of the folder; if it cannot be loaded, each call raises that error."""
-    from barc_sim.lab.user_code.loading import FILES, load_folder  # noqa: PLC0415 (as above)
-
-    if not (folder / FILES[part]).exists():
-        return None
+def _load(
+    folder: Path, part: str, budget: float
+) -> tuple[Callable[..., Any] | None, tuple[str, ...]]:
+    """Return a part of the folder and what was tolerated; each call raises an error of loading."""
+    if not find_file(folder, part):
+        return None, ()
     try:
-        lab = load_folder(folder, [part], budget=budget)
+        lab = load_folder(folder, [part], budget=budget, packages=False)
     except UserError as error:
-        return partial(_raise, error)
-    loaded: Callable[..., Any] | None = getattr(lab, part)
-    return loaded
+        return partial(_raise, error), ()
+    return getattr(lab, part), lab.tolerated
 
 
 def _raise(error: UserError, *_: object, **__: object) -> None:

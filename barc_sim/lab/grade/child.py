@@ -7,6 +7,7 @@ process judges.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from importlib.abc import MetaPathFinder
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
-    from barc_sim.lab.user_code.loading import ControllerFactory, UserModel, UserPid
+    from barc_sim.lab.user_code.loading import ControllerFactory, UserCode, UserModel, UserPid
 
 
 class _Start(NamedTuple):
@@ -80,6 +81,7 @@ class _Code:
         self._model: UserModel | None = None
         self._new: ControllerFactory | None = None
         self._controllers: list[UserPid] = []
+        self._tolerated: list[str] = []
 
     def call(self, operation: int, values: tuple[float, ...]) -> list[float]:
         """Return the result of a request."""
@@ -88,6 +90,8 @@ class _Code:
         if operation == Operation.NEW_PID:
             self._controllers.append(self._new_controller(*values))
             return [len(self._controllers) - 1.0]
+        if operation == Operation.NOTES:
+            return self._notes()
         controller = self._controllers[int(values[0])]
         if operation == Operation.RESET:
             return [float(_reset(controller.instance))]
@@ -95,16 +99,37 @@ class _Code:
         return [controller.acc_calculate(*row) for row in rows]
 
     def _states(self, l_f: float, l_r: float, *values: float) -> list[float]:
-        model = self._model = self._model or loading.load_model(Path('bike_model.py'), budget=None)
+        model = self._model
+        if model is None:
+            model = self._model = self._load('model').model
+        assert model  # noqa: S101 (load_folder raises without it)
         rows = zip(*[iter(values)] * MODEL_COLUMNS, strict=True)
         return [value for row in rows for value in model(*row, l_f=l_f, l_r=l_r)]
 
     def _new_controller(
-        self, kp: float, ki: float, kd: float, output_min: float, output_max: float
+        self, kp: float, ki: float, kd: float, limit: float, fresh: float
     ) -> UserPid:
         if self._new is None:
-            self._new = loading.load_controller(Path('controller.py'), budget=None)
-        return self._new(kp, ki, kd, output_min=output_min, output_max=output_max)
+            self._new = self._load('controller').controller
+        assert self._new  # noqa: S101 (as above)
+        new = self._new.fresh() if fresh else self._new
+        return new(kp, ki, kd, output_min=-limit, output_max=limit)
+
+    def _load(self, part: str) -> UserCode:
+        loaded = loading.load_folder(Path(), [part], budget=None, packages=False)
+        self._tolerated += loaded.tolerated
+        return loaded
+
+    def _notes(self) -> list[float]:
+        """Return the chosen gains, and what was tolerated, as the code points of a JSON text."""
+        tolerated = [*dict.fromkeys(self._tolerated)]
+        gains = self._new and self._new.chosen
+        while True:
+            text = json.dumps({'gains': gains, 'tolerated': tolerated})
+            if len(text) <= NOTES_COLUMNS:
+                break
+            tolerated.pop()
+        return [*map(float, text.encode()), *[0.0] * (NOTES_COLUMNS - len(text))]
 
 
 def _reset(instance: Any) -> bool:  # noqa: ANN401 (a submission's object)
@@ -175,6 +200,7 @@ if __name__ == '__main__':
         MAX_TEXT,
         MODEL_COLUMNS,
         NO_PIPES,
+        NOTES_COLUMNS,
         REPLY,
         REQUEST,
         STEP_COLUMNS,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections import Counter
 from itertools import chain
-from math import isfinite
-from typing import TYPE_CHECKING
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.lab.grade.process import Ended, Failed, Process
-from barc_sim.lab.grade.protocol import STATE_COLUMNS, Operation
+from barc_sim.lab.grade.protocol import NOTES_COLUMNS, STATE_COLUMNS, Operation
 from barc_sim.lab.grade.start import Limits
-from barc_sim.lab.user_code.loading import FILES, UserCodeError
+from barc_sim.lab.grade.text import one_line
+from barc_sim.lab.user_code.gains import ChosenGains
+from barc_sim.lab.user_code.loading import UserCodeError, find_file
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.code import Next, Row, Sample
 
 _MAX_ENDS = 2  # a function that has ended its process so often is not called again
-_MODEL, _CONTROLLER = 'bikeFE', 'PID'
+_MODEL, _CONTROLLER, _NOTES = 'bikeFE', 'PID', 'notes'
 
 
 class ConfinedCode:
@@ -62,12 +64,12 @@ class ConfinedCode:
     @property
     def has_model(self) -> bool:
         """Whether there is a `bike_model.py`."""
-        return (self._folder / FILES['model']).is_file()
+        return find_file(self._folder, 'model') is not None
 
     @property
     def has_controller(self) -> bool:
         """Whether there is a `controller.py`."""
-        return (self._folder / FILES['controller']).is_file()
+        return find_file(self._folder, 'controller') is not None
 
     @property
     def printed(self) -> str:
@@ -83,11 +85,38 @@ class ConfinedCode:
             (x, y, psi, v) for x, y, psi, v in zip(*[iter(answers)] * STATE_COLUMNS, strict=True)
         ]
 
-    def new_pid(self, kp: float, ki: float, kd: float) -> ConfinedController:
-        """Return a new `PID` with these gains, and with the motor's limits if it takes them."""
-        limits = (-ACCELERATION_LIMIT, ACCELERATION_LIMIT)
-        (number,) = self.call(_CONTROLLER, Operation.NEW_PID, (kp, ki, kd, *limits), 1)
+    def new_pid(
+        self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
+    ) -> ConfinedController:
+        """Return a new `PID` with these gains, see `JudgedCode`."""
+        values = (kp, ki, kd, limit, float(fresh))
+        (number,) = self.call(_CONTROLLER, Operation.NEW_PID, values, 1)
         return ConfinedController(self, number, self._process)
+
+    def chosen_gains(self) -> ChosenGains | None:
+        """Return the gains that `controller.py` chooses."""
+        try:
+            kp, ki, kd, origin = self._notes()['gains']
+            gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin)))
+        except (KeyError, TypeError, ValueError):
+            return None
+        return gains if all(map(isfinite, gains[:3])) else None
+
+    def tolerated(self) -> tuple[str, ...]:
+        """Return what was tolerated in the files that are loaded, a phrase each."""
+        phrases = self._notes().get('tolerated')
+        return tuple(map(one_line, map(str, phrases))) if isinstance(phrases, list) else ()
+
+    def _notes(self) -> dict[str, Any]:
+        """Return what the process says about the files; whatever it sends is only text."""
+        if self._process is None:
+            return {}
+        try:
+            points = self.call(_NOTES, Operation.NOTES, (), NOTES_COLUMNS)
+            notes = json.loads(bytes(int(point) for point in points if point))
+        except (UserCodeError, ValueError, RecursionError):
+            return {}
+        return notes if isinstance(notes, dict) else {}
 
     def call(
         self, function: str, operation: Operation, values: Sequence[float], count: int

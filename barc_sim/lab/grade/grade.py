@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.check.judging import judge
+from barc_sim.lab.check.judging import gains_used, judge
 from barc_sim.lab.grade.code import ConfinedCode
 from barc_sim.lab.grade.submissions import GRADED
 from barc_sim.lab.grade.text import printable
@@ -42,6 +42,8 @@ class Grade:
     notes: tuple[str, ...]
     printed: str  #: the first output of its code
     hashes: tuple[tuple[str, str], ...]  #: file, SHA-256
+    gains: str = ''  #: that drove the roads, and where they come from
+    tolerated: tuple[str, ...] = ()  #: a phrase each
 
     @property
     def score(self) -> float:
@@ -65,11 +67,13 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
         with ConfinedCode(Path(folder), limits, sandbox=sandbox) as code:
-            findings = {finding.criterion: finding for finding in judge(code, rubric.seed)}
+            findings = {finding.criterion: finding for finding in judge(code, rubric.settings)}
+            gains = str(gains_used(code, rubric.settings)) if code.has_controller else ''
+            tolerated = code.tolerated()
     items = []
     for criterion, worth in rubric.points.items():
         finding = findings[criterion]
-        points = round(worth * min(max(finding.score, 0.0), 1.0), 2)
+        points = rubric.points_for(finding)
         items.append(Item(criterion, points, worth, printable(finding.message), finding.evidence))
     return Grade(
         name=submission.name,
@@ -78,6 +82,8 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         visibility=rubric.visibility,
         items=tuple(items),
         notes=notes,
+        gains=printable(gains),
+        tolerated=tuple(map(printable, tolerated)),
         printed=printable(code.printed),
         hashes=tuple(
             (name, hashlib.sha256(submission.files[name]).hexdigest())

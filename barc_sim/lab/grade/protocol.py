@@ -18,6 +18,7 @@ MODEL_COLUMNS = 11  #: of a row for bikeFE: its positional arguments
 STATE_COLUMNS = 4  #: of its result
 STEP_COLUMNS = 3  #: of a row for a controller: reference, current [m/s], dt [s]
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
+NOTES_COLUMNS = 2000
 MAX_TEXT = 4000  #: bytes of a message; what is longer is cut
 
 
@@ -25,9 +26,10 @@ class Operation(IntEnum):
     """The kind of a request."""
 
     MODEL = 1  #: l_f, l_r [m], rows for bikeFE -> rows of states
-    NEW_PID = 2  #: kp, ki, kd, output_min, output_max [m/s²] -> the new controller's number
+    NEW_PID = 2  #: kp, ki, kd, limit [m/s²], whether to load its file again -> its number
     STEPS = 3  #: a controller's number, rows -> its outputs [m/s²], one after the other
     RESET = 4  #: a controller's number -> 1, or 0 without a `reset`
+    NOTES = 5  #: -> `NOTES_COLUMNS` code points of a JSON text, 0 after its end
 
 
 class Status(IntEnum):

@@ -39,13 +39,23 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         score=result.score,
         max_score=result.max_score,
         points={item.criterion: item.points for item in result.items},
-        remark='; '.join((*result.notes, *([worst.message] if lost > 0.0 else ()))),
+        remark='; '.join(
+            (
+                *result.notes,
+                *([f'{label(worst.criterion)}: {worst.message}'] if lost > 0.0 else ()),
+            )
+        ),
         files={
             'results.json': gradescope(result).encode(),
             'report.html': page(result, figures).encode(),
             'report.png': drawn,
         },
     )
+
+
+def _remarks(grade: Grade) -> list[str]:
+    gains = [f'gains: {grade.gains}'] if grade.gains else []
+    return gains + ([f'tolerated: {"; ".join(grade.tolerated)}'] if grade.tolerated else [])
 
 
 def page(grade: Grade, figures: bytes) -> str:
@@ -79,7 +89,7 @@ def gradescope(grade: Grade) -> str:
     ]
     content = {
         'score': grade.score,
-        'output': '\n'.join(grade.notes),
+        'output': '\n'.join([*grade.notes, *_remarks(grade)]),
         'output_format': 'text',
         'visibility': grade.visibility,
         'stdout_visibility': 'hidden',

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib.resources import files
-from math import isfinite
+from dataclasses import dataclass, field, fields
+from math import inf, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import yaml
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import CRITERIA
+from barc_sim.lab.check.judging import Settings
+from barc_sim.lab.check.loop import Thresholds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
 
+    from barc_sim.lab.check.findings import Finding
+
+#: The names of the rubrics in `rubrics/`.
+SHIPPED = ('lab', 'strict', 'extended')
+DEFAULT = 'lab'
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
 _MOST = 10_000  # points for a criterion
 
@@ -28,24 +34,40 @@ class Rubric:
     seed: int  #: of the states and roads
     visibility: str  #: one of `VISIBILITIES`: who can read the messages on Gradescope
     points: Mapping[str, float]  #: by criterion, positive, in `CRITERIA`'s order
+    thresholds: Thresholds = field(default_factory=Thresholds)  #: of the criteria `loop.…`
+    acceleration_limit: float = inf  #: [m/s²] of a controller on the roads
 
     @property
     def max_score(self) -> float:
         """Return the sum of all points."""
         return round(sum(self.points.values()), 2)
 
+    @property
+    def settings(self) -> Settings:
+        """How it has user code judged."""
+        return Settings(
+            seed=self.seed,
+            acceleration_limit=self.acceleration_limit,
+            thresholds=self.thresholds,
+            criteria=tuple(self.points),
+        )
 
-def load(path: Path | None = None) -> Rubric:
-    """Return the rubric in the file at `path`, or the default one.
+    def points_for(self, finding: Finding) -> float:
+        """Return the points for a finding, rounded to hundredths."""
+        return round(self.points[finding.criterion] * min(max(finding.score, 0.0), 1.0), 2)
+
+
+def load(rubric: str | Path = DEFAULT) -> Rubric:
+    """Return the rubric of that name in `SHIPPED`, or in the file at that path.
 
     Raises
     ------
     UserError
         if the file cannot be read or has an error; it names the line.
     """
-    name = str(path or 'the default rubric')
+    name = str(rubric)
     try:
-        text = (path or files('barc_sim.lab.grade') / 'rubric.yaml').read_text(encoding='utf-8')
+        text = path_of(rubric).read_text(encoding='utf-8')
     except OSError as error:
         raise UserError(f'the rubric {name!r} cannot be read: {error.strerror}') from None
     except UnicodeDecodeError as error:
@@ -55,6 +77,12 @@ def load(path: Path | None = None) -> Rubric:
     except yaml.YAMLError as error:
         raise UserError(f'the rubric {name!r} is not YAML: {error}') from None
     return _Reader(name).rubric(root)
+
+
+def path_of(rubric: str | Path) -> Path:
+    """Return the file of a rubric."""
+    shipped = str(rubric) in SHIPPED
+    return Path(__file__).parent / 'rubrics' / f'{rubric}.yaml' if shipped else Path(rubric)
 
 
 class _Reader:
@@ -68,6 +96,8 @@ class _Reader:
             'title': self._title,
             'seed': self._seed,
             'visibility': self._visibility,
+            'thresholds': self._thresholds,
+            'acceleration_limit': self._limit,
             'criteria': self._criteria,
         }
         if root is None:
@@ -82,6 +112,8 @@ class _Reader:
             seed=found.get('seed', 0),
             visibility=found.get('visibility', VISIBILITIES[0]),
             points=found['criteria'],
+            thresholds=found.get('thresholds', Thresholds()),
+            acceleration_limit=found.get('acceleration_limit', inf),
         )
 
     def _items(
@@ -117,6 +149,29 @@ class _Reader:
         if value not in VISIBILITIES:
             self._refuse(node, f'{key} is {value!r}: expected one of {", ".join(VISIBILITIES)}')
         return str(value)
+
+    def _thresholds(self, key: str, node: yaml.Node) -> Thresholds:
+        names = tuple(each.name for each in fields(Thresholds))
+        values = {
+            name: self._positive(name, value) for name, value in self._items(key, node, names)
+        }
+        thresholds = Thresholds(**values)
+        for error in ('rms', 'max'):
+            full, zero = (getattr(thresholds, f'{end}_{error}') for end in ('full', 'zero'))
+            if not full < zero:
+                self._refuse(
+                    node, f'full_{error} is {full:g}: expected less than zero_{error}, {zero:g}'
+                )
+        return thresholds
+
+    def _limit(self, key: str, node: yaml.Node) -> float:
+        return self._positive(key, node)
+
+    def _positive(self, key: str, node: yaml.Node) -> float:
+        value = self._value(node)
+        if type(value) not in {int, float} or not 0.0 < value < inf:
+            self._refuse(node, f'{key} is {value!r}: expected a number above 0')
+        return float(value)
 
     def _criteria(self, key: str, node: yaml.Node) -> dict[str, float]:
         points = {

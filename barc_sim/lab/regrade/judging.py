@@ -141,7 +141,9 @@ def _judge_commands(
     if name := recorded.files.get('controller'):
         try:
             with attached(recorded, 'controller', limits, sandbox=sandbox) as code:
-                verdicts.append(show(partial(code.new_pid, *gains.values()), name))
+                verdicts.append(
+                    show(partial(code.new_pid, *gains.values(), limit=limit, fresh=False), name)
+                )
         except UserError as error:
             verdicts.append(Verdict('controller', name, first=str(error)))
     return verdicts

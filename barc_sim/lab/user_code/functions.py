@@ -83,6 +83,8 @@ class ControllerFactory:
             )
         self._folder = folder
         self._budget = budget
+        #: Loads the file again, with global variables of its own.
+        self.fresh: Callable[[], ControllerFactory] = lambda: self
         #: The gains that its file chooses.
         self.chosen: ChosenGains | None = None
         names = [*inspect.signature(cls).parameters]

@@ -56,6 +56,7 @@ class Folder:
         of the installed packages only NumPy is here.
         """
         self._packages = packages
+        self._output = output
         self._guarded: dict[str, frozenset[int]] = {}
         self._uses_rclpy = False
         self.trees: dict[str, ast.Module] = {}
@@ -69,6 +70,10 @@ class Folder:
         self._builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
         if output:
             self._builtins['print'] = _print_to(output)
+
+    def again(self) -> Folder:
+        """Return the same folder with nothing loaded."""
+        return Folder(self.path, self._output, self._prefix, packages=self._packages)
 
     def load(self, file: Path) -> ModuleType:
         """Import `file`, once; its exceptions are passed on.

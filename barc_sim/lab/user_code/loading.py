@@ -227,6 +227,7 @@ def _controller(folder: Folder, path: Path, budget: float | None) -> ControllerF
     factory = ControllerFactory(folder, cls, budget)
     trees = {folder.sources[file].name: tree for file, tree in folder.trees.items()}
     factory.chosen = find_gains(trees, folder.sources[str(path.absolute())].name)
+    factory.fresh = lambda: _controller(folder.again(), path, budget)
     return factory
 
 

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 
 from barc_sim.lab.check.findings import Comparison
-from barc_sim.lab.check.loop import STEEPEST_DEG, judge_lab_road, judge_random_roads, random_road
+from barc_sim.lab.check.loop import (
+    STEEPEST_DEG,
+    Conditions,
+    judge_lab_road,
+    judge_random_roads,
+    random_road,
+)
+from barc_sim.lab.user_code.gains import ChosenGains
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,6 +27,10 @@ if TYPE_CHECKING:
 
 RUN = (30.0, 200.0, 0.1)
 STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
+
+
+def conditions(gains: Gains) -> Conditions:
+    return Conditions(ChosenGains(*gains, 'the test'), limit=8.0)
 
 
 def whys(finding: Finding) -> list[str]:
@@ -50,19 +61,19 @@ def whys(finding: Finding) -> list[str]:
 def test_the_cause_of_an_error_is_named(
     lab: Lab, controller: str, gains: Gains, stretch: int, words: str
 ) -> None:
-    finding = judge_lab_road(lab(controller=controller), gains)
+    finding = judge_lab_road(lab(controller=controller), conditions(gains))
     assert words in whys(finding)[stretch]
 
 
 def test_windup_shows_as_an_output_against_the_error(lab: Lab, controller: str) -> None:
     code = lab(controller=controller.replace('if abs(out) < 8.0', 'if True'))
-    finding = judge_lab_road(code, (2.0, 50.0, 0.0))
+    finding = judge_lab_road(code, conditions((2.0, 50.0, 0.0)))
     assert finding.score < 0.5
     assert any('against the error: the integral has wound up' in why for why in whys(finding))
 
 
 def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
-    finding = judge_lab_road(lab(controller=controller), (2.0, 0.0, 0.0))
+    finding = judge_lab_road(lab(controller=controller), conditions((2.0, 0.0, 0.0)))
     assert 0.0 < finding.score < 1.0
     assert finding.message.startswith('RMS error 1.')
     assert 'From 100 m on, at 30°: needs 4.9 m/s² more at once' in finding.message
@@ -70,7 +81,7 @@ def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
 
 @pytest.mark.parametrize('judge', ['lab', 'random'])
 def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: str) -> None:
-    code, gains = lab(controller=controller), (0.0, 0.0, 0.0)
+    code, gains = lab(controller=controller), conditions((0.0, 0.0, 0.0))
     finding = judge_lab_road(code, gains) if judge == 'lab' else judge_random_roads(code, gains, 0)
     assert finding.score == 0.0
     assert 'it does not reach the end of the road' in finding.message
@@ -80,13 +91,17 @@ def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: 
 def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: str) -> None:
     text = controller.replace('dt = 0.02', 'dt = 0.02 if speed_current < 3 else None')
     code = lab(controller=text)
-    finding = judge_lab_road(code, RUN) if judge == 'lab' else judge_random_roads(code, RUN, 0)
+    finding = (
+        judge_lab_road(code, conditions(RUN))
+        if judge == 'lab'
+        else judge_random_roads(code, conditions(RUN), 0)
+    )
     assert finding.score == 0.0
     assert 'TypeError' in finding.message
 
 
 def test_the_own_run_is_kept_beside_the_references(lab: Lab, controller: str) -> None:
-    evidence = judge_lab_road(lab(controller=controller), (10.0, 20.0, 0.0)).evidence
+    evidence = judge_lab_road(lab(controller=controller), conditions(RUN)).evidence
     assert isinstance(evidence, Comparison)
     assert abs(evidence.user.speed_error[evidence.user.distance > 10.0]).max() == pytest.approx(
         abs(evidence.reference.speed_error[evidence.reference.distance > 10.0]).max(), rel=0.05

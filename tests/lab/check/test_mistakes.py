@@ -8,12 +8,12 @@ import pytest
 from barc_sim.lab.check.diagnose_model import close
 from barc_sim.lab.check.equations import EQUATIONS, NAMES, Quantities, arguments
 from barc_sim.lab.check.mistakes import MISTAKES
-from barc_sim.lab.check.situations import SITUATIONS, with_lengths
+from barc_sim.lab.check.situations import GENERAL, REVERSE, SITUATIONS, with_lengths
 from barc_sim.vehicle.bike_model import bikeFE
 
 LENGTHS = {
     situation: situation.lengths or (1.5, 1.5)
-    for situation in (*SITUATIONS, with_lengths(1.2, 1.9))
+    for situation in (*SITUATIONS, *REVERSE, *GENERAL, with_lengths(1.2, 1.9))
 }
 ROWS = [(row, *LENGTHS[situation]) for situation in LENGTHS for row in situation.rows(7, 40)]
 GIVEN = arguments(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.lab.check import CRITERIA, LocalCode, judge
+from barc_sim.lab.check import CRITERIA, LocalCode, Settings, judge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -95,25 +95,26 @@ def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     text = model.replace(*MODELS[name])
     if name == 'no lengths':
         text = text.replace('l_f + l_r', 'L_F + L_R').replace('l_r', 'L_R')
-    assert told(judge(lab(text))[:5]) == {}
+    assert told(judge(lab(text))[:7]) == {}
 
 
 def test_a_right_model_of_arrays_gets_full_marks(lab: Lab) -> None:
-    assert told(judge(lab(NUMPY_MODEL))[:5]) == {}
+    assert told(judge(lab(NUMPY_MODEL))[:7]) == {}
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, seed: int) -> None:
-    assert told(judge(lab(model, controller), seed)) == {}
+    assert told(judge(lab(model, controller), Settings(seed=seed))) == {}
 
 
 @pytest.mark.parametrize('name', CONTROLLERS)
 def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str) -> None:
-    assert told(judge(lab(controller=controller.replace(*CONTROLLERS[name])))[5:]) == {}
+    found = told(judge(lab(controller=controller.replace(*CONTROLLERS[name])))[7:])
+    assert found.keys() == ({'pid.first_call'} if name == 'first error counts from zero' else set())
 
 
 def test_a_derivative_of_the_measurement_gets_full_marks(lab: Lab) -> None:
-    assert told(judge(lab(controller=ON_MEASUREMENT))[5:]) == {}
+    assert told(judge(lab(controller=ON_MEASUREMENT))[7:]).keys() == {'pid.first_call'}
 
 
 def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
@@ -121,17 +122,17 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
     text = text.replace(
         '        area =', '        change = self.d = 0.6 * self.d + 0.4 * change\n        area ='
     )
-    assert told(judge(lab(controller=text))[5:]) == {}
+    assert told(judge(lab(controller=text))[7:]) == {}
 
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
     code = lab(model.replace('sin(theta)', 'sin(theta)**3'), controller.replace('0.02', '0.03'))
-    assert judge(code, 3) == judge(code, 3)
-    assert judge(code, 3) != judge(code, 4)
+    assert judge(code, Settings(seed=3)) == judge(code, Settings(seed=3))
+    assert judge(code, Settings(seed=3)) != judge(code, Settings(seed=4))
 
 
 def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
     findings = judge(lab(model))
-    assert [finding.skipped for finding in findings] == [False] * 5 + [True] * 7
-    assert {finding.message for finding in findings[5:]} == {'there is no controller.py'}
-    assert {finding.score for finding in findings[5:]} == {0.0}
+    assert [finding.skipped for finding in findings] == [False] * 7 + [True] * 9
+    assert {finding.message for finding in findings[7:]} == {'there is no controller.py'}
+    assert {finding.score for finding in findings[7:]} == {0.0}

@@ -64,4 +64,4 @@ def test_any_state(model: Callable[..., list[float]]) -> None:
 def test_any_acceleration(answer: Callable[[int, float], float]) -> None:
     findings = judge(LocalCode(Parts(controller=lambda *_, **__: Counting(answer))))
     assert all(0.0 <= finding.score <= 1.0 for finding in findings)
-    assert [finding.score for finding in findings[5:8]] == [0.0] * 3
+    assert [finding.score for finding in findings[7:10]] == [0.0] * 3

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check import CRITERIA, GAINS
+from barc_sim.lab.check import CRITERIA
 from barc_sim.lab.check.worker import judge_folder
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def write(folder: Path, model: str | None = None, controller: str | None = None)
 
 
 def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controller: str) -> None:
-    report = judge_folder(write(tmp_path, model, controller), 0, GAINS)
+    report = judge_folder(write(tmp_path, model, controller))
     assert tuple(finding.criterion for finding in report.findings) == CRITERIA
     assert all(finding.passed for finding in report.findings)
     assert report.printed.text == ''
@@ -33,7 +33,7 @@ def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controll
 
 def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: str) -> None:
     folder = write(tmp_path, model, f'import time\ntime.sleep(1000)\n{controller}')
-    report = judge_folder(folder, 0, GAINS, deadline=1.0)
+    report = judge_folder(folder, deadline=1.0)
     assert len(report.findings) == len(CRITERIA)
     assert all(finding.score == 0.0 for finding in report.findings)
     assert report.findings[0].message.startswith('no result within 1 s: ')
@@ -41,8 +41,8 @@ def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: st
 
 def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller: str) -> None:
     folder = write(tmp_path, f'{SIGNATURE}    while True:\n        pass\n', controller)
-    report = judge_folder(folder, 0, GAINS, budget=0.1)
-    assert [finding.passed for finding in report.findings] == [False] * 5 + [True] * 7
+    report = judge_folder(folder, budget=0.1)
+    assert [finding.passed for finding in report.findings] == [False] * 7 + [True] * 9
     assert 'bike_model.py, line ' in report.findings[0].message
     assert 'is there an endless loop?' in report.findings[0].message
 
@@ -53,25 +53,25 @@ def test_code_that_ends_the_process_costs_what_is_left(tmp_path: Path, model: st
         '    def acc_calculate(self, speed_reference, speed_current):\n'
         '        import os\n        os._exit(3)\n'
     )
-    report = judge_folder(write(tmp_path, model, text), 0, GAINS)
-    assert [finding.passed for finding in report.findings] == [True] * 5 + [False] * 7
+    report = judge_folder(write(tmp_path, model, text))
+    assert [finding.passed for finding in report.findings] == [True] * 7 + [False] * 9
     assert report.findings[-1].message == 'the code ended the whole process, with exit code 3'
 
 
 def test_a_file_that_cannot_be_loaded_leaves_the_other_judged(tmp_path: Path, model: str) -> None:
-    report = judge_folder(write(tmp_path, model, 'class PID(:\n'), 0, GAINS)
-    assert [finding.passed for finding in report.findings] == [True] * 5 + [False] * 7
+    report = judge_folder(write(tmp_path, model, 'class PID(:\n'))
+    assert [finding.passed for finding in report.findings] == [True] * 7 + [False] * 9
     assert 'controller.py, line 1' in report.findings[-1].message
 
 
 def test_what_is_not_there_is_skipped(tmp_path: Path, model: str) -> None:
-    report = judge_folder(write(tmp_path, model), 0, GAINS)
-    assert [finding.skipped for finding in report.findings] == [False] * 5 + [True] * 7
+    report = judge_folder(write(tmp_path, model))
+    assert [finding.skipped for finding in report.findings] == [False] * 7 + [True] * 9
 
 
 def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, model: str) -> None:
     text = model.replace('    beta =', '    print("v is", v)\n    beta =')
-    printed = judge_folder(write(tmp_path, text), 0, GAINS).printed
+    printed = judge_folder(write(tmp_path, text)).printed
     assert printed.text.startswith('v is ')
     assert len(printed.text) < 1000
     assert printed.dropped > 4000
@@ -85,4 +85,4 @@ def test_a_folder_with_nothing_to_judge_is_refused(tmp_path: Path, make: bool, w
     if make:
         folder.mkdir()
     with pytest.raises(UserError, match=words):
-        judge_folder(folder, 0, GAINS)
+        judge_folder(folder)

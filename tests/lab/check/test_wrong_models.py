@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.check.model import judge_equations
+from barc_sim.lab.check.model import judge_beyond, judge_equations
+from barc_sim.lab.check.results import run_general, run_reverse
 from barc_sim.lab.check.trajectory import judge_trajectory
 
 if TYPE_CHECKING:
@@ -25,11 +26,11 @@ WRONG = {
     'theta in degrees': ('sin(theta)', 'sin(degrees(theta))', 'v', 'theta is converted to degrees'),
     'd_f from degrees': ('tan(d_f)', 'tan(radians(d_f))', 'x y psi', 'd_f arrives in radians'),
     'psi from degrees': ('cos(psi', 'cos(radians(psi)', 'x', 'psi arrives in radians'),
-    'l_f for l_r in psi': ('/ l_r * sin', '/ l_f * sin', 'psi', 'in place of l_r in v'),
+    'l_f for l_r in psi': ('/ l_r * sin', '/ l_f * sin', 'general', 'in place of l_r in v'),
     'l_f for l_r in beta': (
         'l_r / (l_f + l_r)',
         'l_f / (l_f + l_r)',
-        'x y psi',
+        'general',
         'l_f is used in place of l_r in beta',
     ),
     'no ratio of lengths': (BETA, 'd_f', 'x y psi', 'l_r / (l_f + l_r) missing'),
@@ -48,14 +49,14 @@ WRONG = {
     'drag regardless of direction': (
         'a0 * v**2 * sign(v)',
         'a0 * v**2',
-        'v',
+        'reverse',
         'drag pushes the car on when it reverses',
     ),
     'no friction': ('+ friction', '', 'v', 'rolling friction is missing'),
     'friction regardless of direction': (
         '-Ff * sign(v)',
         '-Ff',
-        'v',
+        'reverse',
         'friction pushes the car on when it reverses',
     ),
     'no gravity': ('+ gravity', '', 'v', 'gravity is missing'),
@@ -64,10 +65,10 @@ WRONG = {
     'another g': ('9.8', '9.81', 'v', 'g is 9.81'),
     'not divided by m': ('F_ext / m', 'F_ext', 'v', 'F_ext is not divided by m'),
     'a divided by m': ('(a + F_ext / m)', '(a + F_ext) / m', 'v', 'a is divided by m'),
-    'its own mass': ('F_ext / m', 'F_ext / 2000', 'v', ''),
+    'its own mass': ('F_ext / m', 'F_ext / 2000', 'general', ''),
     'no ts': ('v + ts * (', 'v + (', 'v', 'ts is missing in v_next'),
     'ts twice': ('psi + ts * v', 'psi + ts * ts * v', 'psi', 'ts is in psi_next twice'),
-    'its own ts': ('x + ts', 'x + 0.02', 'x', 'ts is always 0.02 in x_next'),
+    'its own ts': ('x + ts', 'x + 0.02', 'general', 'ts is always 0.02 in x_next'),
     'no old value': ('= x + ts', '= ts', 'x', 'the old x is missing'),
     'not moved': ('[x_next', '[x', 'x', 'x does not change'),
     'order': (
@@ -79,7 +80,7 @@ WRONG = {
     'never in reverse': (
         'psi_next, v_next]',
         'psi_next, max(v_next, 0.0)]',
-        'v',
+        'reverse',
         'the car can reverse',
     ),
 }
@@ -89,7 +90,13 @@ WRONG = {
 def test_the_cause_is_named(lab: Lab, model: str, name: str) -> None:
     old, new, equations, words = WRONG[name]
     assert old in model
-    findings = judge_equations(lab(model.replace(old, new)), seed=0)
+    code = lab(model.replace(old, new))
+    findings = judge_equations(code, seed=0)
+    # Each mistake in an equation shows beyond the lab's road, too.
+    if equations in {'general', 'reverse'}:
+        assert all(finding.passed for finding in findings)
+        run = {'general': run_general, 'reverse': run_reverse}[equations]
+        findings = [judge_beyond(f'model.{equations}', code, 0, run)]
     wrong = {finding.criterion for finding in findings if finding.score < 1.0}
     assert wrong == {f'model.{equation}' for equation in equations.split()}
     for finding in findings:
@@ -156,10 +163,11 @@ def test_an_empty_template_gets_zero(lab: Lab, model: str, body: str, words: str
 
 def test_a_failure_in_reverse_costs_only_that(lab: Lab, model: str) -> None:
     text = model.replace('    beta =', '    assert v >= 0, "no reverse"\n    beta =')
-    findings = judge_equations(lab(text), seed=0)
-    assert all(0.5 < finding.score < 1.0 for finding in findings)
-    assert all('no reverse' in finding.message for finding in findings)
-    assert 'reversing' in findings[0].message
+    code = lab(text)
+    assert all(finding.passed for finding in judge_equations(code, seed=0))
+    finding = judge_beyond('model.reverse', code, 0, run_reverse)
+    assert finding.score == 0.0
+    assert 'no reverse' in finding.message
 
 
 def test_the_model_leaves_the_references_trajectory(lab: Lab, model: str) -> None:

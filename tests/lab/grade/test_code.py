@@ -50,7 +50,7 @@ def test_a_controller_gives_the_same_as_in_this_process(
 ) -> None:
     here = PID(3.0, 2.0, 0.1, output_min=-8.0, output_max=8.0)
     with ConfinedCode(folder(controller=controller)) as code:
-        there = code.new_pid(3.0, 2.0, 0.1)
+        there = code.new_pid(3.0, 2.0, 0.1, limit=8.0)
         expected = [here.acc_calculate(*sample) for sample in SAMPLES]
         assert there.acc_sequence(SAMPLES) == expected
         assert there.reset()

@@ -8,7 +8,7 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import CRITERIA
-from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.grade.rubric import SHIPPED, load
 from barc_sim.lab.grade.text import label
 
 if TYPE_CHECKING:
@@ -21,11 +21,13 @@ def loaded(path: Path, text: str) -> object:
     return load(file)
 
 
-def test_the_default_one_gives_points_for_every_criterion() -> None:
-    rubric = load()
+@pytest.mark.parametrize('name', SHIPPED)
+def test_a_rubric_that_ships_gives_100_points(name: str) -> None:
+    assert load(name).max_score == 100.0
 
-    assert tuple(rubric.points) == CRITERIA
-    assert rubric.max_score == 100.0
+
+def test_the_extended_one_gives_points_for_every_criterion() -> None:
+    assert tuple(load('extended').points) == CRITERIA
 
 
 def test_every_criterion_has_a_label() -> None:
@@ -45,7 +47,7 @@ def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('', 'is empty: expected title, seed, visibility, criteria'),
+        ('', 'is empty: expected title, seed, visibility, thresholds, '),
         ('a: [', 'is not YAML'),
         ('\x00', 'is not YAML'),
         ('- 1', 'line 1: the rubric is not a mapping'),

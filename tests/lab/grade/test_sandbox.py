@@ -36,12 +36,15 @@ REFUSED = {
     'write elsewhere': ("open('/tmp/results.json', 'w')", 'Permission denied'),
     'delete its own file': ("os.unlink('bike_model.py')", 'not permitted'),
     'read the rubric': (
-        f'open({str(Path(barc_sim.__file__).parent / "lab" / "grade" / "rubric.yaml")!r})',
+        f'open({str(Path(barc_sim.__file__).parent / "lab" / "grade" / "rubrics" / "lab.yaml")!r})',
         'Permission denied',
     ),
     'read the reference': (f'open({barc_sim.__file__!r})', 'Permission denied'),
-    'import the reference': ('import barc_sim.vehicle.bike_model', 'no module'),
-    'import another package': ('import yaml', 'no module'),
+    'import the reference': (
+        'import barc_sim.vehicle.bike_model as m; 1.0 + m.GRAVITY',
+        'no module',
+    ),
+    'import another package': ('import yaml; 1 + yaml.load(1)', 'no module'),
     'read its neighbour': ("open('../neighbour/bike_model.py')", 'Permission denied'),
     'read passwords': ("open('/etc/passwd')", 'Permission denied'),
     'list the submissions': ("os.listdir('..')", 'Permission denied'),

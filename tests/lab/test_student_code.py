@@ -1,0 +1,111 @@
+"""Submissions as students hand them in: their points by each rubric, and the sentence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from student_code import WORKS, Work
+
+from barc_sim.errors import UserError
+from barc_sim.lab.check import CRITERIA, LocalCode, Settings, judge
+from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.grade import report
+from barc_sim.lab.grade.grade import grade
+from barc_sim.lab.grade.process import check
+from barc_sim.lab.grade.rubric import SHIPPED, load
+from barc_sim.lab.grade.start import Limits
+from barc_sim.lab.grade.submissions import Submission
+from barc_sim.lab.user_code.loading import UserCodeError, load_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SEED = load().seed
+#: Judged by `check` and `grade` in every run of the tests; all of them in the slow ones.
+SOME = ('the published law', 'an unused import', 'a global sum', 'an error at a low speed')
+
+
+def write(folder: Path, work: Work) -> Path:
+    for name, text in zip(work.files, (work.model, work.controller), strict=True):
+        (folder / name).write_text(text)
+    return folder
+
+
+def submission(work: Work) -> Submission:
+    texts = (work.model.encode(), work.controller.encode())
+    return Submission('student', dict(zip(work.files, texts, strict=True)))
+
+
+@pytest.fixture(scope='session')
+def confinement() -> None:
+    """Skip where the kernel confines nothing."""
+    try:
+        check(sandbox=True)
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+class Parts:
+    """The parts of a folder; each call of one that cannot be loaded raises the error."""
+
+    def __init__(self, folder: Path) -> None:
+        """Load them as `check` does."""
+        self.tolerated: tuple[str, ...] = ()
+        self.model, self.controller = self._load(folder, 'model'), self._load(folder, 'controller')
+
+    def _load(self, folder: Path, part: str) -> object:
+        try:
+            found = load_folder(folder, [part], budget=None, packages=False)
+        except UserCodeError as error:
+            return self._failing(error)
+        self.tolerated += found.tolerated
+        return getattr(found, part)
+
+    @staticmethod
+    def _failing(error: UserCodeError) -> object:
+        def fail(*_: object, **__: object) -> None:
+            raise error
+
+        return fail
+
+
+@pytest.mark.parametrize('name', WORKS)
+def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> None:
+    work = WORKS[name]
+    parts = Parts(write(tmp_path, work))
+    findings = judge(LocalCode(parts), Settings(seed=SEED))
+    points = [
+        sum(rubric.points_for(f) for f in findings if f.criterion in rubric.points)
+        for rubric in map(load, SHIPPED)
+    ]
+    assert points == pytest.approx(work.points, abs=0.006)
+    messages = [finding.message for finding in findings]
+    assert work.sentence in '; '.join([*messages, *parts.tolerated])
+    assert str(tmp_path) not in ''.join(messages)
+
+
+@pytest.mark.usefixtures('confinement')
+@pytest.mark.parametrize(
+    'name', [name if name in SOME else pytest.param(name, marks=pytest.mark.slow) for name in WORKS]
+)
+def test_check_and_grade_agree_to_the_point(tmp_path: Path, name: str) -> None:
+    work, rubric = WORKS[name], load('extended')
+    checked = judge_folder(write(tmp_path, work), rubric.settings)
+    graded = grade(submission(work), rubric, Limits(), sandbox=True)
+    assert [(item.criterion, item.points) for item in graded.items] == [
+        (finding.criterion, rubric.points_for(finding)) for finding in checked.findings
+    ]
+    assert [item.criterion for item in graded.items] == [*CRITERIA]
+    assert graded.gains == str(checked.gains)
+    assert graded.tolerated == checked.tolerated
+
+
+@pytest.mark.usefixtures('confinement')
+@pytest.mark.parametrize('name', SOME)
+def test_two_runs_give_the_same_bytes(name: str) -> None:
+    one, other = (
+        report.report(submission(WORKS[name]), load(), Limits(), sandbox=True) for _ in range(2)
+    )
+    assert one == other
+    assert b'barc_sim_grade_' not in b''.join(one.files.values())
