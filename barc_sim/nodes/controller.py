@@ -25,7 +25,7 @@ from barc_sim.ros.conversions import (
     to_nanoseconds,
 )
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput

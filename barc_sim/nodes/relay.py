@@ -20,7 +20,7 @@ from barc_sim.control.driver import STALE_AFTER, Driver, Limits
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input, to_ecu
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameters import Parameter

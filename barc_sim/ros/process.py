@@ -16,7 +16,7 @@ from rclpy.task import Future
 
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.fast_dds import sweep, use_profiles
 
 if TYPE_CHECKING:

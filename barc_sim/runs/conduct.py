@@ -8,7 +8,7 @@ from barc_sim.bags.directory import check_root
 from barc_sim.cli.parser import report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, UserCodeError, find_files, load_files
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
 from barc_sim.runs.composition import Setup
 from barc_sim.runs.terminal.user_output import UserOutput

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 from barc_sim.nodes.recorder.node import BagRecorder
-from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,7 +16,7 @@ from _executor import Sleeper, Ticker
 from rclpy.executors import SingleThreadedExecutor
 
 from barc_sim.nodes.recorder.node import BagRecorder
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 
 _PERIOD = 0.02  # s
 _WARM_UP = 1.0  # s

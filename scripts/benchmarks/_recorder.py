@@ -16,7 +16,7 @@ import yaml
 from _timed import TimedRun
 
 from barc_sim.cli.signals import StopSignals
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
 
 

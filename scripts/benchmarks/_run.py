@@ -13,7 +13,7 @@ from rclpy import executors
 from rclpy.node import Node
 
 from barc_sim.cli.signals import StopSignals
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
 
 #: [s] A stock executor may need minutes for a course in lock-step: it is stopped here.

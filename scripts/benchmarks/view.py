@@ -78,7 +78,7 @@ def _drive(case: str) -> dict[str, float]:
 
     from barc_sim.cli.signals import StopSignals  # noqa: PLC0415
     from barc_sim.nodes.view.node import ViewNode  # noqa: PLC0415
-    from barc_sim.ros.executor.executor import QuickExecutor  # noqa: PLC0415
+    from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415
     from barc_sim.ros.process import NUM_THREADS, ros  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.ros import names
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from barc_sim.cli.option_types import FOXGLOVE_PORT
 from barc_sim.cli.parser import call
 from barc_sim.nodes.foxglove.live import LiveServer
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions

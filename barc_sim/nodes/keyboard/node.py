@@ -21,7 +21,7 @@ from barc_sim.nodes.keyboard.terminal import Terminal
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_twist
 from barc_sim.ros.endpoints import publisher
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameters import Parameter

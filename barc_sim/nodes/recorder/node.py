@@ -21,7 +21,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.recording import Recording
 from barc_sim.nodes.recorder.type_lookup import request_definition
 from barc_sim.nodes.recorder.writer_thread import WriterThread
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions

@@ -22,7 +22,7 @@ from barc_sim.nodes.simulator.publishers import StatePublishers
 from barc_sim.ros import names
 from barc_sim.ros.conversions import leading_time, to_input, to_state_at_rest
 from barc_sim.ros.endpoints import drained_subscription, subscription
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.peers import claim, living_publishers, taken
 from barc_sim.ros.process import spin

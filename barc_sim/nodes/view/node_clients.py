@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.ros import names
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -1,1 +1,9 @@
-"""The executor of every run."""
+"""The executor of every run, on events: DDS counts what arrives, and epoll waits for it.
+
+What executes callbacks lives here; what a callback does lives in the nodes.
+"""
+
+from barc_sim.ros.executor.callback_groups import QuickCallbackGroup
+from barc_sim.ros.executor.executor import QuickExecutor
+
+__all__ = ['QuickCallbackGroup', 'QuickExecutor']

@@ -1,10 +1,12 @@
-"""The executor that runs use: rclpy's `MultiThreadedExecutor`, right under load and fast.
+"""The executor that runs use: rclpy's `MultiThreadedExecutor`, on events instead of wait sets.
 
 Jazzy's own submits a callback to its pool again and again until it has begun
 (https://github.com/ros2/rclpy/issues/1452), and builds a wait set for every callback. This one
-submits once, keeps its wait set until the graph changes, and runs the callbacks of a
+submits once, lets DDS count what arrives, waits with epoll, and runs the callbacks of a
 `QuickCallbackGroup` in the thread that spins.
 """
+
+# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
 
 from __future__ import annotations
 
@@ -12,62 +14,41 @@ import sys
 import time
 import traceback
 import warnings
-from contextlib import suppress
+from functools import partial
+from inspect import iscoroutinefunction
+from math import inf
+from threading import RLock, get_ident
 from typing import TYPE_CHECKING, Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import (
-    ConditionReachedException,
-    ExternalShutdownException,
-    MultiThreadedExecutor,
-    ShutdownException,
-    TimeoutException,
-    TimeoutObject,
-)
+from rclpy.executors import MultiThreadedExecutor, TimeoutObject
 from rclpy.task import Future, Task
-from rclpy.utilities import timeout_sec_to_nsec
 
-from barc_sim.ros.executor.rclpy_private import differing
-from barc_sim.ros.executor.thread_pool import Callback, Pool
-from barc_sim.ros.executor.wait_set import WaitList
+from barc_sim.ros.executor.events import Events
+from barc_sim.ros.executor.rclpy_private import differing, notify_of_triggers, raised_by_rclpy
+from barc_sim.ros.executor.thread_pool import ThreadPool
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Generator, Iterator
+    from collections.abc import Callable, Coroutine
 
     from rclpy.context import Context
     from rclpy.node import Node
 
-    from barc_sim.ros.executor.wait_set import Entity, Entry
+    from barc_sim.ros.executor.entities import Entity, Entry
 
+_WITH_MESSAGES = ('subscriptions', 'clients', 'services')
 #: In debug mode, a quick callback that takes longer is warned of [s].
 QUICK_LIMIT = 2e-3
 
-_DIFFERING = differing()
-if _DIFFERING:
-    warnings.warn(
-        f'this rclpy has no {", ".join(_DIFFERING)}: QuickExecutor waits as slowly as '
-        'MultiThreadedExecutor; use rclpy 7.1 for a fast one',
-        stacklevel=2,
-    )
-
-
-class QuickCallbackGroup(MutuallyExclusiveCallbackGroup):
-    """Callbacks that a `QuickExecutor` runs at once, in the thread that spins.
-
-    Such a callback must never block or sleep, wait for a future or for another callback, or
-    compute for long: until it returns, nothing else begins. In return it costs no hand-off to
-    another thread. For any other executor the group is an ordinary mutually exclusive one.
-    """
-
 
 class QuickExecutor(MultiThreadedExecutor):
-    """A `MultiThreadedExecutor` that hands every callback to its pool exactly once.
+    """A `MultiThreadedExecutor` that waits for events and calls every callback exactly once.
 
     Callbacks in a `QuickCallbackGroup` run in the spinning thread, all others in the pool, with
-    their groups' promises kept. An exception in a callback, wherever it ran, ends the spin at
-    once. `debug` (by default in `python -X dev`) warns of quick callbacks that take longer than
-    `QUICK_LIMIT`.
+    their groups' promises kept. Of several entities with messages, each is executed once in turn.
+    An exception in a callback, wherever it ran, ends the spin at once; one in rclpy's own code
+    (a clock's message with a time before 1970) is a warning. `debug` (by default in
+    `python -X dev`) warns of quick callbacks that take longer than `QUICK_LIMIT`.
     """
 
     _tasks: list[tuple[Task, Entity | None, Node | None]]  # rclpy's
@@ -79,50 +60,58 @@ class QuickExecutor(MultiThreadedExecutor):
         context: Context | None = None,
         debug: bool = sys.flags.dev_mode,
     ) -> None:
-        self._wait_list = WaitList()
         super().__init__(num_threads, context=context)
         self._debug = debug
-        self._pool = Pool()
+        self._in_use = RLock()  # of `_events`, by the thread that spins
+        self._spinner = 0  # that thread
+        self._progress = 0  # changes when something may have ended a coroutine's wait
+        self._stepped: set[Task] = set()  # in the pool
+        self._events = Events(self.context, self._fail)
+        self._pool = ThreadPool(self._executor, self._events.wake)
+        notify_of_triggers(self._guard, self._on_change)
 
     def __del__(self) -> None:
-        """Let go of the entities, where it is forgotten without a shutdown."""
-        self._wait_list.invalidate()
+        """Release the entities of an executor that was never shut down."""
+        if hasattr(self, '_events'):
+            self._events.close()
         super().__del__()
 
-    def trigger(self) -> None:
-        """End the wait in progress."""
-        guard = self._guard
-        if guard is not None:
-            with suppress(InvalidHandle):  # shut down meanwhile
-                guard.trigger()
+    def _fail(self, error: BaseException) -> None:
+        self._pool.failures.append(error)
+        self._events.wake()
 
-    def wake(self) -> None:
-        """Look at the nodes again: something was created or destroyed."""
-        self._wait_list.invalidate()
-        self.trigger()
+    def _on_change(self) -> None:
+        """Look at the nodes again; a thread that spins does it by itself."""
+        self._progress += 1
+        self._events.stale = True
+        self._events.wake()
+        self._refresh()
 
-    def add_node(self, node: Node) -> bool:
-        """Add a node; return False where it was there already."""
-        added = super().add_node(node)
-        self.wake()
-        return bool(added)
+    def _refresh(self) -> None:
+        while self._events.stale and not self._is_shutdown and self._in_use.acquire(blocking=False):
+            try:
+                self._events.refresh(self.get_nodes())
+            finally:
+                self._in_use.release()
 
-    def remove_node(self, node: Node) -> None:
-        """Stop executing the node's callbacks."""
-        super().remove_node(node)
-        self.wake()
+    def spin(self) -> None:
+        """Execute callbacks until the executor or its context is shut down."""
+        self._spin(None)
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Execute one callback, or return because the time is over."""
+        self._spin(timeout_sec, once=True)
+
+    def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
+        """Execute callbacks until the future is done or the time is over."""
+        self._spin(timeout_sec, future)
 
     def spin_once_until_future_complete(
         self, future: Future, timeout_sec: float | TimeoutObject | None = None
     ) -> None:
-        """Execute one callback, or return because the future is done or the time over."""
-
-        def wake(_: Future) -> None:
-            self.trigger()
-
-        future.add_done_callback(wake)
-        self._spin_once_impl(timeout_sec, future.done)
-        future.remove_done_callback(wake)  # rclpy leaves one behind at every call
+        """Execute one callback, or return because the future is done or the time is over."""
+        seconds = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
+        self._spin(seconds, future, once=True)
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = True) -> bool:
         """Stop, wait for the callbacks that have begun, and end the pool's threads.
@@ -131,114 +120,241 @@ class QuickExecutor(MultiThreadedExecutor):
         call it again then. From within a callback it returns at once.
         """
         self._is_shutdown = True
-        self.trigger()
-        inside = self._pool.inside()
-        if timeout_sec is not None and timeout_sec < 0:
-            timeout_sec = None
-        if self._pool.close(0 if inside else timeout_sec):
+        self._events.wake()
+        inside = self._pool.is_inside() or self._spinner == get_ident()
+        timeout = 0 if inside else -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        ended = self._pool.close(timeout)
+        if (ended or inside) and self._in_use.acquire(timeout=timeout):
+            self._events.close()  # the thread that spins does it itself
+            self._in_use.release()
+        elif not inside:
+            return False
+        if ended:
             for task, entity, _ in self._tasks:
                 if entity is not None:
                     task.cancel()  # gives its group back
-        elif not inside:
-            return False
         while self._pool.failures:  # no spin is left to raise them
             traceback.print_exception(self._pool.failures.popleft())
         self._executor.shutdown(wait=wait_for_threads and not inside)
-        self._wait_list.invalidate()
         # Not MultiThreadedExecutor's: a newer one waits for this thread, too.
         return bool(super(MultiThreadedExecutor, self).shutdown(timeout_sec))
 
-    def _spin_once_impl(
-        self,
-        timeout_sec: float | TimeoutObject | None = None,
-        wait_condition: Callable[[], bool] = lambda: False,
+    def _spin(
+        self, timeout_sec: float | None, future: Future | None = None, *, once: bool = False
     ) -> None:
+        deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+
+        def wake(_: Future | None = None) -> None:
+            self._events.wake()
+
+        if future:
+            future.add_done_callback(wake)
+        while not self._in_use.acquire(timeout=0.05):  # another thread spins
+            if time.monotonic() > deadline or (future and not future._pending()):
+                return
+        spinner, self._spinner = self._spinner, get_ident()
         try:
-            ready: Any = self.wait_for_ready_callbacks(timeout_sec, None, wait_condition)
-        except (
-            ExternalShutdownException,
-            ShutdownException,
-            TimeoutException,
-            ConditionReachedException,
-        ):
-            pass
-        else:
-            handler, entity, node = ready
-            if entity is not None and isinstance(entity.callback_group, QuickCallbackGroup):
-                self._run_quick(handler, entity, node)
-            else:
-                self._pool.submit(handler, self._executor, self.trigger)
+            self._execute_until(deadline, future, once=once)
+        finally:
+            self._spinner = spinner
+            if self._is_shutdown:
+                self._events.close()
+            self._in_use.release()
+            self._refresh()  # for what has changed meanwhile
+            if future:
+                future.remove_done_callback(wake)  # rclpy leaves one behind at every call
+
+    def _execute_until(self, deadline: float, future: Future | None, *, once: bool) -> None:
+        events = self._events
+        ready = events.ready
+        events.woken = True
+        progressed = False
+        while True:
+            if events.woken:
+                events.woken = False
+                if self._is_over(future) or (self._submit_tasks(once=once) and once):
+                    return
+                progressed = True
+            now = events.poll(0 if progressed and ready else deadline)
+            progressed = self._execute_ready(once=once)
+            if (progressed and once) or now >= deadline:
+                return
+
+    def _is_over(self, future: Future | None) -> bool:
+        """Raise what has failed in the pool, look at the nodes; return whether the spin is over."""
         if self._pool.failures:
             raise self._pool.failures.popleft()
+        if self._is_shutdown or not self.context.ok() or (future and not future._pending()):
+            return True
+        self._refresh()
+        return False
 
-    def _run_quick(self, handler: Callback | Task, entity: Entity, node: Node) -> None:
+    def _execute_ready(self, *, once: bool) -> bool:
+        """Execute each entry that is ready once; return whether any was executed."""
+        ready = self._events.ready
+        progressed = False
+        blocked = []
+        try:
+            for _ in range(len(ready)):
+                entry = ready.popleft()
+                if not entry.pending:
+                    entry.queued = False
+                elif not (entry.quick or entry.may_begin()) or not entry.begin():
+                    blocked.append(entry)
+                elif self._execute(entry):
+                    progressed = True
+                    if once:
+                        break
+        finally:
+            if blocked:
+                ready.extendleft(reversed(blocked))
+        return progressed
+
+    def _execute(self, entry: Entry) -> bool:
+        """Take what is there for an entity and call its callback; return False for nothing."""
+        call = None
+        entry.pending -= 1
+        try:
+            call = entry.take(entry, self)
+        except InvalidHandle:  # destroyed without its node
+            entry.pending = 0
+        except Exception as error:  # noqa: BLE001 - warned of or raised
+            self._warn_or_raise(entry, error, rclpys=entry.kind in _WITH_MESSAGES)
+        finally:
+            if call is None:
+                entry.end()
+            if entry.on_taken:
+                entry.on_taken(entry)
+            if entry.pending:
+                self._events.ready.append(entry)
+            else:
+                entry.queued = False
+        if call is None:
+            return False
+        if not entry.quick:
+            entry.handed_off = True
+            self._pool.submit(partial(self._call, entry, *call), partial(_drop, entry))
+        elif self._debug:
+            self._call_timed(entry, *call)
+        else:
+            self._call(entry, *call)
+        return True
+
+    def _call(self, entry: Entry, callback: Callable[..., Any], args: tuple[Any, ...]) -> None:
+        """Call a callback whose group is claimed."""
+        if entry.handed_off:
+            entry.handed_off = False
+            if entry.pending:
+                self._events.wake()  # another thread may take the next, too
+        claimed = True
+        try:
+            result = callback(*args)
+            if result is not None and iscoroutinefunction(callback):
+                claimed = False
+                self._step(Task(self._finish(entry, result), executor=self), entry)
+        except Exception as error:  # noqa: BLE001 - warned of or raised
+            self._warn_or_raise(entry, error, rclpys=_is_rclpys(entry, error))
+        finally:
+            self._progress += 1
+            if claimed:
+                entry.end()
+
+    def _call_timed(self, entry: Entry, *call: Any) -> None:  # noqa: ANN401
         begun = time.perf_counter()
-        self._pool.run_here(handler)
+        self._call(entry, *call)
         took = time.perf_counter() - begun
-        if self._debug and took > QUICK_LIMIT:
-            name = getattr(entity, 'topic', type(entity).__name__)
-            node.get_logger().warning(
-                f'the quick callback of {name!r} took {took * 1e3:.1f} ms, more than '
+        if took > QUICK_LIMIT:
+            entry.node.get_logger().warning(
+                f'the quick callback of {_name(entry)!r} took {took * 1e3:.1f} ms, more than '
                 f'{QUICK_LIMIT * 1e3:g} ms: shorten it or put it into another callback group'
             )
 
-    def _resume_later(self, coroutine: Coroutine[Any, Any, None], entry: Entry) -> None:
-        with self._tasks_lock:
-            self._tasks.append((Task(coroutine, executor=self), entry.entity, entry.node))
-        self.trigger()
+    async def _finish(self, entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
+        try:
+            await coroutine
+        except Exception as error:  # noqa: BLE001 - warned of or raised
+            self._warn_or_raise(entry, error, rclpys=_is_rclpys(entry, error))
+        finally:
+            entry.end()
 
-    def _wait_for_ready_callbacks(
-        self,
-        timeout_sec: float | TimeoutObject | None = None,
-        nodes: list[Node] | None = None,
-        condition: Callable[[], bool] = lambda: False,
-    ) -> Generator[Any, None, None]:
-        def ended() -> bool:
-            self._pool.wake()
-            return bool(self._pool.failures) or condition()
+    def _warn_or_raise(self, entry: Entry, error: Exception, *, rclpys: bool) -> None:
+        """Warn where rclpy itself cannot handle what has arrived; raise any other exception."""
+        if not rclpys:
+            raise error
+        entry.node.get_logger().warning(
+            f'what has arrived for {_name(entry)!r} was dropped: {type(error).__name__}: {error}',
+            throttle_duration_sec=1.0,
+        )
 
-        if nodes is not None or _DIFFERING:
-            yield from super()._wait_for_ready_callbacks(timeout_sec, nodes, ended)
-            return
-        seconds = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
-        left = timeout = timeout_sec_to_nsec(seconds)
-        deadline = None
-        yielded = False
-        while not (yielded or self._is_shutdown or ended()):
-            for ready in self._waiting_tasks():
-                yielded = True
-                yield ready
-            if timeout > 0:
-                deadline = deadline or time.monotonic_ns() + timeout
-                left = max(0, deadline - time.monotonic_ns())
-            for ready in self._ready_callbacks(left):
-                yielded = True
-                yield ready
-            if left == 0 and not yielded:
-                raise TimeoutException
-        if self._is_shutdown:
-            raise ShutdownException
-        if ended():
-            raise ConditionReachedException
-
-    def _ready_callbacks(self, timeout_nsec: int) -> Iterator[tuple[Callback, Entity, Node]]:
-        for entry in self._wait_list.wait(self, timeout_nsec):
-            execute = None if self._is_shutdown else self._wait_list.take(self, entry)
-            if execute is not None:
-                callback = Callback(entry, execute, self.trigger, self._resume_later)
-                yield callback, entry.entity, entry.node
-
-    def _waiting_tasks(self) -> list[tuple[Any, Any, Any]]:
-        """Tasks to begin and coroutines that wait, the newest first, as in rclpy."""
+    def _submit_tasks(self, *, once: bool) -> bool:
+        """Step tasks that are new or may go on, the newest first, as in rclpy."""
         if not self._tasks:
-            return []
+            return False
         nodes = (None, *self.get_nodes())
         with self._tasks_lock:
             self._tasks = [
                 each for each in self._tasks if not (each[0].done() or each[0].cancelled())
             ]
-            return [
-                each
-                for each in reversed(self._tasks)
-                if each[0] not in self._pool and each[2] in nodes
+            tasks = [
+                task
+                for task, _, node in reversed(self._tasks)
+                if task not in self._stepped
+                and node in nodes
+                and getattr(task, 'seen', None) != self._progress
             ]
+        for task in tasks[:1] if once else tasks:
+            self._stepped.add(task)
+            self._pool.submit(partial(self._step, task), partial(self._stepped.discard, task))
+        return bool(tasks)
+
+    def _step(self, task: Task, entry: Entry | None = None) -> None:
+        """Run a task until it has to wait."""
+        task.seen = self._progress
+        try:
+            task()
+        finally:
+            self._stepped.discard(task)
+        if task.done():
+            self._progress += 1
+            task.result()  # raises
+        elif entry:
+            with self._tasks_lock:
+                self._tasks.append((task, entry.entity, entry.node))
+            self._events.wake()
+
+
+def _drop(entry: Entry) -> None:
+    """Give a group back without a call, as the executor was shut down."""
+    entry.handed_off = False
+    entry.end()
+
+
+def _is_rclpys(entry: Entry, error: Exception) -> bool:
+    """Return whether the callback and all that it has called is rclpy's."""
+    module = getattr(getattr(entry.entity, 'callback', None), '__module__', None) or ''
+    return module.startswith('rclpy.') and raised_by_rclpy(error)
+
+
+def _name(entry: Entry) -> str:
+    return str(getattr(entry.entity, 'topic', type(entry.entity).__name__))
+
+
+if _differing := differing():
+    warnings.warn(
+        f'this rclpy has no {", ".join(_differing)}: QuickExecutor is a MultiThreadedExecutor; '
+        'use rclpy 7.1 for a fast one',
+        stacklevel=2,
+    )
+
+    class QuickExecutor(MultiThreadedExecutor):  # type: ignore[no-redef]
+        """rclpy's own."""
+
+        def __init__(
+            self,
+            num_threads: int | None = None,
+            *,
+            context: Context | None = None,
+            debug: bool = False,
+        ) -> None:
+            del debug
+            super().__init__(num_threads, context=context)

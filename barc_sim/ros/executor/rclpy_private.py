@@ -1,79 +1,179 @@
-"""The private names of rclpy that the executor takes, and whether this rclpy's are as they were."""
+"""The private parts of rclpy and rcl that the executor uses, and whether they are as in Jazzy."""
 
 # ruff: noqa: SLF001 - rclpy's private names are the point.
 
 from __future__ import annotations
 
-from contextlib import suppress
-from inspect import signature
-from types import SimpleNamespace
+import ctypes
+import os
+from ctypes import c_void_p
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from rclpy.action import ActionClient, ActionServer
+from rclpy.client import Client
+from rclpy.event_handler import EventHandler
 from rclpy.executors import Executor, MultiThreadedExecutor
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
-from rclpy.waitable import Waitable
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-#: Kinds of entities with a handle, in the order in which rclpy executes what is ready.
-KINDS = ('timer', 'subscription', 'guard_condition', 'client', 'service')
+    from rclpy.context import Context
 
-_TAKES = tuple(f'_take_{kind}' for kind in (*KINDS, 'waitable'))
+#: libc's `eventfd_write(descriptor, number)` has the signature of a listener of DDS,
+#: `(user_data, number_of_events)`: as a listener it counts arrivals without any code of ours.
+_COUNT = ctypes.cast(ctypes.CDLL(None).eventfd_write, c_void_p)
 
-#: Methods, and attributes of instances.
-_NAMES: tuple[tuple[Any, tuple[str, ...]], ...] = (
-    (Executor, ('_guard', '_sigint_gc', '_is_shutdown', '_tasks', '_tasks_lock')),
-    (Executor, ('_wait_for_ready_callbacks', *_TAKES)),
-    (MultiThreadedExecutor, ('_spin_once_impl', '_executor')),
-    (GuardCondition, ('_executor_event', '_executor_triggered')),
-    (Waitable, ('_executor_event',)),
-    (_rclpy.Timer, ('is_timer_ready', 'pointer')),
-    (_rclpy.WaitSet, ('clear_entities', 'wait', 'get_ready_entities')),
-    (_rclpy.WaitSet, tuple(f'add_{kind}' for kind in KINDS)),
-)
-
-#: How the methods are called, without `self`.
-_CALLS: dict[str, tuple[Any, ...]] = {
-    **dict.fromkeys(_TAKES, (None,)),
-    '_wait_for_ready_callbacks': (None, None, bool),
-    '_spin_once_impl': (None, bool),
+#: By type of entity, the attribute with its handle and the functions of rcl that set listeners.
+LISTENERS: dict[type[Any], tuple[str, tuple[str, ...]]] = {
+    Subscription: ('handle', ('subscription_set_on_new_message',)),
+    Client: ('handle', ('client_set_on_new_response',)),
+    Service: ('handle', ('service_set_on_new_request',)),
+    Timer: ('handle', ('timer_set_on_reset',)),
+    EventHandler: ('_EventHandler__event', ('event_set',)),
+    ActionClient: (
+        '_client_handle',
+        (
+            *(f'action_client_set_{part}_client' for part in ('goal', 'cancel', 'result')),
+            *(f'action_client_set_{part}_subscription' for part in ('feedback', 'status')),
+        ),
+    ),
+    ActionServer: (
+        '_handle',
+        tuple(f'action_server_set_{part}_service' for part in ('goal', 'cancel', 'result')),
+    ),
 }
+
+_TAKES = ('timer', 'guard_condition', 'client', 'service', 'waitable')
+
+#: Methods, and attributes that are set by a class's `__init__`.
+_NAMES: tuple[tuple[Any, tuple[str, ...]], ...] = (
+    (Executor, ('_guard', '_is_shutdown', '_tasks', '_tasks_lock', '_sigint_gc')),
+    (MultiThreadedExecutor, ('_executor', *(f'_take_{kind}' for kind in _TAKES))),
+    (GuardCondition, ('trigger', '_executor_triggered')),
+    (_rclpy.Subscription, ('take_message', 'pointer')),
+    (_rclpy.Timer, ('is_timer_ready', 'time_until_next_call', 'pointer')),
+    (_rclpy.EventHandle, ('take_event', 'pointer')),
+    (_rclpy.WaitSet, ('clear_entities', 'wait', 'get_ready_entities', 'is_ready')),
+)
 
 
 def differing() -> list[str]:
-    """Return the private names that this rclpy lacks, or that behave differently in it."""
-    lacking = [
+    """Return the private names that this rclpy or rcl lacks, or that behave differently in it."""
+    names = [
         f'{owner.__name__}.{name}'
-        for owner, names in _NAMES
+        for owner, names in (*_NAMES, *((each, (LISTENERS[each][0],)) for each in LISTENERS))
         for name in names
         if not hasattr(owner, name) and name not in owner.__init__.__code__.co_names
     ]
-    return lacking or [
-        f'MultiThreadedExecutor.{name} as in rclpy 7.1'
-        for name, arguments in _CALLS.items()
-        if not _can_be_called(getattr(MultiThreadedExecutor, name), arguments)
-        or (name == '_take_guard_condition' and not _yields_what_to_await())
-    ]
-
-
-def _can_be_called(method: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
     try:
-        signature(method).bind(None, *arguments)
-    except TypeError:
+        for name in (name for _, names in LISTENERS.values() for name in names):
+            _setter(name)
+    except (OSError, AttributeError) as error:
+        names.append(str(error))
+    checks = {'eventfd_write': _counts, '_take_guard_condition': _takes}
+    return names or [f'{name} as in Jazzy' for name, check in checks.items() if not check()]
+
+
+def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
+    """Return the handle of an entity: the entity itself for other packages' waitables."""
+    kind = next((each for each in LISTENERS if isinstance(entity, each)), None)
+    if kind is None:
+        return entity.handle if isinstance(entity, GuardCondition) else entity
+    return getattr(entity, LISTENERS[kind][0])
+
+
+def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
+    """Have arrivals at an entity counted in an eventfd; with None, no longer.
+
+    Returns False where there is no listener. The handle must be in use. Once a listener is taken
+    back, no thread is left in it. It is set twice, as what arrives during the first call may be
+    missed: the second counts it.
+    """
+    kind = next((each for each in LISTENERS if isinstance(entity, each)), None)
+    if kind is None:
         return False
+    pointer = handle_of(entity).pointer
+    for name in LISTENERS[kind][1]:
+        if descriptor is None:
+            _setter(name)(pointer, None, None)
+        elif any(_setter(name)(pointer, _COUNT, descriptor) for _ in range(2)):
+            ctypes.PyDLL('librcutils.so').rcutils_reset_error()
+            return False
     return True
 
 
-def _yields_what_to_await() -> bool:
-    """Return whether a take gives a function whose coroutine, awaited, calls the callback."""
+@cache
+def _setter(name: str) -> Any:  # noqa: ANN401
+    # PyDLL keeps the interpreter's lock, which guards rcl's timers. No listener needs it.
+    library = ctypes.PyDLL('librcl_action.so' if name.startswith('action') else 'librcl.so')
+    function = getattr(library, f'rcl_{name}_callback')
+    function.argtypes = (c_void_p, c_void_p, c_void_p)
+    return function
+
+
+def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None) -> None:
+    """Call `notify` at each trigger of a guard condition; with None, no longer."""
+    guard._notify = notify
+
+
+def reset_trigger(guard: GuardCondition, context: Context) -> bool:
+    """Forget the triggers of a guard condition; return whether there were any."""
+    with guard.handle, context.handle:
+        wait_set = _rclpy.WaitSet(0, 1, 0, 0, 0, 0, context.handle)
+        wait_set.clear_entities()
+        wait_set.add_guard_condition(guard.handle)
+        wait_set.wait(0)
+        return bool(wait_set.get_ready_entities('guard_condition'))
+
+
+def raised_by_rclpy(error: BaseException) -> bool:
+    """Return whether an exception comes from Python code of rclpy that no other code has called."""
+    names = []
+    step = error.__traceback__
+    while step:
+        names.append(str(step.tb_frame.f_globals.get('__name__')))
+        step = step.tb_next
+    return all(name.startswith(('rclpy.', 'barc_sim.ros.executor.')) for name in names)
+
+
+def _counts() -> bool:
+    descriptor = os.eventfd(0, os.EFD_NONBLOCK)
+    try:
+        ctypes.CFUNCTYPE(None, c_void_p, ctypes.c_size_t)(_COUNT.value or 0)(descriptor, 3)
+        return os.eventfd_read(descriptor) == 3  # noqa: PLR2004
+    finally:
+        os.close(descriptor)
+
+
+def _takes() -> bool:
+    """Return whether a take gives a function whose coroutine calls the callback."""
     called: list[bool] = []
-    guard = SimpleNamespace(_executor_triggered=True, callback=lambda: called.append(True))
-    with suppress(Exception):
-        coroutine = MultiThreadedExecutor._take_guard_condition(None, guard)()
-        try:
-            coroutine.send(None)
-        except StopIteration:
-            return called == [True] and not guard._executor_triggered
+    guard: Any = GuardCondition.__new__(GuardCondition)
+    guard.callback = lambda: called.append(True)
+    try:
+        MultiThreadedExecutor._take_guard_condition(None, guard)().send(None)
+    except StopIteration:
+        return called == [True]
+    except Exception:  # noqa: BLE001 - whatever it does instead
+        return False
     return False
+
+
+_trigger = GuardCondition.trigger
+
+
+def _trigger_and_notify(guard: GuardCondition) -> None:
+    _trigger(guard)
+    notify = getattr(guard, '_notify', None)
+    if notify:
+        notify()
+
+
+if not differing():
+    GuardCondition.trigger = _trigger_and_notify

@@ -35,7 +35,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.recorder.recording import Recording
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -28,7 +28,7 @@ from barc_sim.nodes.view.node import ViewNode
 from barc_sim.page.protocol import COLUMNS, OTHERS, Status, encode
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -25,7 +25,7 @@ from barc_sim.nodes.view.node import ViewNode
 from barc_sim.page.protocol import Status
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
-from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
 from barc_sim.vehicle.bike_model import Input, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 

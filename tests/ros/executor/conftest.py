@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from rclpy.node import Node
 
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

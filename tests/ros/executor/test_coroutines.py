@@ -11,7 +11,7 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.task import Future
 
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
 
-    from barc_sim.ros.executor.executor import QuickExecutor
+    from barc_sim.ros.executor import QuickExecutor
 
     Until = Callable[[Callable[[], object]], None]
 

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 
-from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor, rclpy_private
 from barc_sim.ros.executor.rclpy_private import differing
 
 if TYPE_CHECKING:
@@ -27,10 +27,10 @@ PROGRAM = """if True:
     import warnings
     from rclpy.executors import Executor, MultiThreadedExecutor
     for name in ({names}):
-        delattr(MultiThreadedExecutor, name)
+        delattr(Executor, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
-        from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+        from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
     for each in caught:
         if 'QuickExecutor' in str(each.message):
             print(each.message)
@@ -46,8 +46,6 @@ PROGRAM = """if True:
         executor.add_node(node)
         while not all(threads.values()):
             executor.spin_once(timeout_sec=1.0)
-        assert threads['quick'] == {{threading.get_ident()}}
-        assert threading.get_ident() not in threads['pool']
         node.create_timer(0.001, lambda: 1 / 0)
         try:
             executor.spin()
@@ -80,26 +78,41 @@ def test_a_missing_private_name_is_warned_of_once_and_rclpys_own_way_is_gone(
     ros_domain: int,
 ) -> None:
     del ros_domain  # by the environment
-    warning, works = run('_spin_once_impl')
-    assert 'MultiThreadedExecutor._spin_once_impl' in warning
+    warning, works = run('_take_client')
+    assert 'MultiThreadedExecutor._take_client' in warning
     assert works == 'works'
 
 
 @pytest.mark.parametrize(
-    ('name', 'other'),
-    [
-        ('_take_subscription', lambda self, subscription, message: (self, subscription, message)),
-        ('_take_guard_condition', lambda _, guard: guard.callback),
-        ('_take_guard_condition', lambda *_: None),
-        ('_wait_for_ready_callbacks', lambda self: iter([self])),
-    ],
+    'other', [lambda _, guard: guard.callback, lambda *_: None, lambda *_: lambda: None]
 )
 def test_a_private_name_that_behaves_differently_is_found(
-    monkeypatch: pytest.MonkeyPatch, name: str, other: Callable[..., object]
+    monkeypatch: pytest.MonkeyPatch, other: Callable[..., object]
 ) -> None:
-    monkeypatch.setattr(MultiThreadedExecutor, name, other)
+    monkeypatch.setattr(MultiThreadedExecutor, '_take_guard_condition', other)
 
-    assert differing() == [f'MultiThreadedExecutor.{name} as in rclpy 7.1']
+    assert differing() == ['_take_guard_condition as in Jazzy']
+
+
+def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
+    ros: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rclpy_private, '_setter', lambda _: lambda *_: 1)
+    node = Node('tested', context=ros)
+    received: list[Time] = []
+    node.create_subscription(Time, 'a', received.append, 10, callback_group=QuickCallbackGroup())
+    node.create_subscription(Time, 'a', received.append, 10)
+    with QuickExecutor(2, context=ros) as executor:
+        with pytest.warns(UserWarning, match='the middleware has no listeners'):
+            executor.add_node(node)
+        publisher = node.create_publisher(Time, 'a', 10)
+        for number in range(1, 4):
+            publisher.publish(Time(sec=number))
+            while len(received) < 2 * number:
+                executor.spin_once(timeout_sec=1.0)
+    node.destroy_node()
+
+    assert sorted(message.sec for message in received) == [1, 1, 2, 2, 3, 3]
 
 
 @pytest.mark.parametrize('debug', [True, False])

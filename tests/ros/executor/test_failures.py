@@ -11,7 +11,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
 
-    from barc_sim.ros.executor.executor import QuickExecutor
+    from barc_sim.ros.executor import QuickExecutor
 
     Until = Callable[[Callable[[], object]], None]
 

@@ -18,7 +18,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 
-from barc_sim.ros.executor.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -300,7 +300,7 @@ def test_a_signal_ends_the_spin(ros_domain: int, number: signal.Signals) -> None
         import rclpy
         from rclpy.executors import ExternalShutdownException
         from rclpy.node import Node
-        from barc_sim.ros.executor.executor import QuickExecutor
+        from barc_sim.ros.executor import QuickExecutor
         rclpy.init()
         node = Node('tested')
         node.create_timer(0.01, lambda: print('spinning', flush=True))

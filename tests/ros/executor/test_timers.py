@@ -10,7 +10,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from barc_sim.ros.executor.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.timer import Timer
 
-    from barc_sim.ros.executor.executor import QuickExecutor
+    from barc_sim.ros.executor import QuickExecutor
 
     Until = Callable[[Callable[[], object]], None]
 

@@ -1,0 +1,36 @@
+"""Callback groups by which a node chooses how its callbacks are executed."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+
+if TYPE_CHECKING:
+    from barc_sim.ros.executor.entities import Entity
+
+
+class QuickCallbackGroup(MutuallyExclusiveCallbackGroup):
+    """Callbacks that a `QuickExecutor` runs at once, in the thread that spins.
+
+    Such a callback must never block or sleep, wait for a future or for another callback, or
+    compute for long: until it returns, nothing else begins. In return it costs no hand-off to
+    another thread. For any other executor the group is an ordinary mutually exclusive one.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.claimed = Lock()
+
+    def can_execute(self, entity: Entity) -> bool:  # noqa: ARG002 (rclpy's)
+        """Return whether none of the callbacks runs."""
+        return not self.claimed.locked()
+
+    def beginning_execution(self, entity: Entity) -> bool:  # noqa: ARG002
+        """Claim the group; return False where it is claimed already."""
+        return self.claimed.acquire(blocking=False)
+
+    def ending_execution(self, entity: Entity) -> None:  # noqa: ARG002
+        """Give the group back."""
+        self.claimed.release()

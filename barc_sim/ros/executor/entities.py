@@ -1,0 +1,145 @@
+"""The entities that an executor executes, and how what has arrived for each kind is taken."""
+
+# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from rclpy.action import ActionClient, ActionServer
+from rclpy.client import Client
+from rclpy.event_handler import EventHandler
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.executors import MultiThreadedExecutor
+    from rclpy.node import Node
+
+    #: What is to be called, with what.
+    Call = tuple[Callable[..., Any], tuple[Any, ...]]
+    Take = Callable[['Entry', MultiThreadedExecutor], 'Call | None']
+
+#: A timer, subscription, …: rclpy's have no type in common.
+Entity: TypeAlias = Any
+
+#: The names of a node's lists of entities.
+KINDS = ('timers', 'subscriptions', 'guards', 'clients', 'services', 'waitables')
+_MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
+
+
+@dataclass(eq=False, slots=True)
+class Entry:
+    """An entity of a node, and how much has arrived for it."""
+
+    entity: Entity
+    kind: str  #: of KINDS
+    node: Node
+    handle: Any  #: in use for as long as the entry is kept
+    take: Take  #: returns the call that is due, or None for nothing
+    quick: bool  #: whether its callbacks run in the spinning thread
+    begin: Callable[[], bool]  #: claims its callback group
+    end: Callable[[], None]  #: gives the group back
+    pending: int = 0  #: takes that may find something
+    queued: bool = False
+    handed_off: bool = False  #: to the thread pool, where its callback has not begun
+    descriptor: int | None = None  #: the eventfd in which arrivals are counted
+    on_taken: Callable[[Entry], None] | None = None
+    status: Any = None  #: a QoS event's last one, or an action's wait set
+
+    def may_begin(self) -> bool:
+        """Return whether its group allows another callback of it."""
+        return not self.handed_off and self.entity.callback_group.can_execute(self.entity)
+
+
+def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+    """Take a message; faster than rclpy's way."""
+    subscription, handle = entry.entity, entry.handle
+    with handle:
+        taken = handle.take_message(subscription.msg_type, subscription.raw)
+    if taken is None:
+        # Of a full queue, older messages are gone: so many at most can wait behind this one.
+        entry.pending = min(entry.pending, subscription.qos_profile.depth or entry.pending)
+        return None
+    if subscription._callback_type is _MESSAGE_ONLY:
+        return subscription.callback, taken[:1]
+    return subscription.callback, taken
+
+
+def take_timer(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+    """Take a timer, unless it was cancelled or reset since it was ready."""
+    try:
+        with entry.handle:
+            return _call(executor._take_timer(entry.entity)) if entry.entity.is_ready() else None
+    except _rclpy.RCLError:
+        if not entry.entity.is_canceled():
+            raise
+        return None
+
+
+def take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+    """Take the status of a QoS event, unless it is as it was."""
+    entry.pending = 0  # one status tells of all
+    with entry.handle:
+        taken = entry.handle.take_event()
+    names = (name for name in dir(taken) if not name.startswith('_'))
+    status = [getattr(taken, name) for name in names if not name.endswith('_change')]
+    if status == entry.status:
+        return None
+    entry.status = status
+    return entry.entity.execute, (taken,)
+
+
+def take_action(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+    """Take what has arrived for an action client or server, at most one of each kind."""
+    action, context = entry.entity, entry.node.context
+    entry.pending = 0
+    with entry.handle, context.handle:
+        if entry.status is None:
+            entry.status = _rclpy.WaitSet(*numbers_of(action), context.handle)
+        entry.status.clear_entities()
+        action.add_to_wait_set(entry.status)
+        entry.status.wait(0)
+        if not action.is_ready(entry.status):
+            return None
+        entry.pending = 1  # there may be more
+        return _call(executor._take_waitable(action))
+
+
+def numbers_of(waitable: Any) -> list[int]:  # noqa: ANN401
+    """Return how many entities of each kind a waitable has, as a wait set is made for."""
+    number = waitable.get_num_entities()
+    return [getattr(number, name) for name in number.__slots__]
+
+
+def _rclpys(kind: str) -> Take:
+    """Return rclpy's own way to take an entity."""
+    return lambda entry, executor: _call(getattr(executor, f'_take_{kind}')(entry.entity))
+
+
+def _call(execute: Callable[[], Any] | None) -> Call | None:
+    return (execute, ()) if execute else None
+
+
+def take_of(entity: Entity) -> Take:
+    """Return the function that takes an entity."""
+    return next((take for kind, take in _TAKES.items() if isinstance(entity, kind)), take_waitable)
+
+
+take_waitable = _rclpys('waitable')
+_TAKES: dict[type[Any], Take] = {
+    Subscription: take_subscription,
+    Timer: take_timer,
+    GuardCondition: _rclpys('guard_condition'),
+    Service: _rclpys('service'),
+    Client: _rclpys('client'),
+    EventHandler: take_event,
+    ActionClient: take_action,
+    ActionServer: take_action,
+}

@@ -1,0 +1,250 @@
+"""What has arrived for each entity: DDS counts it in eventfds, and epoll waits for all of them."""
+
+# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
+
+from __future__ import annotations
+
+import os
+import resource
+import select
+import time
+import warnings
+from collections import deque
+from contextlib import suppress
+from functools import partial
+from threading import Lock
+from typing import TYPE_CHECKING
+
+from rclpy.action import ActionServer
+from rclpy.exceptions import InvalidHandle
+from rclpy.guard_condition import GuardCondition
+from rclpy.timer import Timer
+from rclpy.waitable import Waitable
+
+from barc_sim.ros.executor.callback_groups import QuickCallbackGroup
+from barc_sim.ros.executor.entities import KINDS, Entity, Entry, take_of, take_waitable
+from barc_sim.ros.executor.rclpy_private import (
+    handle_of,
+    notify_of_triggers,
+    reset_trigger,
+    set_listener,
+)
+from barc_sim.ros.executor.timers import Timers
+from barc_sim.ros.executor.wait_set import WaitSetThread
+from barc_sim.ros.polled import PolledCallbackGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+#: [s] The longest wait. Then the context is checked, as a signal ends it without an event, and
+#: action servers, whose results expire without one.
+_CHECK_PERIOD = 0.1
+_POLL_RESOLUTION = 1e-3  # s
+_FLAGS = os.EFD_NONBLOCK | os.EFD_CLOEXEC
+
+
+class Events:
+    """The entities of an executor's nodes, and which of them something has arrived for.
+
+    All but `wake` is for one thread at a time. An entity's handle stays in use until `refresh`
+    finds it gone, so that its listener is taken back before it is destroyed. `on_failure` is
+    called in the wait set's thread with an exception of a waitable.
+    """
+
+    def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
+        self.ready: deque[Entry] = deque()  #: entries with something pending, in turn
+        self.stale = True  #: whether the nodes are to be looked at again
+        self.woken = True  #: whether `wake` was called, or it is time for a check
+        self._entries: dict[Entity, Entry] = {}
+        self._by_descriptor: dict[int, Entry] = {}
+        self._signalled: deque[Entry] = deque()  # by other threads
+        self._jumped = False
+        self._next_check = 0.0
+        self._wakeup = os.eventfd(0, _FLAGS)
+        self._wakeup_lock = Lock()
+        self._wakeup_is_set = False  # also once it is closed
+        self._timers = Timers(self.queue, self._on_jump)
+        self._waiter = WaitSetThread(context, self._signal, on_failure)
+        self._epoll = select.epoll()
+        self._special = {
+            self._wakeup: self._on_wake,
+            self._timers.descriptor: self._timers.expire,
+            self._timers.resets: self._on_reset,
+        }
+        for descriptor in self._special:
+            self._epoll.register(descriptor, select.EPOLLIN)
+
+    def wake(self) -> None:
+        """End a wait, from any thread, also when this is closed."""
+        self.woken = True
+        with self._wakeup_lock:
+            if not self._wakeup_is_set:
+                self._wakeup_is_set = True
+                os.eventfd_write(self._wakeup, 1)
+
+    def queue(self, entry: Entry, count: int = 1) -> None:
+        """Note that something has arrived for an entity."""
+        entry.pending += count
+        if not entry.queued:
+            entry.queued = True
+            self.ready.append(entry)
+
+    def poll(self, deadline: float) -> float:
+        """Wait until something arrives, `wake` is called or the deadline [s]; return the time."""
+        now = time.monotonic()
+        seconds = deadline - now
+        if seconds > _CHECK_PERIOD:
+            seconds = _CHECK_PERIOD
+        elif 0 < seconds < _POLL_RESOLUTION:
+            with suppress(ValueError):  # it has a descriptor above 1023
+                select.select((self._epoll,), (), (), seconds)
+                seconds = 0.0
+        for descriptor, _ in self._epoll.poll(max(0, seconds), 64):
+            entry = self._by_descriptor.get(descriptor)
+            if entry is None:
+                self._special[descriptor]()
+            else:
+                entry.pending += os.eventfd_read(descriptor)
+                if not entry.queued:
+                    entry.queued = True
+                    self.ready.append(entry)
+        if now >= self._next_check:
+            self._next_check = now + _CHECK_PERIOD
+            self.woken = True
+            for entry in self._entries.values():
+                if isinstance(entry.entity, ActionServer):
+                    self.queue(entry)
+        return now
+
+    def _signal(self, entry: Entry) -> None:
+        self._signalled.append(entry)
+        self.wake()
+
+    def _on_jump(self) -> None:
+        self._jumped = True
+        self.wake()
+
+    def _on_wake(self) -> None:
+        with self._wakeup_lock:
+            os.eventfd_read(self._wakeup)
+            self._wakeup_is_set = False
+        while self._signalled:
+            entry = self._signalled.popleft()
+            if self._entries.get(entry.entity) is entry and not entry.pending:
+                self.queue(entry)
+        if self._jumped:
+            self._jumped = False
+            self._timers.schedule_all()
+
+    def _on_reset(self) -> None:
+        os.eventfd_read(self._timers.resets)
+        self._timers.schedule_all()
+
+    def refresh(self, nodes: Iterable[Node]) -> None:
+        """Listen to all entities of the nodes, and to no others."""
+        self.stale = False  # before the nodes are looked at, so that no later change is missed
+        found = {
+            entity: (kind, node)
+            for node in nodes
+            for kind in KINDS
+            for entity in getattr(node, kind)
+            if not isinstance(entity.callback_group, PolledCallbackGroup)
+        }
+        for entity in self._entries.keys() - found.keys():
+            self.remove(entity)
+        for entity, (kind, node) in found.items():
+            if entity not in self._entries:
+                with suppress(InvalidHandle):  # destroyed just now
+                    self._add(entity, kind, node)
+
+    def _add(self, entity: Entity, kind: str, node: Node) -> None:
+        handle, take = handle_of(entity), take_of(entity)
+        handle.__enter__()
+        group = entity.callback_group
+        entry = Entry(
+            entity,
+            kind,
+            node,
+            handle,
+            take,
+            isinstance(group, QuickCallbackGroup),
+            partial(group.beginning_execution, entity),
+            partial(group.ending_execution, entity),
+        )
+        if type(group) is QuickCallbackGroup:
+            entry.begin, entry.end = partial(group.claimed.acquire, False), group.claimed.release
+        self._entries[entity] = entry
+        if isinstance(entity, Timer):
+            entry.on_taken = self._timers.schedule
+            self._timers.add(entry)
+        elif isinstance(entity, GuardCondition):
+            notify_of_triggers(entity, partial(self._signal, entry))
+            if reset_trigger(entity, node.context):
+                self._signal(entry)
+        elif not self._listen(entry):
+            if isinstance(entity, Waitable):
+                entry.take = take_waitable
+            else:
+                warnings.warn('the middleware has no listeners: wait sets are slow', stacklevel=2)
+            entry.on_taken = self._waiter.resume
+            self._waiter.add(entry)
+
+    def _listen(self, entry: Entry) -> bool:
+        descriptor = _eventfd()
+        if not set_listener(entry.entity, descriptor):
+            os.close(descriptor)
+            return False
+        entry.descriptor = descriptor
+        self._by_descriptor[descriptor] = entry
+        self._epoll.register(descriptor, select.EPOLLIN)
+        if left := getattr(entry.entity, '_arrived', 0):  # counted, but not taken before
+            self.queue(entry, left)
+        return True
+
+    def remove(self, entity: Entity) -> None:
+        """Listen to an entity no longer, and let it be destroyed."""
+        entry = self._entries.pop(entity)
+        if isinstance(entity, Timer):
+            self._timers.remove(entry)
+        elif isinstance(entity, GuardCondition):
+            notify_of_triggers(entity, None)
+            with suppress(InvalidHandle):
+                reset_trigger(entity, entry.node.context)
+                if entry.pending or entry in self._signalled:
+                    entity.trigger()  # for its next executor
+        elif entry.descriptor is None:
+            self._waiter.remove(entry)
+        else:
+            set_listener(entity, None)
+            with suppress(BlockingIOError):
+                entry.pending += os.eventfd_read(entry.descriptor)
+            entity._arrived = entry.pending
+            del self._by_descriptor[entry.descriptor]
+            self._epoll.unregister(entry.descriptor)
+            os.close(entry.descriptor)
+        entry.pending = 0
+        entry.status = None
+        entry.handle.__exit__(None, None, None)
+
+    def close(self) -> None:
+        """Listen to nothing; a second call does nothing."""
+        if not self._epoll.closed:
+            self.refresh([])
+            self._waiter.close()
+            self._timers.close()
+            with self._wakeup_lock:
+                self._wakeup_is_set = True
+                os.close(self._wakeup)
+            self._epoll.close()
+
+
+def _eventfd() -> int:
+    try:
+        return os.eventfd(0, _FLAGS)
+    except OSError:  # the process may have more, if it asks
+        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+        return os.eventfd(0, _FLAGS)

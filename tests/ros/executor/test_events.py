@@ -1,0 +1,263 @@
+"""Arrivals are counted in descriptors: none is lost, none is left, none is used too early."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+
+from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor, entities
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.context import Context
+
+    Until = Callable[[Callable[[], object]], None]
+
+pytestmark = pytest.mark.timeout(120)
+DEADLINE = 20.0
+
+
+def descriptors() -> int:
+    """Return how many files this process has open."""
+    return len(list(Path('/proc/self/fd').iterdir()))
+
+
+def test_messages_that_arrived_before_the_node_was_added_are_received(
+    ros: Context, executor: QuickExecutor, until: Until
+) -> None:
+    node = Node('early', context=ros)
+    received: list[int] = []
+    node.create_subscription(Time, 'a', lambda message: received.append(message.sec), 10)
+    publisher = node.create_publisher(Time, 'a', 10)
+    for number in range(3):
+        publisher.publish(Time(sec=number))
+
+    executor.add_node(node)
+    until(lambda: len(received) == 3)
+    node.destroy_node()
+
+    assert received == [0, 1, 2]
+
+
+@pytest.mark.parametrize('other', [QuickExecutor, MultiThreadedExecutor])
+def test_messages_that_wait_when_a_node_is_removed_are_received_by_the_next_executor(
+    node: Node, executor: QuickExecutor, ros: Context, other: type[MultiThreadedExecutor]
+) -> None:
+    received: list[int] = []
+    node.create_subscription(
+        Time, 'a', lambda message: received.append(message.sec), 10, callback_group=None
+    )
+    guard = node.create_guard_condition(lambda: received.append(-1))
+    publisher = node.create_publisher(Time, 'a', 10)
+    executor.spin_once(timeout_sec=0)
+    for number in range(3):
+        publisher.publish(Time(sec=number))
+    guard.trigger()
+
+    executor.remove_node(node)
+    with other(2, context=ros) as another:
+        another.add_node(node)
+        while len(received) < 4:
+            another.spin_once(timeout_sec=0.05)  # rclpy's does not end with a callback
+        another.remove_node(node)
+
+    assert sorted(received) == [-1, 0, 1, 2]
+
+
+def test_a_trigger_that_was_handed_on_before_the_node_was_added_wakes_the_executor(
+    ros: Context, executor: QuickExecutor, spinning: threading.Thread
+) -> None:
+    node = Node('early', context=ros)
+    called = threading.Event()
+    trigger = node.create_guard_condition(called.set).trigger
+    executor.add_node(node)
+
+    trigger()
+
+    assert called.wait(DEADLINE)
+    assert spinning.is_alive()
+    executor.remove_node(node)
+    node.destroy_node()
+
+
+def test_no_descriptor_is_left(ros: Context) -> None:
+    def use() -> None:
+        node = Node('tested', context=ros)
+        node.create_subscription(Time, 'a', lambda _: None, 10)
+        node.create_timer(0.001, lambda: None)
+        executor = QuickExecutor(2, context=ros)
+        executor.add_node(node)
+        executor.spin_once(timeout_sec=DEADLINE)
+        executor.shutdown()
+        node.destroy_node()
+
+    use()
+    before = descriptors()
+    for _ in range(5):
+        use()
+    assert descriptors() == before
+
+
+def test_entities_created_and_destroyed_by_several_threads_under_traffic(
+    make_node: Callable[..., Node], executor: QuickExecutor, spinning: threading.Thread
+) -> None:
+    """A short form of `scripts/soak entities`."""
+    nodes = [make_node(f'node_{number}') for number in range(3)]
+    publishers = [node.create_publisher(Header, f'topic_{i}', 10) for i, node in enumerate(nodes)]
+    wrong: list[Header] = []
+    received: list[int] = []
+    ended = threading.Event()
+
+    def flood() -> None:
+        numbered = [(Header(frame_id=str(i)), each) for i, each in enumerate(publishers)]
+        while not ended.wait(0.0005):
+            for message, publisher in numbered:
+                publisher.publish(message)
+
+    def churn(number: int) -> None:
+        for round_ in range(300):
+            group = QuickCallbackGroup() if round_ % 2 else None
+
+            def receive(message: Header) -> None:
+                (received if message.frame_id == str(number) else wrong).append(number)
+
+            node = nodes[number]
+            subscription = node.create_subscription(
+                Header, f'topic_{number}', receive, 10, callback_group=group
+            )
+            timer = node.create_timer(0.0001, lambda: None, callback_group=group)
+            guard = node.create_guard_condition(lambda: None, callback_group=group)
+            guard.trigger()
+            node.destroy_subscription(subscription)
+            node.destroy_timer(timer)
+            node.destroy_guard_condition(guard)
+
+    def settle() -> None:
+        done = threading.Event()
+        executor.create_task(done.set)  # begins when the nodes were looked at
+        assert done.wait(DEADLINE)
+
+    settle()
+    before = descriptors()
+    flooding = threading.Thread(target=flood)
+    churning = [threading.Thread(target=churn, args=(number,)) for number in range(3)]
+    for thread in (flooding, *churning):
+        thread.start()
+    for thread in churning:
+        thread.join()
+    ended.set()
+    flooding.join()
+    settle()
+
+    assert spinning.is_alive()
+    assert not wrong
+    assert descriptors() == before
+
+
+def test_a_thousand_subscriptions(node: Node, until: Until) -> None:
+    received: list[int] = []
+    group = QuickCallbackGroup()
+    for number in range(1000):
+        node.create_subscription(
+            Time, 'a', lambda _, number=number: received.append(number), 10, callback_group=group
+        )
+    publisher = node.create_publisher(Time, 'a', 10)
+    publisher.publish(Time())
+
+    until(lambda: len(received) == 1000)
+
+    assert sorted(received) == list(range(1000))
+
+
+def test_a_clock_before_1970_is_warned_of_and_dropped(
+    make_node: Callable[..., Node], until: Until, capfd: pytest.CaptureFixture[str]
+) -> None:
+    node = make_node(parameter_overrides=[Parameter('use_sim_time', value=True)])
+    publisher = node.create_publisher(
+        Clock, '/clock', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+    )
+
+    publisher.publish(Clock(clock=Time(sec=-1)))
+    until(lambda: 'dropped' in capfd.readouterr().err)
+    publisher.publish(Clock(clock=Time(sec=7)))
+    until(lambda: node.get_clock().now().nanoseconds == 7 * 10**9)
+
+
+@pytest.mark.parametrize('quick', [True, False])
+def test_a_message_that_cannot_be_read_is_warned_of_and_dropped(
+    node: Node,
+    until: Until,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    quick: bool,
+) -> None:
+    received: list[str] = []
+    group = QuickCallbackGroup() if quick else None
+
+    def take_or_fail(entry: entities.Entry, executor: QuickExecutor) -> object:
+        call = entities.take_subscription(entry, executor)
+        if call and call[1][0].frame_id == 'wrong':
+            raise ValueError
+        return call
+
+    monkeypatch.setitem(entities._TAKES, Subscription, take_or_fail)  # noqa: SLF001
+    node.create_subscription(
+        Header, 'a', lambda m: received.append(m.frame_id), 10, callback_group=group
+    )
+    publisher = node.create_publisher(Header, 'a', 10)
+
+    publisher.publish(Header(frame_id='wrong'))
+    until(lambda: 'dropped' in capfd.readouterr().err)
+    publisher.publish(Header(frame_id='right'))
+    until(lambda: received)
+
+    assert received == ['right']
+
+
+def test_a_users_exception_below_rclpys_code_ends_the_spin(
+    node: Node, executor: QuickExecutor
+) -> None:
+    def refuse(_: object) -> None:
+        raise LookupError
+
+    node.add_on_set_parameters_callback(refuse)
+    node.create_timer(0.001, lambda: node.set_parameters([Parameter('use_sim_time', value=False)]))
+    with pytest.raises(LookupError):
+        executor.spin()
+
+
+def test_a_busy_thread_and_a_flood_do_not_starve_one_another(node: Node, until: Until) -> None:
+    publisher = node.create_publisher(Time, 'a', 10)
+    floods: list[int] = []
+    counted = [0]
+    ended = threading.Event()
+
+    def count() -> None:
+        while not ended.is_set():
+            counted[0] += 1
+
+    def go_on(message: Time) -> None:
+        floods.append(counted[0])
+        publisher.publish(message)
+
+    node.create_subscription(Time, 'a', go_on, 10, callback_group=QuickCallbackGroup())
+    publisher.publish(Time())
+    thread = threading.Thread(target=count)
+    thread.start()
+    try:
+        until(lambda: len(floods) > 2000 and len(set(floods)) > 20)
+    finally:
+        ended.set()
+        thread.join()
