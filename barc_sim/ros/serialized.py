@@ -8,7 +8,8 @@ Jazzy's rmw and rcutils, which do not change within a distribution.
 from __future__ import annotations
 
 import ctypes
-from ctypes import addressof, byref, c_bool, c_char_p, c_int64, c_size_t, c_uint64, c_void_p
+from ctypes import c_void_p
+from struct import Struct
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -36,25 +37,12 @@ class _Allocator(ctypes.Structure):  # rcutils_allocator_t
     )
 
 
-class _Array(ctypes.Structure):  # rcutils_uint8_array_t
-    _fields_ = (
-        ('buffer', c_void_p),
-        ('length', c_size_t),
-        ('capacity', c_size_t),
-        ('allocator', _Allocator),
-    )
-
-
-class _Info(ctypes.Structure):  # rmw_message_info_t
-    _fields_ = (
-        ('source_timestamp', c_int64),
-        ('received_timestamp', c_int64),
-        ('publication_sequence_number', c_uint64),
-        ('reception_sequence_number', c_uint64),
-        ('implementation_identifier', c_char_p),  # this and the next: rmw_gid_t
-        ('gid', ctypes.c_char * 16),
-        ('from_intra_process', c_bool),
-    )
+#: rcutils_uint8_array_t: buffer, length, capacity; the allocator follows.
+_ARRAY = Struct('PNN')
+#: rmw_message_info_t, as far as needed: times of publication and reception, sequence numbers of
+#: both; then rmw_gid_t: name of the middleware, GID.
+_INFO = Struct('qqQQP16s')
+_INFO_SIZE = _INFO.size + 8  # with a flag behind, padded
 
 
 class Taker:
@@ -64,8 +52,14 @@ class Taker:
         """Allocate nothing yet."""
         rcutils = ctypes.PyDLL('librcutils.so')
         rcutils.rcutils_get_default_allocator.restype = _Allocator
+        allocator = bytes(rcutils.rcutils_get_default_allocator())
         self._free = rcutils.rcutils_uint8_array_fini
-        self._array = _Array(allocator=rcutils.rcutils_get_default_allocator())
+        self._array = bytearray(_ARRAY.size) + allocator
+        self._info = bytearray(_INFO_SIZE)
+        self._addresses = [
+            ctypes.addressof((ctypes.c_char * len(each)).from_buffer(each))
+            for each in (self._array, self._info)
+        ]
         # PyDLL keeps the interpreter's lock: to give it up for 2 us would cost more than that.
         self._take = ctypes.PyDLL('librcl.so').rcl_take_serialized_message
         self._take.argtypes = (c_void_p, c_void_p, c_void_p, c_void_p)
@@ -78,20 +72,14 @@ class Taker:
         RuntimeError
             rcl has failed.
         """
-        info = _Info()
-        gid = info.__class__.gid
-        start = addressof(info) + gid.offset
-        array, where = addressof(self._array), addressof(info)
+        take, info, array, string_at = self._take, self._info, self._array, ctypes.string_at
+        unpack_info, unpack_array = _INFO.unpack_from, _ARRAY.unpack_from
         with subscription.handle:
             pointer = subscription.handle.pointer
-            while (result := self._take(pointer, array, where, None)) == _TAKEN:
-                yield Taken(
-                    ctypes.string_at(self._array.buffer, self._array.length),
-                    info.source_timestamp,
-                    info.received_timestamp,
-                    info.publication_sequence_number,
-                    ctypes.string_at(start, gid.size),
-                )
+            while (result := take(pointer, *self._addresses, None)) == _TAKEN:
+                published, received, number, _, _, publisher = unpack_info(info)
+                buffer, length, _ = unpack_array(array)
+                yield Taken(string_at(buffer, length), published, received, number, publisher)
         if result != _NOTHING_THERE:
             raise RuntimeError(
                 f'rcl_take_serialized_message returned {result} on {subscription.topic_name}'
@@ -99,4 +87,4 @@ class Taker:
 
     def close(self) -> None:
         """Free the buffer."""
-        self._free(byref(self._array))
+        self._free(c_void_p(self._addresses[0]))
