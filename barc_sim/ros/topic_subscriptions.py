@@ -14,7 +14,8 @@ from rclpy.qos import DurabilityPolicy
 
 from barc_sim.bags.losses import Losses
 from barc_sim.ros import offered_qos
-from barc_sim.ros.polled import PolledCallbackGroup
+from barc_sim.ros.executor import PolledCallbackGroup
+from barc_sim.ros.polled import Arrivals
 from barc_sim.ros.serialized import Taker
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ class TopicSubscriptions:
         self._taker = Taker()
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
+        self._arrivals = Arrivals()
         self._definitions: dict[str, str] = {}
         self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
 
@@ -141,6 +143,7 @@ class TopicSubscriptions:
                 subscription = self._create(name, unmatched)
                 with self._lock:
                     recorded.subscriptions.append(subscription)
+                self.wake()
         except LookupError as error:
             self.unknown[name] = f'{type_name}: {error}'
             return False
@@ -182,6 +185,24 @@ class TopicSubscriptions:
                     losses.count(publisher, number)
                     yield Message(topic, data, received, published, number)
 
+    def wait(self, timeout_sec: float) -> None:
+        """Sleep until a message arrives, `wake` is called or the time is over.
+
+        Arrivals are counted only meanwhile: to count each of many would cost more than to poll.
+        """
+        with self._lock:
+            subscriptions = [
+                each for recorded in self._topics.values() for each in recorded.subscriptions
+            ]
+            self._arrivals.listen(subscriptions)
+        self._arrivals.wait(timeout_sec)
+        with self._lock:
+            self._arrivals.listen(())
+
+    def wake(self) -> None:
+        """End a `wait`."""
+        self._arrivals.wake()
+
     def lost(self) -> dict[str, dict[str, int] | None]:
         """Return the number of lost messages by topic and publishing node; None where unknown.
 
@@ -202,7 +223,9 @@ class TopicSubscriptions:
 
     def close(self) -> None:
         """Destroy the subscriptions; `lost` stays available."""
+        self.wake()
         with self._lock:
+            self._arrivals.listen(())
             for recorded in self._topics.values():
                 for subscription in recorded.subscriptions:
                     self._node.destroy_subscription(subscription)

@@ -33,9 +33,9 @@ from barc_sim.nodes.mirrors.ride import Ride, Trail
 from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
 from barc_sim.ros.endpoints import publisher, subscription
-from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.executor import PolledCallbackGroup, QuickCallbackGroup
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.polled import PolledCallbackGroup, polled, take
+from barc_sim.ros.polled import polled, take
 from barc_sim.ros.process import spin
 from barc_sim.vehicle.bike_model import Motion, Vehicle
 from barc_sim.vehicle.parameters import Parameter

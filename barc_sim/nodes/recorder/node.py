@@ -126,7 +126,9 @@ class BagRecorder(Node):
         self.path = make_directory(path) if path else new_directory(self._root)
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
         self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
-        self._thread = WriterThread(self._writer, self._topics.take, reserve, self._on_failure)
+        self._thread = WriterThread(
+            self._writer, self._topics.take, reserve, self._on_failure, self._topics
+        )
         self._thread.attach(self._attachments)
         self._thread.use_sim_time = self.use_sim_time
         self._thread.start()

@@ -17,10 +17,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from barc_sim.bags.writer import BagWriter
-    from barc_sim.ros.topic_subscriptions import Message
+    from barc_sim.ros.topic_subscriptions import Message, TopicSubscriptions
 
 #: [s] between two polls of the source.
 _PERIOD = 0.05
+#: [s] The longest sleep while nothing arrives; then the disk is checked.
+_LONGEST_SLEEP = 1.0
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
 
@@ -37,6 +39,8 @@ class WriterThread:
         The bag's writer; only the thread uses it from now on.
     source
         Returns the waiting messages; called in the thread.
+    arrivals
+        What to sleep for while there are no messages; without it, the source is polled.
     reserve
         Space to leave free [B].
     on_failure
@@ -50,7 +54,10 @@ class WriterThread:
         source: Callable[[], Iterable[Message]],
         reserve: int,
         on_failure: Callable[[str | None], None],
+        arrivals: TopicSubscriptions | None = None,
     ) -> None:
+        self._arrivals = arrivals
+        self._unflushed = True  # messages were written since the last flush
         self._lock = threading.Lock()
         self.paused = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
@@ -77,6 +84,12 @@ class WriterThread:
         while not self._closing.wait(_PERIOD):
             with self._lock:
                 self._run_once()
+            if self._arrivals and self._is_idle:
+                self._arrivals.wait(_LONGEST_SLEEP)
+
+    @property
+    def _is_idle(self) -> bool:
+        return not (self._unflushed or self._late or self._stuck or self._closing.is_set())
 
     def _run_once(self) -> None:
         try:
@@ -86,6 +99,7 @@ class WriterThread:
                 self._chunk_due = time.monotonic() + _CHUNK_PERIOD
                 self._check_disk()
                 self._writer.flush()
+                self._unflushed = bool(self._waiting)
                 if self._stuck and not self._broken:
                     self._stuck = False
                     self._on_failure(None)
@@ -103,6 +117,7 @@ class WriterThread:
             # In order of reception, as readers expect.
             self._waiting.extend(sorted(messages, key=_received))
         while self._waiting:
+            self._unflushed = True
             topic, data, received, published, number = self._waiting.popleft()
             self._writer.write(topic, data, received=received, published=published, sequence=number)
 
@@ -172,6 +187,8 @@ class WriterThread:
         if self._closing.is_set():
             return
         self._closing.set()
+        if self._arrivals:
+            self._arrivals.wake()
         if self._thread.is_alive():
             self._thread.join()
         with self._lock:

@@ -34,8 +34,9 @@ from barc_sim.page.protocol import (
 from barc_sim.page.server import ViewServer
 from barc_sim.ros import names
 from barc_sim.ros.endpoints import publisher
+from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.polled import PolledCallbackGroup, polled, take
+from barc_sim.ros.polled import polled, take
 from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameters import Parameter
 

@@ -13,7 +13,8 @@ from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, P
 from barc_sim.page.rows import FIELDS, STATE_FIELDS, Rows
 from barc_sim.ros import names
 from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
-from barc_sim.ros.polled import PolledCallbackGroup, polled, take
+from barc_sim.ros.executor import PolledCallbackGroup
+from barc_sim.ros.polled import polled, take
 
 if TYPE_CHECKING:
     from collections.abc import Callable

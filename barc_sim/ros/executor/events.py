@@ -21,7 +21,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.timer import Timer
 from rclpy.waitable import Waitable
 
-from barc_sim.ros.executor.callback_groups import QuickCallbackGroup
+from barc_sim.ros.executor.callback_groups import PolledCallbackGroup, QuickCallbackGroup
 from barc_sim.ros.executor.entities import KINDS, Entity, Entry, take_of, take_waitable
 from barc_sim.ros.executor.rclpy_private import (
     handle_of,
@@ -31,7 +31,6 @@ from barc_sim.ros.executor.rclpy_private import (
 )
 from barc_sim.ros.executor.timers import Timers
 from barc_sim.ros.executor.wait_set import WaitSetThread
-from barc_sim.ros.polled import PolledCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

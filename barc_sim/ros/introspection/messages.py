@@ -11,8 +11,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from barc_sim.bags.losses import Losses
 from barc_sim.errors import UserError
+from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.offered_qos import matches, request
-from barc_sim.ros.polled import PolledCallbackGroup
 from barc_sim.ros.serialized import Taker
 
 if TYPE_CHECKING:
