@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
+from math import floor, log10
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 EXECUTORS = {
     'ours': 'QuickExecutor',
     'single': 'SingleThreadedExecutor',
     'multi': 'MultiThreadedExecutor',
 }
+#: Executors in C++, which do without callback groups.
+EVENTS_EXECUTORS = {'events': "Jazzy's EventsExecutor", 'kilted': "Kilted's EventsExecutor"}
+TITLES = {**EXECUTORS, **EVENTS_EXECUTORS}
 
 #: By case and executor, the figures of each repetition.
 Found = dict[str, dict[str, list[dict[str, float]]]]
@@ -30,30 +38,42 @@ def at_least_one(text: str) -> int:
     return int(text)
 
 
-def interleaved(worker: str, cases: list[str], repeat: int, **task: Any) -> Found:  # noqa: ANN401
+def interleaved(
+    worker: str,
+    cases: list[str],
+    repeat: int,
+    pythons: Mapping[str, str] | None = None,
+    **task: Any,  # noqa: ANN401
+) -> Found:
     """Run a program of this folder for each case and executor, in turns.
 
     It gets the task as JSON on its command line, with the time at which it was started, and
-    prints the figures as JSON. In turns, the
-    machine's moods meet all alike.
+    prints the figures as JSON. In turns, a busy machine slows all alike. `pythons` has the
+    interpreter of each executor that is measured; by default this one, for rclpy's and ours.
     """
-    found: Found = {case: {name: [] for name in EXECUTORS} for case in cases}
+    pythons = pythons or dict.fromkeys(EXECUTORS, sys.executable)
+    # The wheels of ROS set these when Python begins, once.
+    wheels = ('LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')
+    environment = {name: value for name, value in os.environ.items() if name not in wheels}
+    found: Found = {case: {name: [] for name in pythons} for case in cases}
     program = str(Path(__file__).with_name(worker))
     for number in range(repeat):
         print(f'repetition {number + 1} of {repeat}', file=sys.stderr)
         for case in cases:
-            for name, title in EXECUTORS.items():
+            for name, python in pythons.items():
                 arguments = json.dumps(
                     {'case': case, 'executor': name, 'spawned': time.time(), **task}
                 )
                 done = subprocess.run(  # noqa: S603 (our own)
-                    [sys.executable, program, arguments],
+                    [python, program, arguments],
+                    env=environment if python != sys.executable else None,
                     capture_output=True,
                     text=True,
                     check=False,
+                    timeout=120.0,
                 )
                 if done.returncode:
-                    raise UserError(f'{case} with {title} failed: {done.stderr}')
+                    raise UserError(f'{case} with {TITLES[name]} failed: {done.stderr}')
                 found[case][name].append(json.loads(done.stdout))
     return found
 
@@ -63,17 +83,27 @@ def table(found: Found) -> str:
     lines = []
     for case, by_executor in found.items():
         keys = list(by_executor['ours'][0])
-        lines.append(f'{case:24}' + ''.join(f'{key:>28}' for key in keys))
-        for name, runs in by_executor.items():
-            cells = (_cell([run[key] for run in runs]) for key in keys)
-            lines.append(f'{EXECUTORS[name]:24}' + ''.join(f'{cell:>28}' for cell in cells))
-        ours, *others = ([run[keys[0]] for run in runs] for runs in by_executor.values())
-        for title, values in zip(list(EXECUTORS.values())[1:], others, strict=True):
-            ratio = median(ours) / median(values)
-            lines.append(f'{keys[0]}: QuickExecutor / {title} = {ratio:.3g}')
+        runs = len(by_executor['ours'])
+        rows = [[f'{case}: medians of {runs} runs', *keys, f'{keys[0]}, ratio']]
+        ours = median(run[keys[0]] for run in by_executor['ours'])
+        for name, figures in by_executor.items():
+            cells = [_cell([run[key] for run in figures]) for key in keys]
+            ratio = ours / median(run[keys[0]] for run in figures)
+            rows.append([TITLES[name], *cells, f'{ratio:.2f}'])
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for first, *others in rows:
+            cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
+            lines.append('  '.join([first.ljust(widths[0]), *cells]))
         lines.append('')
-    return '\n'.join(lines)
+    return '\n'.join([*lines, 'ratio: QuickExecutor to the other'])
 
 
 def _cell(values: list[float]) -> str:
-    return f'{median(values):.4g} [{min(values):.3g}, {max(values):.3g}]'
+    shown = [_number(value) for value in (median(values), min(values), max(values))]
+    return '{} [{}, {}]'.format(*shown)
+
+
+def _number(value: float) -> str:
+    """Return a number with three significant digits or more, never with a power of ten."""
+    decimals = max(0, 2 - floor(log10(abs(value)))) if abs(value) > 1e-3 else 0  # noqa: PLR2004
+    return f'{value:,.{decimals}f}'

@@ -1,23 +1,33 @@
-"""The executor beside rclpy's own: answers per second, a timer's jitter, processor time.
+"""The executor beside rclpy's own: round trips per second, a timer's jitter, processor time.
 
-Ping-pong: two nodes answer one another as fast as they can, once more with the recorder on.
+Ping-pong: two nodes answer one another as fast as they can, once more beside a busy Python
+thread, across two processes, and with the recorder on. Where Python 3.12 can be had, Kilted's
+EventsExecutor is measured, too, in a virtual environment of its own that is made once.
 Jitter: a 50 Hz timer publishes on seven topics, beside the recorder and a node whose callback
 sleeps 100 ms in every 200 ms.
 """
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
+from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
 
-from _compare import EXECUTORS, Found, at_least_one, interleaved, table
+from _compare import EXECUTORS, TITLES, Found, at_least_one, interleaved, table
 
 if TYPE_CHECKING:
     import argparse
 
     from matplotlib.figure import Figure
 
-_CASES = ('ping-pong', 'ping-pong, recorded', 'jitter')
+_PING_PONG = ('ping-pong', 'ping-pong, busy thread')
+_TWO_PROCESSES = 'ping-pong, two processes'  # in which the C++ executors do not end
+_CASES = (*_PING_PONG, _TWO_PROCESSES, 'ping-pong, recorded', 'jitter')
+_KILTED = Path(__file__).parents[2] / '.setup' / 'kilted'
+_PACKAGES = ('ros-kilted-rclpy', 'ros-kilted-std-msgs', 'ros-kilted-rmw-fastrtps-cpp', 'numpy')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,7 +46,37 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def measure(options: argparse.Namespace) -> Found:
     """Return the figures of each case and executor, a list of one per repetition."""
     cases = options.case or list(_CASES)
-    return interleaved('_executor.py', cases, options.repeat, seconds=options.seconds)
+    pythons = dict.fromkeys([*EXECUTORS, 'events'], sys.executable)
+    if kilted := _kilted():
+        pythons['kilted'] = kilted
+    plain = [case for case in cases if case in _PING_PONG]
+    found: Found = {}
+    if plain:
+        found = interleaved(
+            '_ping_pong.py', plain, options.repeat, pythons, seconds=options.seconds
+        )
+    if _TWO_PROCESSES in cases:
+        found |= interleaved(
+            '_ping_pong.py', [_TWO_PROCESSES], options.repeat, seconds=options.seconds
+        )
+    if others := [case for case in cases if case not in (*plain, _TWO_PROCESSES)]:
+        found |= interleaved('_executor.py', others, options.repeat, seconds=options.seconds)
+    return found
+
+
+def _kilted() -> str | None:
+    """Return the Python of an environment with Kilted's rclpy; None where there is none."""
+    python = _KILTED / 'bin' / 'python'
+    base = shutil.which('python3.12') or next(
+        map(str, Path('~/.pyenv/versions').expanduser().glob('3.12.*/bin/python')), None
+    )
+    if not python.exists() and base:
+        print("making an environment with Kilted's rclpy", file=sys.stderr)
+        made = subprocess.run([base, '-m', 'venv', str(_KILTED)], check=False)  # noqa: S603
+        command = [str(python), '-m', 'pip', 'install', '--quiet', *_PACKAGES]
+        if made.returncode or subprocess.run(command, check=False).returncode:  # noqa: S603
+            shutil.rmtree(_KILTED, ignore_errors=True)
+    return str(python) if python.exists() else None
 
 
 def report(found: Found) -> str:
@@ -63,7 +103,8 @@ def plot(found: Found) -> Figure:
                 label, (place, median(values)), xytext=(6, -3), textcoords='offset points'
             )
         names = [
-            title.replace('Executor', '').replace('Thr', '\nThr') for title in EXECUTORS.values()
+            TITLES[name].replace('Executor', '').replace('Thr', '\nThr').replace(' ', '\n')
+            for name in by_executor
         ]
         axes.set_xticks(range(len(names)), names)
         axes.set(title=case, ylabel=key, yscale='log', xlim=(-0.4, len(names) - 0.2))
