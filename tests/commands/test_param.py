@@ -204,7 +204,7 @@ def dumped(ros: Context, tmp_path: Path) -> Path:
 def drive(folder: Path, *ros_args: str) -> list[tuple[float, ...]]:
     """Drive, and return the states and commands."""
     done = call('acc', '-q', '--bag-dir', str(folder), '--ros-args', *ros_args)
-    assert (done.returncode, done.stderr) == (0, '')
+    assert done.returncode == 0, done.stderr
     return states(folder / done.stdout.strip())
 
 

@@ -316,10 +316,13 @@ def test_signal_at_any_moment_leaves_a_whole_bag_or_none(
 ) -> None:
     chance = random.Random(seed)  # noqa: S311 (no secret)
     number = chance.choice([signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-    process = start('acc', '-q', *SHORT)
+    # A signal before this ends Python's own start, with its traceback.
+    process = start('acc', '-q', *SHORT, prelude=f'{PRELUDE}print(file=sys.stderr, flush=True)\n')
+    assert process.stderr
+    process.stderr.readline()
     try:
-        # Interpreter, imports, nodes, run, close and the interpreter's end take about 0.7 s.
-        process.wait(chance.uniform(0.05, 0.9))
+        # Imports, nodes, run, close and the interpreter's end take about 0.7 s.
+        process.wait(chance.uniform(0.0, 0.85))
     except subprocess.TimeoutExpired:
         process.send_signal(number)
     out, err = process.communicate(timeout=20)
