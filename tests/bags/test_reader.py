@@ -110,7 +110,7 @@ def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
         bag.read(tmp_path / 'run', 'car3')
 
 
-def test_info_is_what_was_last_said_of_the_run(run: Path) -> None:
+def test_info_is_the_newest_metadata(run: Path) -> None:
     assert bag.info(run) == {'command': 'acc', 'kp': '31.0', 'missed': '0'}
 
 

@@ -52,7 +52,7 @@ def test_quantities_the_run_did_not_have_are_nan() -> None:
     assert not log.saturated.any()
 
 
-def test_saturated_is_what_the_controller_said() -> None:
+def test_saturated_is_what_the_controller_published() -> None:
     said = [Sample(1 + k * PERIOD, 100 * k, (8.0, 1.0, 0.0, 0.0, k == 1)) for k in range(2)]
     log = join({STATE: [state(0), state(1)], 'pid_state': said})
     assert log.saturated.tolist() == [False, True]

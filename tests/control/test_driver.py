@@ -30,7 +30,7 @@ def test_full_throttle_is_the_greatest_acceleration_and_half_is_half_of_it() -> 
     assert driver.command(0.05, 0.0) == (LIMITS.acceleration / 2, 0.0)
 
 
-def test_nothing_heard_is_coasting() -> None:
+def test_no_input_is_coasting() -> None:
     assert Driver().command(0.0, 5.0) == (0.0, 0.0)
 
 
@@ -74,7 +74,7 @@ def test_the_brake_stops_the_car_either_way_and_stays_on(speed: float) -> None:
     assert all(v * speed >= 0.0 for v in speeds)
 
 
-def test_another_wish_releases_the_brake() -> None:
+def test_another_request_releases_the_brake() -> None:
     driver = Driver()
     driver.receive(FULL_BRAKE, 0.0)
     driver.receive(COAST, 1.0)
@@ -135,14 +135,14 @@ def test_a_wheel_that_stays_is_only_put_straight_by_the_brake() -> None:
     assert driver.command(0.0, 0.0).servo == 0.0
 
 
-def test_a_stale_wish_is_coasting_with_the_wheel_going_straight() -> None:
+def test_a_stale_request_is_coasting_with_the_wheel_going_straight() -> None:
     driver = Driver(stale_after=0.5)
     driver.receive(DriverInput(forward=1.0, turn=1.0), 10.0)
     assert driver.command(10.5, 0.0) == (LIMITS.acceleration, 0.05)
     assert driver.command(10.51, 0.0) == (0.0, 0.0)
 
 
-def test_reset_forgets_wish_and_wheel() -> None:
+def test_reset_clears_request_and_wheel() -> None:
     driver = Driver()
     driver.receive(DriverInput(forward=1.0, turn=1.0), 0.0)
     driver.command(0.0, 0.0)
@@ -158,7 +158,7 @@ def test_a_share_that_is_not_finite_is_not_usable(value: float) -> None:
 
 
 @given(st.lists(st.tuples(SHARE, SHARE, SHARE, st.floats(0.0, 1.0), st.floats(-50.0, 50.0))))
-def test_whatever_is_wished_for_stays_within_the_limits(
+def test_any_request_stays_within_the_limits(
     requests: list[tuple[float, float, float, float, float]],
 ) -> None:
     driver = Driver()

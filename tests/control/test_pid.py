@@ -62,7 +62,7 @@ def test_output_within_limits_is_the_sum_of_the_terms(
 # The first sample and the kick
 
 
-def test_new_controller_tells_of_no_term() -> None:
+def test_new_controller_has_no_terms() -> None:
     pid = PID(1.0, 2.0, 3.0)
     assert (pid.proportional, pid.integral, pid.derivative) == (0.0, 0.0, 0.0)
     assert not pid.saturated
@@ -105,7 +105,7 @@ def test_interval_that_is_not_positive_leaves_only_what_needs_no_time(dt: float)
 # Limits and windup
 
 
-def test_output_is_cut_to_the_limits_and_says_so() -> None:
+def test_output_is_limited_and_marked_saturated() -> None:
     pid = PID(1.0, 0.0, 0.0, output_min=-2.0, output_max=3.0)
     assert pid.acc_calculate(8.0, 0.0) == 3.0
     assert pid.saturated

@@ -26,7 +26,7 @@ def test_a_circle_is_entered_at_the_first_vertex_and_goes_back_once() -> None:
     assert (back[0], back[-1]) == (plan.vertices['ecu'], plan.vertices['sim'])
 
 
-def test_two_nodes_that_hear_each_other_on_one_topic_are_drawn() -> None:
+def test_two_nodes_that_subscribe_to_each_other_on_one_topic_are_drawn() -> None:
     plan = layout(['a', 't'], [('a', 't'), ('t', 'a')])
     assert len(plan.routes) == 2
 

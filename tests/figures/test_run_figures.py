@@ -77,7 +77,7 @@ def test_grade_and_command_stand_below_on_the_same_axis(log: Log) -> None:
     assert tops == sorted(tops, reverse=True)
 
 
-def test_every_axis_says_its_unit(log: Log) -> None:
+def test_every_axis_has_its_unit(log: Log) -> None:
     figure = speed_figure(log)
     assert [axes.get_ylabel() for axes in figure.axes] == [
         'Speed [m/s]',
@@ -108,7 +108,7 @@ def test_missed_deadlines_are_marked_and_counted(log: Log) -> None:
     assert not lines(speed_figure(log).axes[-1])
 
 
-def test_the_caption_tells_the_error_after_the_run_up_and_over_all(log: Log) -> None:
+def test_the_caption_has_the_error_after_the_run_up_and_over_all(log: Log) -> None:
     beyond = log.speed_error[log.distance >= 10.0]
     caption = speed_figure(log).get_supxlabel()
     assert f'after the first 10 m: RMS {np.sqrt(np.mean(beyond**2)):.3f} m/s' in caption

@@ -117,7 +117,7 @@ def test_a_command_holds_until_the_next_state(log: Log) -> None:
         assert f'{k:.2f} m/s²' in texts(view)
 
 
-def test_posts_tell_the_distance(log: Log) -> None:
+def test_posts_show_the_distance(log: Log) -> None:
     view = view_of(log)
     view.update(time_at(log, 111.0))
     assert {'110 m', '120 m'} <= texts(view)

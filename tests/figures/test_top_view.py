@@ -120,7 +120,7 @@ def test_readings_are_those_of_the_time_shown(log: Log) -> None:
     } <= texts(view)
 
 
-def test_the_grid_tells_where_the_car_is(log: Log) -> None:
+def test_the_grid_shows_where_the_car_is(log: Log) -> None:
     view = view_of(log)
     view.update(0.0)
     assert {'0 m', '10 m'} <= texts(view)

@@ -80,7 +80,7 @@ def test_a_cost_over_decades_is_shown_by_its_logarithm_and_others_as_they_are() 
 
 
 @pytest.mark.parametrize('lost', [1, COST.size])
-def test_gains_that_never_arrive_are_left_white_and_said_to_be(lost: int) -> None:
+def test_gains_that_never_arrive_are_left_white_with_a_note(lost: int) -> None:
     cost = COST.copy()
     cost.flat[:lost] = np.inf
     figure = drawn(cost)
@@ -96,5 +96,5 @@ def test_a_run_that_never_reaches_its_speed_is_drawn() -> None:
     assert figure.axes[1].get_xlim()[1] > 10.0
 
 
-def test_the_caption_tells_the_gain_that_the_map_does_not_show() -> None:
+def test_the_caption_has_the_gain_that_the_map_does_not_show() -> None:
     assert any('Map at kd = 0.1; the start has 0' in text for text in words(drawn()))

@@ -90,7 +90,7 @@ def test_twist_is_a_share_of_the_limits_which_may_be_changed(bench: Callable[...
     b.until_motor(5.0)
 
 
-def test_wheel_turns_and_returns_or_stays_as_told(bench: Callable[..., Bench]) -> None:
+def test_wheel_turns_and_returns_or_stays_as_set(bench: Callable[..., Bench]) -> None:
     b = bench(self_centring=False, steering=0.2, stale_after=60.0)
     b.send(turn=1.0)
     b.until(lambda: b.relay.driver.servo == 0.2)
@@ -139,7 +139,7 @@ def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
     assert capfd.readouterr().err.count('refused a Twist') == 1
 
 
-def test_speed_that_is_not_finite_is_not_heard(bench: Callable[..., Bench]) -> None:
+def test_speed_that_is_not_finite_is_ignored(bench: Callable[..., Bench]) -> None:
     one = bench()
     one.send(forward=1.0)
     one.until_motor(4.0)
@@ -153,7 +153,7 @@ def test_speed_that_is_not_finite_is_not_heard(bench: Callable[..., Bench]) -> N
     assert min(command.motor for command in one.commands) >= 0.0
 
 
-def test_reset_forgets_wish_and_wheel(bench: Callable[..., Bench]) -> None:
+def test_reset_clears_request_and_wheel(bench: Callable[..., Bench]) -> None:
     b = bench(stale_after=60.0)
     b.send(forward=1.0, turn=1.0)
     b.until_motor(4.0)

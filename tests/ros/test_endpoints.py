@@ -55,7 +55,7 @@ def test_endpoints_are_reliable_and_wait_for_no_events(node: Node) -> None:
     assert ends[1].callback_group is group
 
 
-def test_peer_whose_messages_cannot_be_heard_is_named(node: Node, ros: Context) -> None:
+def test_peer_whose_messages_cannot_be_received_is_named(node: Node, ros: Context) -> None:
     subscription(node, ECU, 'ecu', lambda _: None, MutuallyExclusiveCallbackGroup())
     peer = Node('joystick', context=ros)
     peer.create_publisher(ECU, 'ecu', BEST_EFFORT)
@@ -64,7 +64,7 @@ def test_peer_whose_messages_cannot_be_heard_is_named(node: Node, ros: Context) 
     assert 'reliab' in sentence.lower()
 
 
-def test_peer_that_cannot_hear_is_named(node: Node, ros: Context) -> None:
+def test_peer_that_cannot_receive_is_named(node: Node, ros: Context) -> None:
     publisher(node, ECU, 'ecu')
     peer = Node('view', context=ros)
     peer.create_subscription(ECU, 'ecu', lambda _: None, LATCHED)

@@ -55,7 +55,7 @@ def test_mirrors_stand_on_the_simulators_road_in_its_namespace(tmp_path: Path) -
     assert last.header.frame_id == 'car2/odom'
 
 
-def test_diagnostics_tell_of_time_noise_and_bag(tmp_path: Path) -> None:
+def test_diagnostics_have_time_noise_and_bag(tmp_path: Path) -> None:
     options = ('--distance', '6', '--mirrors', 'diagnostics')
     last = messages(bag_of(tmp_path, *options))['/diagnostics'][-1]
     told = {

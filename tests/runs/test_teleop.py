@@ -18,6 +18,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from command_line import call
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from barc_sim.simulation.log import Log
 
 DEADLINE = 60.0
 READY = b'q ends'
@@ -186,14 +186,7 @@ def test_left_space_and_reset(session: Session) -> None:
     assert np.abs(log.servo).max() <= Limits().steering
 
 
-def same(one: Log, other: Log) -> bool:
-    return all(
-        getattr(one, name).tobytes() == getattr(other, name).tobytes()
-        for name in ('x', 'y', 'psi', 'v_x', 'motor', 'servo')
-    )
-
-
-def test_a_recorded_drive_driven_again_is_the_same_each_time_and_as_it_was(
+def test_a_recorded_drive_driven_again_is_as_it_was(
     session: Session,
 ) -> None:
     session.hold(b'w', 1.0)
@@ -205,13 +198,18 @@ def test_a_recorded_drive_driven_again_is_the_same_each_time_and_as_it_was(
     heard = requests(session.bag())
     duration = float(log.t[-1])
     again = drive(heard, duration)
-    assert same(again, drive(heard, duration))
     # The nodes' ticks fall elsewhere in the same 50 ms.
     assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
     assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + lost(session.bag()))
 
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    'number',
+    [
+        signal.SIGHUP,
+        *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGTERM, signal.SIGINT)),
+    ],
+)
 def test_a_signal_ends_it_in_order(session: Session, number: int) -> None:
     session.type(b'w')
     session.until('held ↑'.encode())
@@ -337,15 +335,7 @@ def test_killing_the_relay_stops_the_car(tmp_path: Path) -> None:
 
 
 def test_as_fast_as_it_goes_is_refused_with_one_sentence(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, '-m', 'barc_sim.run', 'teleop', '--realtime-factor', 'max'],
-        cwd=tmp_path,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=DEADLINE,
-    )
+    done = call('teleop', '--realtime-factor', 'max', '--bag-dir', str(tmp_path / 'bags'))
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1] == (
         "barc teleop: error: a driver's time cannot run as fast as it goes: give teleop a "

@@ -68,7 +68,7 @@ def test_closed_loop_is_the_lab_templates_loop(lab_run: Log) -> None:
 # What the log holds
 
 
-def test_log_tells_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
+def test_log_has_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
     road = Road.lab()
     s = lab_run.x.tolist()
     assert lab_run.theta_deg.tolist() == [road.grade_deg(x) for x in s]
@@ -205,7 +205,7 @@ def test_left_turns_left_and_the_brake_stops_the_car() -> None:
     assert log.speed.min() >= -1e-6
 
 
-def test_a_wish_goes_stale() -> None:
+def test_a_request_becomes_stale() -> None:
     log = drive([(0.0, DriverInput(forward=1.0))], 3.0)
     assert log.speed[-1] == pytest.approx(0.5 * Limits().acceleration, rel=0.15)
     assert log.motor[-1] == 0.0

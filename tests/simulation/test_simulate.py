@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from barc_sim.control.pid import PID, speed_controller
+from barc_sim.control.pid import speed_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.vehicle.actuators import Actuator
@@ -57,11 +57,6 @@ def test_keywords_make_plant_and_controller() -> None:
     assert_same(ours, closed_loop(plant, pid, speed_reference=5.0, distance=30.0))
 
 
-def test_the_default_is_the_run() -> None:
-    assert_same(simulate(), closed_loop())
-    assert_same(simulate(noise=Deviation(s=0.1)), closed_loop(Plant(noise=Deviation(s=0.1))))
-
-
 def test_a_road_is_an_object_a_name_or_a_file(tmp_path: Path) -> None:
     file = tmp_path / 'hills.csv'
     file.write_text('start_m,grade_deg\n0,0\n10,5\n')
@@ -91,11 +86,6 @@ def test_a_controller_of_two_arguments_drives_within_the_limit_from_its_beginnin
     assert first.x[-1] >= 180.0
     assert np.abs(first.motor).max() == 8.0
     assert_same(first, second)
-
-
-def test_a_controller_of_three_arguments_receives_dt() -> None:
-    ours = simulate(controller=PID(30.0, 200.0, 0.1), distance=30.0)
-    assert_same(ours, simulate(distance=30.0))
 
 
 def test_gains_beside_a_controller_are_refused() -> None:

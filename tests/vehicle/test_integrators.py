@@ -21,7 +21,7 @@ def turned(name: str, steps: int) -> float:
 
 
 @pytest.mark.parametrize('name', ['euler', 'rk4'])
-def test_error_falls_with_the_order_that_is_told(name: str) -> None:
+def test_error_falls_with_the_declared_order(name: str) -> None:
     order = log2(turned(name, 256) / turned(name, 512))
     assert order == pytest.approx(INTEGRATORS[name].order, abs=0.02)
 

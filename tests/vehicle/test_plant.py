@@ -38,7 +38,7 @@ def plant_at(state: State, *, noise: Deviation | None = None, seed: int = 0) -> 
     return plant
 
 
-def test_observation_tells_road_and_forces_where_the_vehicle_is() -> None:
+def test_observation_has_road_and_forces_where_the_vehicle_is() -> None:
     seen = plant_at(STATE).observe()
     assert seen.theta_deg == -7.0
     assert seen.elevation == HILL.elevation(25.0)
@@ -153,7 +153,7 @@ def test_step_holds_the_mean_of_what_the_actuators_do(integrator: str) -> None:
         assert plant.state == state
 
 
-def test_velocities_are_told_under_the_steering_that_acts_not_under_the_command() -> None:
+def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_command() -> None:
     plant = Plant(servo=Actuator(delay=0.02, rate=1.0))
     plant.state = State(v=6.0)
     told = []
@@ -229,7 +229,7 @@ def test_brake_keeps_the_wheel_on_its_way() -> None:
 # Integrator and dynamics
 
 
-def test_dynamic_car_tells_its_own_velocities() -> None:
+def test_dynamic_car_has_its_own_velocities() -> None:
     plant = Plant(road=Road.flat(), dynamics='dynamic', noise=Deviation(v_y=0.1))
     plant.state = state = State(v=20.0)
     bicycle = DynamicBicycle()

@@ -36,7 +36,7 @@ def errors(sensor: Sensor, n: int) -> Sequence[Deviation]:
 
 
 @pytest.mark.parametrize('sensor', [Sensor(), Sensor(Deviation(), seed=7)])
-def test_sensor_without_deviation_tells_the_truth(sensor: Sensor) -> None:
+def test_sensor_without_deviation_measures_the_truth(sensor: Sensor) -> None:
     for _ in range(3):
         # Compared as text: no error is to be -0.0, either.
         assert repr(sensor.measure(TRUE)) == repr((TRUE, Deviation(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))

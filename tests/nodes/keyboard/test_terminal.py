@@ -65,7 +65,7 @@ def terminal(console: Pty) -> Iterator[Terminal]:
         yield terminal
 
 
-def test_keys_are_heard_without_enter_and_not_echoed(console: Pty, terminal: Terminal) -> None:
+def test_keys_are_read_without_enter_and_not_echoed(console: Pty, terminal: Terminal) -> None:
     assert console.shown(b'\x1b[?u')
     console.type(b'w')
     assert console.next() == KeyEvent('up')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan, hypot, pi, radians, sin, tan
+from math import atan, hypot, pi, sin, tan
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from barc_sim.nodes.mirrors.car import (
     Quaternion,
     acceleration,
     is_continuous,
-    orientation,
     pose,
     wheels,
 )
@@ -40,24 +39,6 @@ def rotated(turn: Quaternion, vector: tuple[float, float, float]) -> np.ndarray:
 
 def at(x: float = 0.0, y: float = 0.0, psi: float = 0.0, road: Road = HILL) -> Pose:
     return pose(Motion(x, y, psi, 0.0, 0.0, 0.0), road)
-
-
-@properties
-@given(theta=grades, psi=headings)
-def test_orientation_has_length_one(theta: float, psi: float) -> None:
-    assert sum(part * part for part in orientation(theta, psi)) == pytest.approx(1.0)
-
-
-def test_uphill_is_a_negative_pitch() -> None:
-    x, y, z, w = orientation(radians(30.0), 0.0)
-    assert (x, z) == (0.0, 0.0)
-    assert 2.0 * atan(y / w) == pytest.approx(radians(-30.0))
-
-
-def test_heading_on_the_level_is_a_yaw() -> None:
-    x, y, z, w = orientation(0.0, 1.0)
-    assert (x, y) == (0.0, 0.0)
-    assert 2.0 * atan(z / w) == pytest.approx(1.0)
 
 
 def test_nose_points_up_the_hill_and_down_it_after_a_half_turn() -> None:
@@ -103,19 +84,6 @@ def test_no_wheel_slips_sideways(v: float, servo: float) -> None:
             0.0, abs=1e-9
         )
         assert abs(wheel.speed) * WHEEL_RADIUS == pytest.approx(hypot(along, across), abs=1e-9)
-
-
-def test_wheels_roll_alike_on_a_straight() -> None:
-    rolling = wheels(motion(State(v=8.0), 0.0, VEHICLE), 0.0, VEHICLE)
-    assert {wheel.steering for wheel in rolling} == {0.0}
-    assert {wheel.speed for wheel in rolling} == {8.0 / WHEEL_RADIUS}
-
-
-def test_inner_wheel_is_turned_by_more_than_the_outer_one() -> None:
-    left, right, *rear = wheels(motion(State(v=8.0), 0.3, VEHICLE), 0.3, VEHICLE)
-    assert left.steering > 0.3 > right.steering > 0.0
-    assert left.speed < right.speed
-    assert [wheel.steering for wheel in rear] == [0.0, 0.0]
 
 
 @properties

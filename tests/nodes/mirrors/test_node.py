@@ -128,24 +128,6 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Callable[..., Bench])
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
 
 
-def test_every_state_has_its_message_with_its_stamp(bench: Callable[..., Bench]) -> None:
-    world = bench()
-    for k in range(20):
-        world.send(x=0.16 * k, v_x=8.0)
-    for topic in ('odom', 'accel', 'joint_states'):
-        world.until(lambda topic=topic: len(world.received[topic]) == 20)
-        found = [to_nanoseconds(message.header.stamp) for message in world.received[topic]]
-        assert found == [STEP * (k + 1) for k in range(20)]
-
-
-def test_acceleration_is_the_change_of_speed(bench: Callable[..., Bench]) -> None:
-    world = bench()
-    assert world.answer('accel', v_x=5.0).accel.linear.x == 0.0
-    accel = world.answer('accel', x=0.1, v_x=5.1)
-    assert accel.accel.linear.x == pytest.approx(5.0)
-    assert accel.header.frame_id == 'base_link'
-
-
 def test_joints_are_the_steering_and_the_wheels(bench: Callable[..., Bench]) -> None:
     world = bench()
     world.commands.publish(ECU(servo=0.3))

@@ -28,7 +28,7 @@ from rclpy.qos import (
 from rclpy.serialization import deserialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 from rosbags.highlevel import AnyReader
-from std_msgs.msg import ColorRGBA, Float64, String
+from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import SetBool, SetBool_Event, Trigger
 
 from barc_sim.bags import reader as bag
@@ -226,55 +226,6 @@ def test_missing_definition_is_requested_from_the_publisher(
             [connection for connection in reader.connections if connection.topic == '/color']
         )
         assert reader.deserialize(data, connection.msgtype).r == 1.0  # type: ignore[attr-defined]
-
-
-def test_other_readers_open_the_bag_and_count_as_its_metadata_does(
-    recorder: BagRecorder, talker: Node
-) -> None:
-    publishers = [
-        talker.create_publisher(ECU, 'ecu', 100),
-        talker.create_publisher(String, 'text', 10),
-    ]
-    recorder.discover()
-    for _ in range(20):
-        publishers[0].publish(ECU())
-    publishers[1].publish(String(data='ü'))
-    recorder.close()
-    metadata = yaml.safe_load((recorder.path / 'metadata.yaml').read_text())
-    information = metadata['rosbag2_bagfile_information']
-    expected = {
-        topic['topic_metadata']['name']: topic['message_count']
-        for topic in information['topics_with_message_count']
-    }
-    assert expected == recorder.counts
-    assert expected['/ecu'] == 20
-
-    read = dict.fromkeys(expected, 0)
-    with AnyReader([recorder.path]) as reader:
-        for connection, _, data in reader.messages():
-            reader.deserialize(data, connection.msgtype)
-            read[connection.topic] += 1
-        assert reader.message_count == sum(expected.values())
-    assert read == expected
-    assert {topic: len(messages(recorder.path, topic)) for topic in expected} == expected
-
-
-def test_metadata_is_added_until_the_end(recorder: BagRecorder) -> None:
-    recorder.add_metadata({'missed deadlines': '0'})
-    recorder.close()
-    assert bag.info(recorder.path) == {
-        'command': 'test',
-        'missed deadlines': '0',
-        'lost_messages': '0',
-    }
-
-
-def test_closing_again_changes_nothing(recorder: BagRecorder) -> None:
-    recorder.close()
-    contents = {file.name: file.read_bytes() for file in recorder.path.iterdir()}
-    recorder.close()
-    recorder.destroy_node()
-    assert {file.name: file.read_bytes() for file in recorder.path.iterdir()} == contents
 
 
 def test_parameter_overrides_the_folder(ros: Context, tmp_path: Path) -> None:

@@ -169,7 +169,7 @@ def test_clock_never_goes_back_at_a_reset(
 
 
 @pytest.mark.usefixtures('ros_domain')
-@pytest.mark.parametrize('factor', ['5', 'max'])
+@pytest.mark.parametrize('factor', ['5', pytest.param('max', marks=pytest.mark.slow)])
 def test_plain_node_in_another_process_keeps_time_with_a_run(tmp_path: Path, factor: str) -> None:
     options = ['--road', 'flat', '--distance', '0', '--realtime-factor', factor, '--quiet']
     with subprocess.Popen(

@@ -205,14 +205,6 @@ def test_command_that_is_not_finite_or_out_of_range_is_refused(
     assert f'beyond ±100 m/s² or ±1.5 rad: {float(motor)}, {float(servo)}' in capfd.readouterr().err
 
 
-def test_lock_step_warns_which_answer_it_waits_for(
-    world: World, capfd: pytest.CaptureFixture[str]
-) -> None:
-    world.driver()
-    world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
-    world.until(lambda: 'for the command that answers state 0' in capfd.readouterr().err)
-
-
 def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
     world.driver()
     simulator = world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
