@@ -18,6 +18,7 @@ def test_nothing_holds_before_the_first_command() -> None:
 
 def test_a_command_answers_the_state_of_its_stamp_only() -> None:
     commands = Commands()
+    assert commands.accepts(10, present=20)
     commands.store(GO, stamp=10, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (GO, False)
     commands.store(STOP, stamp=20, present=20, t=0.0)

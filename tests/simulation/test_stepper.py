@@ -202,6 +202,15 @@ def test_answer_that_waits_for_its_delivery_is_not_missed() -> None:
     assert engine.speed > 0.0
 
 
+def test_step_of_an_answered_state_takes_no_later_command() -> None:
+    engine = started()
+    engine.answer(1.0)
+    engine.late.append((Input(9.0), 0))
+    engine.deadline()
+    assert engine.late
+    assert engine.speed == pytest.approx(0.02, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     'command', [Input(nan), Input(-inf), Input(0.0, nan), Input(101.0), Input(1.0, -1.6)]
 )
