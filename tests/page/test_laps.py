@@ -10,7 +10,7 @@ import pytest
 from barc_sim.control.pid import PID
 from barc_sim.page.laps import Laps, laps_of
 from barc_sim.simulation import metrics
-from barc_sim.simulation.closed_loop import rollout
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import Log
 
 
@@ -23,8 +23,8 @@ def joined(*logs: Log) -> Log:
 
 
 def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
-    weak = rollout(pid=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
-    tuned = rollout()
+    weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    tuned = closed_loop()
     laps, numbers = laps_of(joined(tuned, weak, tuned))
     assert numbers == [0] * len(tuned) + [1] * len(weak) + [2] * len(tuned)
     facts = laps.facts()
@@ -45,8 +45,8 @@ def test_fast_car_without_a_reset_drives_one_lap() -> None:
 
 
 def test_short_lap_is_not_the_best() -> None:
-    tuned = rollout()
-    short = rollout(distance=15.0)
-    weak = rollout(pid=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    tuned = closed_loop()
+    short = closed_loop(distance=15.0)
+    weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
     laps, _ = laps_of(joined(weak, short, tuned))
     assert laps.facts()['best']['number'] == 0
