@@ -169,6 +169,23 @@ class Tab:
     def _mouse(self, kind: str, x: float, y: float) -> None:
         self.ask('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
 
+    def hover(self, selector: str) -> None:
+        """Move the mouse to the middle of an element."""
+        x, y = self.middle(selector)
+        self.ask('Input.dispatchMouseEvent', type='mouseMoved', x=x, y=y)
+
+    def wheel(self, selector: str, by: float) -> None:
+        """Turn the wheel over the middle of an element."""
+        x, y = self.middle(selector)
+        self.ask('Input.dispatchMouseEvent', type='mouseWheel', x=x, y=y, deltaX=0, deltaY=by)
+
+    def select(self, selector: str, value: str) -> None:
+        """Choose an option."""
+        self.run(
+            f'(() => {{ const s = document.querySelector({selector!r}); s.value = {value!r};'
+            "s.dispatchEvent(new Event('change')); })()"
+        )
+
     def press(self, code: str) -> None:
         """Press a key and hold it."""
         self._key('rawKeyDown', code)

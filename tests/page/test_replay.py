@@ -26,6 +26,8 @@ from barc_sim.simulation.closed_loop import closed_loop
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from browser import Tab
+
     from barc_sim.simulation.log import Log
 
 _SERVE = (
@@ -95,10 +97,7 @@ def test_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
         assert tab.text('#title') == 'my run'
         tab.click('#play')
         wait_until(lambda: tab.text('#play') == 'Play')
-        tab.run(
-            "(() => { const s = document.querySelector('#seek'); s.value = 13;"
-            "s.dispatchEvent(new Event('input')); })()"
-        )
+        _seek(tab, 13.0)
         wait_until(lambda: tab.number('#time') == 13.0)
         assert tab.number('#position') == pytest.approx(
             np.interp(13.0, log.t, log.distance), abs=0.1
@@ -119,3 +118,50 @@ def test_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
         wait_until(lambda: tab.number('#time') == pytest.approx(before, abs=0.11))
         assert tab.problems == []
         tab.close()
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+def test_charts_zoom_read_hide_and_save(url: str, log: Log) -> None:
+    with Browser() as browser:
+        tab = browser.open(url, width=1440, height=900)
+        wait_until(lambda: tab.number('#time') > 0.2)
+        tab.click('#play')
+        _seek(tab, 20.0)
+        wait_until(lambda: tab.number('#time') == 20.0)
+        # The middle of the chart is half its window before the shown time.
+        tab.hover('#speed-chart')
+        at = float(np.interp(10.0, log.t, log.speed))
+        wait_until(lambda: tab.number('#speed-legend output') == pytest.approx(at, abs=0.05))
+        tab.select('#axis', 'x')
+        tab.hover('#command-chart')
+        middle = float(np.interp(90.0, log.distance, log.motor))
+        wait_until(lambda: tab.number('#command-legend output') == pytest.approx(middle, abs=0.05))
+        tab.remember('#speed-chart')
+        tab.wheel('#speed-chart', -120)
+        wait_until(lambda: tab.changed('#speed-chart') > 500)
+        tab.focus_by_tab('#speed-legend button')
+        tab.type('Space')
+        tab.until("document.querySelector('#speed-legend button').ariaPressed === 'false'")
+        tab.run(
+            'URL.createObjectURL = (blob) => { (window.saved ??= []).push(blob);'
+            "return '#'; }; HTMLAnchorElement.prototype.click = function () {}"
+        )
+        tab.click('#save-csv')
+        table = tab.run('saved[0].text()').splitlines()
+        assert table[0].split(',') == [*COLUMNS]
+        assert len(table) == len(log) + 1
+        speeds = [float(line.split(',')[COLUMNS.index('speed')]) for line in table[1:]]
+        np.testing.assert_array_equal(speeds, log.speed)
+        tab.click('#save-png')
+        tab.until('saved.length === 2')
+        assert tab.run('saved[1].type') == 'image/png'
+        assert tab.problems == []
+        tab.close()
+
+
+def _seek(tab: Tab, time: float) -> None:
+    tab.run(
+        f"(() => {{ const s = document.querySelector('#seek'); s.value = {time};"
+        "s.dispatchEvent(new Event('input')); })()"
+    )
