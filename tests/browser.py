@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser')
+#: axe-core's script, for the tests of accessibility: `npm install axe-core` somewhere.
+AXE = Path(os.environ.get('AXE_CORE', 'node_modules/axe-core')) / 'axe.min.js'
 _FLAGS = (
     '--headless',
     '--no-sandbox',
@@ -248,6 +250,16 @@ class Tab:
         self.ask(
             'Emulation.setEmulatedMedia',
             features=[{'name': 'prefers-color-scheme', 'value': value}],
+        )
+
+    def violations(self, axe: Path) -> list[str]:
+        """Return what the checker axe-core, in the file `axe`, finds wrong on the page."""
+        self.run(axe.read_text() + '; 0')
+        return list(
+            self.run(
+                'axe.run().then((r) => r.violations.map((v) =>'
+                "`${v.id}: ${v.nodes.map((n) => n.target.join(' ')).join(', ')}`))"
+            )
         )
 
     def screenshot(self, path: Path, *, whole: bool = False) -> None:

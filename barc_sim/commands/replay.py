@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import add_bag_arguments
+from barc_sim.errors import UserError
 from barc_sim.runs.view_options import add_address_options
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from pathlib import Path
 
     from matplotlib.figure import Figure
 
@@ -27,6 +28,9 @@ def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Play a run at real speed.'
     add_bag_arguments(parser)
+    parser.add_argument(
+        'other', nargs='?', type=Path, metavar='OTHER', help='with --web: a second run beside it'
+    )
     target = parser.add_mutually_exclusive_group()
     target.add_argument(
         '--save',
@@ -50,6 +54,10 @@ def run(options: Namespace) -> None:
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import output  # noqa: PLC0415
 
+    if options.other and not options.web:
+        raise UserError(
+            f'a second run, {str(options.other)!r}, is shown by the web page only: add --web'
+        )
     path = output.target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or reader.newest()
     log = reader.read(source, options.namespace)
@@ -58,7 +66,11 @@ def run(options: Namespace) -> None:
     if options.web:
         from barc_sim.page import replay as page_replay  # noqa: PLC0415
 
-        page_replay.serve(log, title, options.view_host, options.view_port)
+        other = None
+        if options.other:
+            second = reader.read(options.other, options.namespace)
+            other = second, options.other.resolve().name
+        page_replay.serve(log, title, options.view_host, options.view_port, other)
         return
     if not path and _play_in_window(log, title):
         return

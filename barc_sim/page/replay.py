@@ -27,11 +27,11 @@ _LONG = 3600.0
 class Replay:
     """A recorded run, sent whole to every page that opens; the page plays it."""
 
-    def __init__(self, log: Log, title: str) -> None:
-        """Show a run of at least one state."""
+    def __init__(self, log: Log, title: str, other: tuple[Log, str] | None = None) -> None:
+        """Show a run of at least one state; `other`, a run and its title, as a ghost beside it."""
         road = driven_road(log)
         mode = 'teleop' if np.all(np.isnan(log.reference)) else 'acc'
-        self._hello = encode(
+        hello = encode(
             'hello',
             **{
                 **facts(mode, {}, {}),
@@ -43,11 +43,18 @@ class Replay:
             replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
             laps=laps_of(log)[0].facts(),
         )
-        self._rows = rows_of(log)
+        self._messages: list[str | bytes] = [hello, rows_of(log)]
+        if other:
+            ghost, name = other
+            laps = laps_of(ghost)[0].facts()
+            self._messages[1:1] = [
+                encode('other', title=name, columns=columns_in(ghost), laps=laps),
+                rows_of(ghost),
+            ]
 
     def greet(self) -> list[str | bytes]:
         """Return the messages with the whole run."""
-        return [self._hello, self._rows]
+        return list(self._messages)
 
     def receive(self, page: Page, request: Request) -> None:
         """Do nothing: a recorded run cannot be driven."""
@@ -60,7 +67,7 @@ class Replay:
         return _LONG
 
 
-def serve(log: Log, title: str, host: str, port: int) -> None:
+def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:
     """Serve the page until Ctrl-C; print its address, and open it where there is a desktop.
 
     Raises
@@ -68,7 +75,7 @@ def serve(log: Log, title: str, host: str, port: int) -> None:
     UserError
         The port cannot be used.
     """
-    server = ViewServer(Replay(log, title), host, port)
+    server = ViewServer(Replay(log, title, other), host, port)
     server.start()
     try:
         with suppress(KeyboardInterrupt):

@@ -17,10 +17,12 @@ from browser import CHROMIUM, Browser, wait_until
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
+from barc_sim.control.pid import PID
 from barc_sim.page import replay as page_replay
 from barc_sim.page.protocol import COLUMNS
 from barc_sim.page.replay import Replay
 from barc_sim.page.server import ViewServer
+from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -85,7 +87,12 @@ def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(bag, 'read', lambda *_: log)
     monkeypatch.setattr(page_replay, 'serve', lambda *given: served.extend(given))
     assert barc(['replay', str(tmp_path), '--web', '--view-port', '8080']) == 0
-    assert served == [log, tmp_path.name, '127.0.0.1', 8080]
+    assert served == [log, tmp_path.name, '127.0.0.1', 8080, None]
+    served.clear()
+    other = tmp_path / 'other'
+    assert barc(['replay', str(tmp_path), str(other), '--web']) == 0
+    assert served[-1] == (log, 'other')
+    assert barc(['replay', str(tmp_path), str(other)]) == 2
 
 
 @pytest.mark.timeout(120)
@@ -158,6 +165,30 @@ def test_charts_zoom_read_hide_and_save(url: str, log: Log) -> None:
         assert tab.run('saved[1].type') == 'image/png'
         assert tab.problems == []
         tab.close()
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+def test_second_run_is_drawn_beside_the_first(log: Log) -> None:
+    weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    server = ViewServer(Replay(weak, 'mine', (log, 'reference')))
+    server.start()
+    with Browser() as browser:
+        tab = browser.open(server.url, width=1440, height=900)
+        wait_until(lambda: tab.number('#time') > 0.2)
+        cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.innerText)"
+        shown = [f'{metrics.summary(run).rms_error_after_run_up:.3f}' for run in (weak, log)]
+        assert tab.run(cells) == [*shown, '']
+        tab.click('#play')
+        _seek(tab, 12.0)
+        wait_until(lambda: tab.number('#time') == 12.0)
+        tab.remember('#speed-chart')
+        tab.run("import('./explorer.js').then((m) => { m.Explorer.prototype.ghosts = () => []; })")
+        _seek(tab, 12.02)
+        wait_until(lambda: tab.changed('#speed-chart') > 100)
+        assert tab.problems == []
+        tab.close()
+    server.close()
 
 
 def _seek(tab: Tab, time: float) -> None:

@@ -69,6 +69,7 @@ export class Explorer {
       const { history } = this.other;
       const [start, end] = [history.at(0, 't'), history.last('t')];
       ghosts.push({ name: 'other', history, start, end, shift: began - start });
+      return ghosts;
     }
     for (const name of ['last', 'best']) {
       const lap = this.laps?.[name];

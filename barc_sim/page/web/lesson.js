@@ -52,13 +52,25 @@ export class Lesson {
     this.limited.hidden = state.saturated !== 1;
   }
 
+  /** Show the figures of a second run in place of those of the last and the best lap. */
+  compareWith(title, laps) {
+    this.other = laps;
+    const headings = [...document.querySelectorAll('.laps th[scope=col]')];
+    headings[0].textContent = 'this run';
+    headings[1].textContent = 'other run';
+    headings[1].title = title;
+    headings[2].textContent = '';
+    if (this.shown) this.showLaps(this.shown);
+  }
+
   /** Show the figures of the present lap beside those of the last and the best. */
   showLaps(laps) {
+    this.shown = laps;
     for (const row of this.laps) {
       const { figure, digits, scale } = row.dataset;
       [...row.querySelectorAll('td')].forEach((cell, i) => {
-        const value = [laps.current, laps.last, laps.best][i]?.[figure];
-        show(cell, reading(value == null ? value : value * (scale ?? 1), Number(digits)));
+        const value = (this.other ? [laps.current, this.other.current] : [laps.current, laps.last, laps.best])[i]?.[figure];
+        show(cell, this.other && i === 2 ? '' : reading(value == null ? value : value * (scale ?? 1), Number(digits)));
       });
     }
   }

@@ -103,7 +103,19 @@ const connection = new Connection({
     }
     stale();
   },
+  /** Prepare for the rows of a second run, which come next. */
+  other({ title, columns, laps }) {
+    const second = new History();
+    second.name(columns, false);
+    explorer.other = { history: second, name: title, loading: true };
+    lesson.compareWith(title, laps);
+  },
   rows(rows) {
+    if (explorer.other?.loading) {
+      explorer.other.loading = false;
+      explorer.other.history.add(rows);
+      return;
+    }
     history.add(rows);
     if (facts.replay) player.loaded();
   },

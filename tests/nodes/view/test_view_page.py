@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
-from browser import CHROMIUM, Browser, wait_until
+from browser import AXE, CHROMIUM, Browser, wait_until
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
@@ -458,10 +458,66 @@ def test_buttons_pause_and_reset(teleop: tuple[ViewNode, Car], open_: Callable[.
 def test_end_is_explained(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
     view, _ = teleop
     tab = open_(view.url)
-    view.end('The run has ended: Ctrl-C was pressed.')
+    view.end('The run has ended: Ctrl-C was pressed.', bag='bags/my run')
     wait_until(lambda: tab.text('#message') == 'The run has ended: Ctrl-C was pressed.')
+    assert "barc report 'bags/my run'" in tab.text('#end-card')
+    assert 'barc teleop' in tab.text('#end-card')
+    assert tab.run(OVERFLOW) == []
     assert tab.text('#state') == 'Ended'
     assert tab.run("document.querySelector('#reset').disabled") is True
+
+
+def test_end_card_has_the_score_and_the_next_commands(
+    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
+) -> None:
+    view, car, _ = acc
+    car.state = State(x=8.0, v=8.0)
+    tab = open_(view.url, width=1440, height=900)
+    wait_until(lambda: tab.number('#position') > 22.0)
+    tab.until("document.querySelector('#kp').value === '30'")
+    view.end('The run has ended.', bag='bags/one')
+    tab.until("!document.querySelector('#end-card').hidden")
+    laps, stretches = view.laps.facts(), view.laps.stretches()
+    card = tab.text('#end-card')
+    assert f'{laps["current"]["rms"]:.3f} m/s' in card
+    assert f'{stretches[1]["max_error"]:.3f}' in card
+    assert 'barc acc --gain kp=30 --gain ki=200 --gain kd=0.1 --speed 8' in card
+    assert 'barc replay --web bags/one' in card
+    assert tab.run(OVERFLOW) == []
+
+
+def test_numbers_have_no_negative_zero(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, _ = teleop
+    tab = open_(view.url)
+    values = '[-0.0004, -0, NaN, -0.0005001]'
+    texts = tab.run(f"import('./look.js').then((m) => {values}.map((v) => m.reading(v, 3)))")
+    assert texts == ['0.000', '0.000', '\N{EN DASH}', '\N{MINUS SIGN}0.001']
+
+
+def test_history_of_a_day_has_bounded_memory_and_keeps_its_beginning(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, _ = teleop
+    tab = open_(view.url)
+    count, first, last, laps = tab.run(
+        """import('./history.js').then(({ History }) => {
+          const history = new History(1000);
+          history.name(['t', 'lap'], false);
+          for (let k = 0; k < 20000; k += 1) {
+            history.add(new Float64Array([0.02 * k, Math.floor(k / 5000)]));
+          }
+          const laps = [];
+          for (let row = 0; row + 1 < history.count; row += 1) {
+            if (history.jumps(row)) laps.push(history.at(row + 1, 't'));
+          }
+          return [history.count, history.at(0, 't'), history.last('t'), laps];
+        })"""
+    )
+    assert count <= 1000
+    assert (first, last) == (0.0, pytest.approx(0.02 * 19999))
+    assert laps == pytest.approx([100.0, 200.0, 300.0])
 
 
 class Wire:
@@ -609,6 +665,21 @@ def test_every_text_has_enough_contrast(
     assert [pair for pair in ratios if pair[1] < 4.5] == []
 
 
+@pytest.mark.skipif(not AXE.is_file(), reason='axe-core is not installed (AXE_CORE names it)')
+@pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
+def test_checker_finds_no_accessibility_violation(
+    either: ViewNode, open_: Callable[..., Tab], dark: bool
+) -> None:
+    tab = open_(either.url, width=1440, height=900)
+    tab.dark(on=dark)
+    assert tab.violations(AXE) == []
+    tab.resize(360, 760, touch=True)
+    assert tab.violations(AXE) == []
+    either.end('The run has ended.', bag='bags/run 1')
+    tab.until("!document.querySelector('#end-card').hidden")
+    assert tab.violations(AXE) == []
+
+
 #: What is wider than the page, leaves its panel or is cut, by name.
 OVERFLOW = """(() => {
   const found = [];
@@ -618,7 +689,7 @@ OVERFLOW = """(() => {
   for (const e of document.querySelectorAll('body *')) {
     const box = e.getBoundingClientRect();
     if (!e.checkVisibility() || !box.width) continue;
-    if (box.left < -0.5 || box.right > innerWidth + 0.5) found.push(`${name(e)} beyond the page`);
+    if (box.left < -0.5 || box.right > page.clientWidth + 0.5) found.push(`${name(e)} beyond the page`);
     const panel = e.parentElement.closest('.panel, header')?.getBoundingClientRect();
     if (panel && (box.right > panel.right + 1 || box.bottom > panel.bottom + 1)) {
       found.push(`${name(e)} beyond its panel`);
