@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from secrets import compare_digest, token_hex, token_urlsafe
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
@@ -44,6 +45,8 @@ _HEADERS = {
     'X-Content-Type-Options': 'nosniff',
 }
 _MOST_PAGES = 16
+_MOST_CONNECTIONS = 64  #: with those that have shown no token yet; the rest are closed at once
+_HANDSHAKE = 2.0  #: [s] for a connection to show its token
 _LONGEST_MESSAGE = 256  #: [byte] from a page
 _MOST_WAITING = 1 << 20  #: [byte] unsent to a slow page, before it misses states
 _MOST_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
@@ -96,6 +99,26 @@ class Page:
         self._messages += 1
         if self._messages > _MOST_PER_SECOND:
             raise RequestError(f'more than {_MOST_PER_SECOND} messages in a second')
+
+
+class _Connection(ServerConnection):
+    """A connection that is closed at once if `others` are too many."""
+
+    def __init__(self, others: set[_Connection], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
+        self._others = others
+        super().__init__(*arguments, **options)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        if len(self._others) >= _MOST_CONNECTIONS:
+            cast('asyncio.Transport', transport).abort()
+            return
+        self._others.add(self)
+        super().connection_made(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self in self._others:
+            self._others.remove(self)
+            super().connection_lost(exc)
 
 
 class ViewServer:
@@ -181,6 +204,8 @@ class ViewServer:
             ping_interval=_PING,
             ping_timeout=_PING,
             close_timeout=1.0,
+            open_timeout=_HANDSHAKE,
+            create_connection=cast('Any', partial(_Connection, set())),
             server_header=None,
             logger=_QUIET,
         ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import random
 import socket
 import time
@@ -326,3 +327,24 @@ def test_wildcard_address_is_shown_as_one_that_can_be_opened(host: Host) -> None
         assert get(server, f'/{token(server)}/')[0] == 200
     finally:
         server.close()
+
+
+def test_silent_connections_keep_no_descriptors_and_no_page_away(server: ViewServer) -> None:
+    where = urlsplit(server.url)
+    before = len(os.listdir('/proc/self/fd'))  # noqa: PTH208
+    began = time.monotonic()
+    with ExitStack() as stack:
+        silent = [
+            stack.enter_context(socket.create_connection((where.hostname, where.port or 0)))
+            for _ in range(200)
+        ]
+        until(lambda: len(os.listdir('/proc/self/fd')) - before <= len(silent) + 64)  # noqa: PTH208
+        for connection in silent:
+            connection.settimeout(DEADLINE)
+            with suppress(ConnectionResetError):
+                while connection.recv(1024):
+                    pass
+        # Each is closed, those within the limit after 2 s.
+        assert time.monotonic() - began < 10.0
+        with page(server) as opened:
+            assert opened.recv()
