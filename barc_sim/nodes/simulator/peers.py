@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.callback_groups import CallbackGroup
+    from rclpy.client import Client
     from rclpy.clock import Clock
     from rclpy.node import Node
     from rclpy.task import Future
@@ -52,10 +53,9 @@ class StartGate:
         self._node = node
         self._begin = begin
         self._wait = wait
-        self._clients = [
-            node.create_client(Trigger, name, callback_group=group)
-            for name in (names.RESET_CONTROLLER, names.RESET_RELAY)
-        ]
+        self._group = group
+        self._clients: dict[str, Client] = {}
+        self._new: list[Client] = []  # to be called once they have found their servers
         self._answers: list[Future] = []
         self._give_up_at = 0.0
         self._reset = False
@@ -64,21 +64,40 @@ class StartGate:
 
     def close(self) -> None:
         """Reset the nodes that command, and call `begin` again after that."""
-        ready = [client for client in self._clients if client.service_is_ready()]
-        self._answers = [client.call_async(Trigger.Request()) for client in ready]
+        known = [client for client in self._clients.values() if client.service_is_ready()]
+        self._answers = [client.call_async(Trigger.Request()) for client in known]
+        self._new = self._add_clients()
         self._give_up_at = time.monotonic() + _RESET_TIMEOUT
         self._found = min(self._found, self._needed - 1)  # discovered already: one poll is enough
         self._reset = True
         self._timer.reset()
 
+    def _add_clients(self) -> list[Client]:
+        """Create and return a client of each reset that is served by now.
+
+        Without a server, ROS would list the service because of the client.
+        """
+        new = []
+        served = {name for name, _ in self._node.get_service_names_and_types()}
+        for name in (names.RESET_CONTROLLER, names.RESET_RELAY):
+            if name not in self._clients and self._node.resolve_service_name(name) in served:
+                new.append(self._node.create_client(Trigger, name, callback_group=self._group))
+                self._clients[name] = new[-1]
+        return new
+
     def _poll(self) -> None:
-        if not all(answer.done() for answer in self._answers):
+        for client in [client for client in self._new if client.service_is_ready()]:
+            self._new.remove(client)
+            self._answers.append(client.call_async(Trigger.Request()))
+        if self._new or not all(answer.done() for answer in self._answers):
             if time.monotonic() < self._give_up_at:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
+            self._new = []
         ends = living_publishers(self._node, names.ECU)
         self._needed = _POLLS if all(map(is_own, ends)) else _POLLS_APART
         self._found = self._found + 1 if ends or not self._wait else 0
+        self._add_clients()
         if self._found < self._needed:
             return
         if not self._reset:

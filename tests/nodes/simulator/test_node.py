@@ -127,6 +127,30 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     assert simulator.missed == 0
 
 
+def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) -> None:
+    simulator = world.simulator(realtime_factor=LOCK_STEP, distance=1.0)
+    world.driver()
+    world.until(lambda: bool(world.states))
+
+    def services() -> set[str]:
+        return {name for name, _ in simulator.get_service_names_and_types()}
+
+    assert '/relay/reset' not in services()
+
+    resets: list[object] = []
+
+    def on_reset(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        resets.append(request)
+        return response
+
+    relay = world.add(Node('relay', context=world.context))
+    relay.create_service(Trigger, 'relay/reset', on_reset)
+    world.until(lambda: '/relay/reset' in services())
+    client = relay.create_client(Trigger, 'vehicle_simulator/reset')
+    answer = client.call_async(Trigger.Request())
+    world.until(lambda: answer.done() and bool(resets))
+
+
 def test_on_step_is_called_with_simulated_time_and_state(world: World) -> None:
     calls: list[tuple[float, float]] = []
     world.driver(partial(command, 8.0))
