@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shlex
 import sys
 from contextlib import suppress
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 #: By package, what the set-up installs.
 _ROS = {'rclpy': 'ROS 2 (rclpy)', 'barc_interfaces': 'barc_interfaces'}
+#: By package, the name to install it by, where that is another.
+_DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
 ROS_ARGS = '--ros-args'
 _ROS_ARGS_HELP = (
     'Arguments after --ros-args go to ROS, for example '
@@ -94,14 +97,10 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         report(prog, str(error))
         return USAGE_ERROR
     except ModuleNotFoundError as error:
-        package = (error.name or '').partition('.')[0]
-        if package not in _ROS:
+        missing = _missing((error.name or '').partition('.')[0])
+        if missing is None:
             raise
-        report(
-            prog,
-            f'{_ROS[package]} is not installed in this Python: start with ./scripts/run or '
-            './scripts/shell, which set it up, or source a ROS 2 Jazzy workspace',
-        )
+        report(prog, missing)
         return USAGE_ERROR
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -115,6 +114,29 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
             return 0
         report(prog, f'the output cannot be written: {error.strerror}')
         return USAGE_ERROR
+
+
+def _missing(package: str) -> str | None:
+    """Return the sentence for a package that cannot be imported; None if we do not require it."""
+    if package in _ROS:
+        return (
+            f'{_ROS[package]} is not installed in this Python: start with ./scripts/run or '
+            './scripts/shell, which set it up, or source a ROS 2 Jazzy workspace'
+        )
+    from importlib import metadata  # noqa: PLC0415 (only for an error)
+
+    name = re.compile(
+        re.escape(_DISTRIBUTIONS.get(package, package).replace('_', '-')) + r'\b(?!-)'
+    )
+    with suppress(metadata.PackageNotFoundError):
+        for requirement in metadata.requires('barc_sim') or ():
+            if name.match(requirement) and 'extra ==' not in requirement:
+                install = shlex.join([sys.executable, '-m', 'pip', 'install', requirement])
+                return (
+                    f'the package {package!r} is not installed in this Python, or is too old: '
+                    f'run {install}'
+                )
+    return None
 
 
 def report(prog: str, message: str) -> None:

@@ -73,6 +73,23 @@ def test_ctrl_c_is_silent_and_exit_code_130(capsys: pytest.CaptureFixture[str]) 
     assert capsys.readouterr() == ('', '')
 
 
+@pytest.mark.parametrize(
+    ('module', 'requirement'),
+    [('mcap.writer', 'mcap<2,>=1.5'), ('system_calls', 'system-calls'), ('PIL', 'pillow')],
+)
+def test_a_package_that_is_missing_is_named_with_the_line_that_installs_it(
+    capsys: pytest.CaptureFixture[str], module: str, requirement: str
+) -> None:
+    def main() -> None:
+        raise ModuleNotFoundError(f'No module named {module!r}', name=module)
+
+    assert call('barc acc', main) == 2
+    error = capsys.readouterr().err
+    assert error.count('\n') == 1
+    assert f"the package '{module.partition('.')[0]}' is not installed" in error
+    assert f"-m pip install '{requirement.partition('<')[0]}" in error
+
+
 def test_error_of_our_own_keeps_its_traceback() -> None:
     with pytest.raises(ValueError, match='ours'):
         call('drive', lambda: raising(ValueError('ours')))
