@@ -50,6 +50,8 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
             f'ROS_SECURITY_ENABLE is true, but ROS_SECURITY_KEYSTORE, {str(keystore)!r}, is no '
             'keystore: set it to one made by `ros2 security create_keystore`, or unset both'
         )
+    if not any(os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')):
+        raise UserError('ROS has no folder for its logs: set HOME, or ROS_LOG_DIR to a folder')
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

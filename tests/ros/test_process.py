@@ -160,3 +160,13 @@ def test_security_without_keys_for_the_run_is_refused(
     with pytest.raises(UserError, match=r'ROS_SECURITY_ENABLE is true|SECURITY ERROR'), ros([]):
         pass
     assert not rclpy.ok()
+
+
+def test_without_a_folder_for_logs_the_variables_to_set_are_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR'):
+        monkeypatch.delenv(name, raising=False)
+
+    with pytest.raises(UserError, match='set HOME, or ROS_LOG_DIR to a folder'), ros(None):
+        pass
