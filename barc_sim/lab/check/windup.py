@@ -19,6 +19,7 @@ _PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
 _PUSHES, _PULLS = 300, 600  #: calls
 _GROWN = 0.5  #: [m/s²] The least growth that shows an integral.
 _ALLOWED = 25  #: calls until the output leaves the limit
+_ABSURD = 1e6  #: [m/s²] Beyond any sum of the terms.
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
@@ -61,8 +62,13 @@ def _recovery(code: JudgedCode, sign: float) -> int | None:
     """Return the number of calls until the output leaves its limit; None without an integral."""
     pid = code.new_pid(*_GAINS, limit=ACCELERATION_LIMIT)
     pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
-    if not pushed.max() > _GAINS[0] * _PUSHED + _GROWN:
+    if pushed.max() <= _GAINS[0] * _PUSHED + _GROWN:
         return None
     pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
+    greatest = float(np.abs([*pushed, *pulled]).max())
+    if not greatest < _ABSURD:
+        raise UserError(
+            f'the output reaches {greatest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
+        )
     inside = np.flatnonzero(pulled < min(float(pushed.max()), ACCELERATION_LIMIT) - _TOLERANCE)
     return int(inside[0]) if inside.size else _PULLS

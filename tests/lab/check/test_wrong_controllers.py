@@ -53,6 +53,12 @@ WRONG = {
     'integral backwards': ('+ self.ki', '- self.ki', 'integral windup', 'I has the wrong sign'),
     'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
     'no integral': ('self.ki * area', '0.0', 'integral windup', 'there is no I'),
+    'no bounds at all': (
+        'return max(-8.0, min(8.0, out))',
+        'self.n = -getattr(self, "n", 1e308); return self.n',
+        'proportional integral derivative windup reset',
+        'the gains that PID gets have no effect',
+    ),
     'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
     'no limits at all': (
         'return max(-8.0, min(8.0, out))',
