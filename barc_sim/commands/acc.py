@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.option_types import number, whole
 from barc_sim.cli.parser import accept_ros_args
 from barc_sim.cli.signals import StopSignals
-from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
 
@@ -39,6 +39,12 @@ def add_arguments(parser: Parser) -> None:
         parser.add_argument(
             f'--{name}', type=number(*gain.between), metavar='GAIN', help=f'({gain.default:g})'
         )
+    parser.add_argument(
+        '--acceleration-limit',
+        type=number(0.01, NO_LIMIT),
+        metavar='M/S²',
+        help=f"of the controller's output ({ACCELERATION_LIMIT:g}; a user's own code: none)",
+    )
     parser.add_argument(
         '--gain',
         type=_gain,

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 KP, KI, KD = 30.0, 200.0, 0.1
 SPEED_REFERENCE = 8.0
 ACCELERATION_LIMIT = 8.0
+#: [m/s²] Stands for none: the lab's car has no limit.
+NO_LIMIT = 1e6
 #: [s] dt of a controller's first call, which has no call before it: the lab's step.
 FIRST_DT = 0.02
 

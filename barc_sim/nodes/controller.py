@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
 from barc_sim.control.adapter import as_controller
-from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
 from barc_sim.ros import names
@@ -45,12 +45,6 @@ _TYPE = Parameter(
 _PARAMETERS = [
     Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', _SPEEDS),
     Parameter(
-        'acceleration_limit',
-        ACCELERATION_LIMIT,
-        'greatest acceleration commanded, either way [m/s²]',
-        (0.01, 100.0),
-    ),
-    Parameter(
         'subtract_error',
         default=False,
         description='whether to control the true speed, z_vhcl minus ez_vhcl, not the measured',
@@ -69,12 +63,14 @@ class CruiseController(Node):
         self,
         *,
         controller: Controller | None = None,
+        acceleration_limit: float = ACCELERATION_LIMIT,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Declare the parameters and wait for states.
 
         `controller` takes the place of the one that the parameter `controller_type` names; anything
         with the lab's `acc_calculate` will do.
+        `acceleration_limit` is the default of that parameter.
 
         Raises
         ------
@@ -92,7 +88,13 @@ class CruiseController(Node):
             )
             for name, gain in self._controller.gains.items()
         ]
-        self._values = declare(self, [*gains, *_PARAMETERS])
+        limit = Parameter(
+            'acceleration_limit',
+            acceleration_limit,
+            'greatest acceleration commanded, either way [m/s²]',
+            (0.01, NO_LIMIT),
+        )
+        self._values = declare(self, [*gains, limit, *_PARAMETERS])
         self._apply()
         self._controller.reset()
         self.add_post_set_parameters_callback(self._on_parameters)

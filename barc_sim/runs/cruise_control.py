@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.control.pid import PID, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
+from barc_sim.lab.check import LocalCode, Settings
+from barc_sim.lab.check.judging import gains_used
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
@@ -51,6 +53,8 @@ def cruise_control(
 class CruiseControl(Run):
     """The run with a controller, ours unless it is left out, and a simulator for each car."""
 
+    _driven_with = ''  #: gains and limit of a user's controller
+
     def compose(self, setup: Setup) -> list[VehicleSimulator]:
         """Return the simulators, one for each car.
 
@@ -69,6 +73,7 @@ class CruiseControl(Run):
             _check_no_options_for_controller(options)
         # One car alone needs no namespace.
         namespaces = [f'car{k + 1}' for k in range(options.cars)] if options.cars > 1 else ['']
+        self._tolerated = setup.user_code.tolerated
         self.cars = [self._car(setup, name, number) for number, name in enumerate(namespaces)]
         first = self.cars[0]
         distance = first.simulator.get_parameter('distance').value
@@ -96,6 +101,7 @@ class CruiseControl(Run):
                     integrator=options.integrator,
                     dynamics=options.dynamics,
                     clock=options.clock,
+                    refuse_motor_above=NO_LIMIT if user_code.controller else None,
                 ),
             )
         )
@@ -110,18 +116,31 @@ class CruiseControl(Run):
         controller: CruiseController = self.add(
             CruiseController(
                 controller=UserController(user_controller) if user_controller else None,
+                acceleration_limit=NO_LIMIT if user_controller else ACCELERATION_LIMIT,
                 namespace=namespace,
                 parameter_overrides=overrides(
                     speed_reference=options.speed,
+                    acceleration_limit=options.acceleration_limit,
                     controller_type=options.controller_type,
                     **_gains(options),
                 ),
             )
         )
+        if user_controller:
+            given = _gains(options)
+            settings = Settings(kp=given.get('kp'), ki=given.get('ki'), kd=given.get('kd'))
+            gains = gains_used(LocalCode(setup.user_code), settings)
+            limit = controller.get_parameter('acceleration_limit').value
+            limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
+            self._driven_with = f'{gains}, {limited}'
         return lambda: controller.speed_reference
 
     def print_result(self) -> None:
-        """Print the table of speed errors."""
+        """Print the table of speed errors, and what a user's code drove with."""
+        if self._driven_with:
+            print(f'controller  {self._driven_with}')  # noqa: T201
+        if self._tolerated:
+            print(f'tolerated   {"; ".join(self._tolerated)}')  # noqa: T201
         if len(self.cars) == 1:
             (car,) = self.cars
             print_summary(car.summary(), self.slipped)
@@ -152,6 +171,7 @@ def _gains(options: Namespace) -> dict[str, float]:
 
 def _check_no_options_for_controller(options: Namespace) -> None:
     given = {name: getattr(options, name) for name in (*PID.gains, 'controller')}
+    given['acceleration-limit'] = options.acceleration_limit
     given['controller-type'] = options.controller_type
     given |= {f'gain {name}': value for name, value in options.gain}
     for name, value in given.items():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from student_code import WORKS
 
 pytest.importorskip('rclpy')
 
@@ -17,6 +18,7 @@ from command_line import barc
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.recovery import recover
+from barc_sim.simulation.metrics import summary
 
 if TYPE_CHECKING:
     import subprocess
@@ -78,6 +80,21 @@ def test_the_bag_has_the_files_that_drove_and_their_hashes(start: Start, tmp_pat
         assert digest == hashlib.sha256(data).hexdigest()
 
 
+def test_the_labs_published_law_drives_as_published(start: Start, tmp_path: Path) -> None:
+    work = WORKS['the published law']
+    lab(tmp_path / 'lab', bike_model=work.model, controller=work.controller)
+    code, out, err = finish(start('acc', *MAX, '--lab', 'lab'))
+    assert code == 0, err
+    assert 'tolerated   bike_model.py: tabs and blanks are mixed' in out
+    assert 'kp 10, ki 0.5, kd 0.4 (controller.py, line ' in out
+    assert ', without a limit' in out
+    log = bag.read(bag.newest(tmp_path / 'bags'))
+    assert log.motor[0] > 80.0
+    errors = summary(log)
+    assert errors.rms_error_after_run_up == pytest.approx(0.101, abs=0.0005)
+    assert errors.max_error_after_run_up == pytest.approx(0.367, abs=0.0005)
+
+
 def test_gains_go_to_the_users_class_and_unknown_terms_are_unknown(
     start: Start, tmp_path: Path
 ) -> None:
@@ -130,10 +147,10 @@ def test_a_loop_without_end_ends_the_run(start: Start, tmp_path: Path) -> None:
     [
         ('--lab none', "there is no folder 'none'"),
         ('--lab empty', "'empty' has no bike_model.py, controller.py: expected one at least"),
-        ('--lab broken', 'controller.py, line 1: this is no Python 3'),
-        ('--model broken/controller.py', 'controller.py, line 1: this is no Python 3'),
+        ('--lab broken', 'controller.py, line 1: syntax error'),
+        ('--model broken/controller.py', 'controller.py, line 1: syntax error'),
         ('--controller none.py', 'cannot be read: No such file'),
-        ('--lab rospy', 'delete the line'),
+        ('--lab rospy', 'controller.py defines no PID'),
         ('--relay broken/controller.py', '--relay'),
     ],
 )
@@ -153,7 +170,7 @@ def test_files_that_cannot_be_used_leave_nothing(
 
 def test_a_line_printed_in_each_step_is_kept_by_a_pipe(start: Start, tmp_path: Path) -> None:
     lab(tmp_path / 'lab', controller=PID.format(line="print('call', self.calls)"))
-    code, out, _ = finish(start('acc', *MAX, '--lab', 'lab', '--distance', '5'))
+    code, out, _ = finish(start('acc', *MAX, '--lab', 'lab', '--distance', '10'))
     lines = [line for line in out.splitlines() if line.startswith('call ')]
     assert code == 0
     assert lines == [f'call {k + 1}' for k in range(len(lines))]

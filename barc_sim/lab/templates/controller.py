@@ -4,8 +4,7 @@
 class PID:
     """A PID controller that holds a speed.
 
-    The car's motor gives at most 8 m/s^2, forward and backward; a larger output is cut to that.
-    Decide what your integral does then (look up "windup").
+    The car has no limit of acceleration, unless a run is given --acceleration-limit.
     """
 
     def __init__(self, kp, ki, kd):
@@ -36,3 +35,7 @@ class PID:
 
         # Then replace the next line by: return the sum of the terms
         raise NotImplementedError
+
+
+# Your tuned gains drive a run, check and grade: write the call below with them, without the #.
+# pid = PID(kp=1.0, ki=0.0, kd=0.0)

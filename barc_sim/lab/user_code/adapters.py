@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.control.adapter import Adapter
 from barc_sim.control.driver import Driver
+from barc_sim.control.pid import PID
 from barc_sim.lab.user_code.loading import load_files
 from barc_sim.vehicle.bike_model import Input
 
@@ -37,14 +38,15 @@ class UserController(Adapter):
     _controller: UserPid
 
     def __init__(self, new: ControllerFactory) -> None:
-        """Make a controller with the default gains of a run.
+        """Make a controller with the gains that its file chooses, else the default ones of a run.
 
         Raises
         ------
         UserCodeError
             if its constructor fails.
         """
-        super().__init__(new)
+        chosen = getattr(new, 'chosen', None)
+        super().__init__(new, values=dict(zip(PID.gains, chosen, strict=False)) if chosen else None)
 
     def _make(self, values: Mapping[str, float]) -> UserPid:
         limits = {'output_min': self.output_min, 'output_max': self.output_max}

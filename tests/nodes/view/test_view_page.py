@@ -689,7 +689,8 @@ OVERFLOW = """(() => {
   for (const e of document.querySelectorAll('body *')) {
     const box = e.getBoundingClientRect();
     if (!e.checkVisibility() || !box.width) continue;
-    if (box.left < -0.5 || box.right > page.clientWidth + 0.5) found.push(`${name(e)} beyond the page`);
+    const beyond = box.left < -0.5 || box.right > page.clientWidth + 0.5;
+    if (beyond) found.push(`${name(e)} beyond the page`);
     const panel = e.parentElement.closest('.panel, header')?.getBoundingClientRect();
     if (panel && (box.right > panel.right + 1 || box.bottom > panel.bottom + 1)) {
       found.push(`${name(e)} beyond its panel`);
