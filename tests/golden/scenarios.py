@@ -139,6 +139,8 @@ SCENARIOS = {
     'ten_cars': Scenario(f'{_LOCK_STEP} --cars 10 --distance 60', _NOISE),
     'user_code': Scenario(
         f'{_LOCK_STEP} --lab lab',
+        # User code has no limit unless one is given.
+        {'controller:acceleration_limit': 8.0},
         files={'lab/bike_model.py': _BIKE_MODEL, 'lab/controller.py': _CONTROLLER},
     ),
     'steered': Scenario(
