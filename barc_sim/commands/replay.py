@@ -40,7 +40,7 @@ def add_arguments(parser: Parser) -> None:
     target.add_argument(
         '--web', action='store_true', help='serve a page to watch it in, with a time slider'
     )
-    add_address_options(parser)
+    add_address_options(parser, can='watch')
 
 
 def run(options: Namespace) -> None:

@@ -21,8 +21,8 @@ def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
     parser.set_defaults(view_auto=default)
 
 
-def add_address_options(parser: argparse.ArgumentParser) -> None:
-    """Add `--view-port` and `--view-host`."""
+def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') -> None:
+    """Add `--view-port` and `--view-host`; `can` is what a page's visitor can do."""
     parser.add_argument(
         '--view-port',
         type=whole(0, GREATEST_PORT),
@@ -35,7 +35,7 @@ def add_address_options(parser: argparse.ArgumentParser) -> None:
         default='127.0.0.1',
         metavar='ADDRESS',
         help='address to serve the page at; 0.0.0.0 for a phone in the same network: whoever has '
-        'the whole address can drive (127.0.0.1)',
+        f'the whole address can {can} (127.0.0.1)',
     )
 
 
