@@ -84,6 +84,7 @@ class BagRecorder(Node):
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('bag_recorder', **options)
+        self._own_name = self.get_name()  # also needed after the node is destroyed
         #: Done when writing has failed, where that is to stop the run.
         self.finished: Future = Future()
         self.failure: str | None = None  #: the first failure to write, in a sentence
@@ -156,7 +157,7 @@ class BagRecorder(Node):
         """
         lost = self._topics.lost()
         for topic, count in self._thread.unwritten.items():
-            lost[topic] = (lost.get(topic) or {}) | {self.get_name(): count}
+            lost[topic] = (lost.get(topic) or {}) | {self._own_name: count}
         return lost
 
     @property

@@ -276,6 +276,30 @@ def test_alone_it_records_until_a_signal(
     assert len(messages(path, '/value')) == 5
 
 
+def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
+    ros: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> int:
+        raise OSError(28, 'No space left on device')
+
+    recorder = BagRecorder(
+        tmp_path, Recording(topics=re.compile('value'), min_free_space=0.0), context=ros
+    )
+    talker = Node('talker', context=ros)
+    publisher = talker.create_publisher(Float64, 'value', 100)
+    recorder.discover()
+    publisher.publish(Float64())
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    monkeypatch.setattr('os.pwrite', refuse)
+    for _ in range(7):
+        publisher.publish(Float64())
+    recorder.destroy_node()
+    talker.destroy_node()
+
+    assert recorder.counts == {'/value': 1}
+    assert recorder.lost['/value'] == {'bag_recorder': 7}
+
+
 def test_losses_are_counted_for_each_publisher_and_kept(ros: Context, tmp_path: Path) -> None:
     recorder = BagRecorder(tmp_path, Recording(depth=5), context=ros)
     nodes = [Node(name, context=ros) for name in ('talker', 'other')]
