@@ -1,6 +1,44 @@
 """The BARC vehicle simulator for ROS 2: model, controller, recorder, plots and replays.
 
-What is exported here is imported when it is first used, so that a command's `--help` stays quick.
+What is exported here works without ROS, and is imported when it is first used, so that a
+command's `--help` stays quick.
+
+A closed loop and its plot::
+
+    >>> from barc_sim import simulate
+    >>> log = simulate(kp=10.0, ki=20.0, kd=0.0)
+    >>> figure = log.plot()
+
+Another road, which may also be 'flat' or the path of a CSV file::
+
+    >>> from barc_sim import Road, simulate
+    >>> hill = Road(starts=[0.0, 50.0, 100.0], grades_deg=[0.0, 5.0, 0.0])
+    >>> simulate(road=hill, distance=120.0)
+    <Log: 777 states, 15.52 s, 120.1 m, speed error 1.189 m/s RMS>
+
+A sweep over 200 gains::
+
+    >>> from barc_sim import sweep
+    >>> found = sweep(kp=[0.3 * n for n in range(1, 201)], ki=20.0, kd=0.0)
+    >>> print(f'best kp {found.kp[found.rms_error.argmin()]:.1f}')
+    best kp 60.0
+
+A bag as a DataFrame::
+
+    >>> from barc_sim import read_bag
+    >>> frame = read_bag('bags/2026-11-21_12-00-00').to_frame()
+    >>> average_speed = frame.v_x.mean()
+
+A controller of one's own::
+
+    >>> class Proportional:
+    ...     def acc_calculate(self, speed_reference, speed_current):
+    ...         return 10.0 * (speed_reference - speed_current)
+    >>> log = simulate(controller=Proportional())
+
+Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
+those of the PID in `control/pid.py`. `simulation/stepper.py` decides each deadline, and
+`lab/check/terms.py` judges the terms of a user's PID.
 """
 
 from __future__ import annotations

@@ -91,8 +91,8 @@ def run(options: Namespace) -> int:
 
 def _gain(text: str) -> tuple[str, float]:
     """Return name and value of a gain."""
-    name, _, value = text.partition('=')
-    if name not in GAINS:
+    name, equals, value = text.partition('=')
+    if not equals or name not in GAINS:
         raise ArgumentTypeError(
             f'{text!r} is no gain: expected NAME=VALUE with a name of {", ".join(GAINS)}'
         )

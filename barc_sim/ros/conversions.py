@@ -47,26 +47,18 @@ def leading_time(data: bytes) -> int:
 
 def to_state(seen: Observation, header: Header) -> ZDynBkMdl:
     """Return the state as measured."""
-    x, y, psi, v_x, v_y, psi_dot = seen.measured
-    return ZDynBkMdl(header=header, x=x, y=y, psi=psi, v_x=v_x, v_y=v_y, psi_dot=psi_dot)
+    return ZDynBkMdl(header=header, **seen.measured._asdict())
 
 
 def to_state_error(seen: Observation, header: Header) -> EZDynBkMdl:
     """Return the measurement's error."""
-    s, ey, epsi, v_x, v_y, psi_dot = seen.error
-    return EZDynBkMdl(header=header, s=s, ey=ey, epsi=epsi, v_x=v_x, v_y=v_y, psi_dot=psi_dot)
+    return EZDynBkMdl(header=header, **seen.error._asdict())
 
 
 def to_environment(seen: Observation, header: Header) -> Environment:
     """Return the forces of road and air, with the incline."""
-    friction, drag, gravity = seen.forces
     return Environment(
-        header=header,
-        theta=seen.theta_deg,
-        elevation=seen.elevation,
-        friction=friction,
-        drag=drag,
-        gravity=gravity,
+        header=header, theta=seen.theta_deg, elevation=seen.elevation, **seen.forces._asdict()
     )
 
 

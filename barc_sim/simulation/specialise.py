@@ -20,7 +20,7 @@ R = TypeVar('R')
 
 
 def specialised(
-    function: Callable[P, R], *inlined: Callable[..., object], **constants: bool
+    function: Callable[P, R], *inlined: Callable[..., object], record: str, **constants: bool
 ) -> Callable[P, R]:
     """Return `function` with each `targets = f(names)` replaced by the body of `f`.
 
@@ -33,6 +33,8 @@ def specialised(
     inlined
         The functions `f`: they assign to no parameter, and only their last statement returns. One
         can call another that comes after it.
+    record
+        A variable that `function` assigns once: its fields are read there into variables.
     constants
         Values of names: `if NAME:` is replaced by its body, or by nothing.
     """
@@ -40,6 +42,7 @@ def specialised(
     for each in inlined:
         tree = _Inliner(_definition(each)).visit(tree)
     tree = _Chooser(constants).visit(tree)
+    tree = _FieldReader(record).visit(tree)
     code = compile(ast.fix_missing_locations(ast.Module([tree], [])), __file__, 'exec')
     scope: dict[str, Any] = {}
     for each in (*inlined, function):
@@ -109,6 +112,36 @@ class _Inliner(ast.NodeTransformer):
             if ast.unparse(left) != ast.unparse(result):
                 body.append(ast.Assign([left], result))
         return body
+
+
+class _FieldReader(ast.NodeTransformer):
+    """Reads the fields of a record once, into variables, where the record is assigned."""
+
+    def __init__(self, record: str) -> None:
+        self._record = record
+        self._reads: dict[str, ast.Assign] = {}
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        """Return the variable of a field of the record."""
+        if ast.unparse(node.value) != self._record:
+            return node
+        name = f'{self._record}_{node.attr}'
+        self._reads[name] = ast.Assign([ast.Name(name, ast.Store())], node)
+        return ast.Name(name, node.ctx)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        """Return the function with the variables."""
+        self.generic_visit(node)
+        assigned = next(
+            number
+            for number, statement in enumerate(node.body, 1)
+            for name in ast.walk(statement)
+            if isinstance(name, ast.Name)
+            and name.id == self._record
+            and isinstance(name.ctx, ast.Store)
+        )
+        node.body[assigned:assigned] = self._reads.values()
+        return node
 
 
 class _Chooser(ast.NodeTransformer):

@@ -18,7 +18,8 @@ import numpy as np
 from barc_sim.control.pid import FIRST_DT, pid_step
 from barc_sim.simulation.log import Log
 from barc_sim.simulation.specialise import specialised
-from barc_sim.vehicle.bike_model import Input, forces, next_speed, resistance
+from barc_sim.vehicle.bike_model import Input, State, forces, motion, next_speed, resistance
+from barc_sim.vehicle.sensor import Deviation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -35,9 +36,7 @@ class Setting(NamedTuple):
     reference: float  #: [m/s]
     low: float  #: [m/s²] limits of the command
     high: float
-    drag: float  #: [N s²/m²]
-    friction: float  #: [N]
-    mass: float  #: [kg]
+    vehicle: Vehicle
     ts: float  #: [s] of the vehicle's steps
     dt: float  #: [s] of the controller: `ts` in whole nanoseconds
     distance: float  #: [m] where the loop ends
@@ -114,7 +113,7 @@ def run(  # noqa: C901 (a call costs more than a step)
     appends
         Take x, v, command, P, I, D and saturation of each state, where `LOGGED`.
     """
-    reference, low, high, drag, friction, mass, ts, dt, distance, run_up, first_end = setting
+    reference, low, high, vehicle, ts, dt, distance, run_up, first_end = setting
     x, v, integral, previous, interval = start
     if LOGGED:
         add_x, add_v, add_command, add_p, add_i, add_d, add_saturated = appends
@@ -165,14 +164,14 @@ def run(  # noqa: C901 (a call costs more than a step)
             command = late
             oldest = (oldest + 1) % delay
         x += ts * v
-        v = next_speed(v, command, push, drag, friction, mass, ts)
+        v = next_speed(v, command, push, vehicle, ts)
     return steps, squares, k + 1 - before, sqrt(greatest), peak, effort
 
 
 LOGGED = True
 _LAWS = (pid_step, next_speed, resistance)
-drive = specialised(run, *_LAWS, LOGGED=False)
-trace = specialised(run, *_LAWS, LOGGED=True)
+drive = specialised(run, *_LAWS, record='vehicle', LOGGED=False)
+trace = specialised(run, *_LAWS, record='vehicle', LOGGED=True)
 
 
 def log_of(
@@ -188,9 +187,7 @@ def log_of(
         reference=speed_reference,
         low=pid.output_min,
         high=pid.output_max,
-        drag=vehicle.air_drag_coeff,
-        friction=vehicle.friction,
-        mass=vehicle.mass,
+        vehicle=vehicle,
         ts=plant.ts,
         dt=dt,
         distance=distance,
@@ -214,34 +211,22 @@ def log_of(
     x, v, motor, proportional, integral, derivative = map(np.frombuffer, columns)
     if not all(isfinite(column[-1]) for column in columns):
         return None
-    n, zero = len(x), np.zeros(len(x))
+    n = len(x)
+    zero: Any = np.zeros(n)
     _catch_up(plant, pid, setting, columns)
     stretch, elevation = road.profile(x)
-    acting: Any = forces(v, 0.0, vehicle)  # type: ignore[arg-type]  # arrays
-    theta_deg = np.array(road.grades_deg)[stretch]
-    gravity = [forces(0.0, radians(grade), vehicle).gravity for grade in road.grades_deg]
+    slopes: Any = np.array([sin(radians(grade)) for grade in road.grades_deg])[stretch]
+    states: Any = State(x, np.full(n, state.y), zero, v)  # type: ignore[arg-type]  # arrays
     return Log(
         t=np.arange(n) * plant.period_ns / 1e9,
-        x=x,
-        y=np.full(n, state.y),
-        psi=zero,
-        v_x=v,
-        v_y=v * 0.0,
-        psi_dot=v * 0.0,
-        e_s=zero,
-        e_ey=zero,
-        e_epsi=zero,
-        e_v_x=zero,
-        e_v_y=zero,
-        e_psi_dot=zero,
+        **motion(states, 0.0, vehicle)._asdict(),
+        **{f'e_{name}': zero for name in Deviation._fields},
         motor=motor,
         servo=zero,
         missed=np.zeros(n, np.bool_),
-        theta_deg=theta_deg,
+        theta_deg=np.array(road.grades_deg)[stretch],
         elevation=elevation,
-        friction=acting.friction,
-        drag=acting.drag,
-        gravity=np.array(gravity)[stretch],
+        **forces(states.v, slopes, vehicle)._asdict(),
         reference=np.full(n, speed_reference),
         proportional=proportional,
         integral=integral,

@@ -171,10 +171,11 @@ class _Block:
     def _advance(self, command: Floats) -> None:
         """Go one step."""
         setting, v, force, other = self._setting, self._v, self._a, self._b
+        vehicle = setting.vehicle
         self._x += np.multiply(v, setting.ts, out=other)
-        resistance = np.multiply(v, setting.drag, out=force)
+        resistance = np.multiply(v, vehicle.air_drag_coeff, out=force)
         resistance *= v
-        resistance += setting.friction
+        resistance += vehicle.friction
         forwards = self._slowest > 0.0
         if not forwards:
             np.copysign(resistance, v, out=resistance)
@@ -199,7 +200,7 @@ class _Block:
 
     def _accelerated(self, force: Floats, command: Floats) -> Floats:
         """Return the next speed under `force`, in its place."""
-        force /= self._setting.mass
+        force /= self._setting.vehicle.mass
         force += command
         force *= self._setting.ts
         force += self._v

@@ -70,7 +70,7 @@ class Course:
     @cached_property
     def setting(self) -> Setting:
         """The numbers that all loops have in common."""
-        vehicle, road = self.vehicle, self.road
+        road = self.road
         changes = (
             start
             for start, grade in zip(road.starts, road.grades_deg, strict=True)
@@ -80,9 +80,7 @@ class Course:
             reference=self.speed,
             low=-self.limit,
             high=self.limit,
-            drag=vehicle.air_drag_coeff,
-            friction=vehicle.friction,
-            mass=vehicle.mass,
+            vehicle=self.vehicle,
             ts=self.ts,
             dt=round(self.ts * 1e9) / 1e9,
             distance=self.distance,

@@ -80,9 +80,9 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
     return atan(l_r / (l_f + l_r) * tan(d_f))
 
 
-def resistance(v: float, drag: float, friction: float) -> float:
+def resistance(v: float, vehicle: Vehicle) -> float:
     """Return how much air drag and rolling friction brake [N] at speed `v` [m/s]."""
-    return drag * v * v + friction
+    return vehicle.air_drag_coeff * v * v + vehicle.friction
 
 
 def stopped(v: float, after: float, free: float) -> float:
@@ -101,9 +101,7 @@ def stopped(v: float, after: float, free: float) -> float:
     return max(after, min(free, 0.0)) if v > 0.0 else min(after, max(free, 0.0))
 
 
-def next_speed(
-    v: float, a: float, push: float, drag: float, friction: float, mass: float, ts: float
-) -> float:
+def next_speed(v: float, a: float, push: float, vehicle: Vehicle, ts: float) -> float:
     """Return the speed [m/s] one forward-Euler step of `ts` seconds after `v`.
 
     Parameters
@@ -112,15 +110,13 @@ def next_speed(
         [m/s], [m/s²] speed and commanded acceleration.
     push
         [N] gravity along the road, positive forwards.
-    drag, friction, mass
-        [N s²/m²], [N], [kg] as in `Vehicle`.
     """
-    opposing = resistance(v, drag, friction)
+    opposing = resistance(v, vehicle)
     if v <= 0.0:
         opposing = -opposing if v < 0.0 else 0.0
-    after = v + ts * (a + (push - opposing) / mass)
+    after = v + ts * (a + (push - opposing) / vehicle.mass)
     if after < 0.0 < v or v < 0.0 < after:
-        free = v + ts * (a + push / mass)
+        free = v + ts * (a + push / vehicle.mass)
         after = stopped(v, after, free)
     return after
 
@@ -144,7 +140,7 @@ def bikeFE(  # noqa: N802 (the lab's name)
 ) -> list[float]:
     """Return `[x, y, psi, v]` one forward-Euler step of `ts` seconds later.
 
-    The speed follows `next_speed`: resistance never pushes the vehicle backwards.
+    It is `step` with the lab's arguments.
 
     Parameters
     ----------
@@ -173,24 +169,30 @@ def bikeFE(  # noqa: N802 (the lab's name)
     g
         [m/s²] gravity.
     """
-    beta = slip_angle(d_f, l_f, l_r)
-    return [
+    vehicle = Vehicle(m, a0, Ff, l_f, l_r, g)
+    return [*step(State(x, y, psi, v), Input(a, d_f), theta, vehicle, ts)]
+
+
+def step(state: State, command: Input, theta: float, vehicle: Vehicle, ts: float) -> State:
+    """Return the state one forward-Euler step later, on an incline of `theta` [rad].
+
+    The speed follows `next_speed`: resistance never pushes the vehicle backwards.
+    """
+    x, y, psi, v = state
+    beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
+    push = -vehicle.mass * vehicle.gravity * sin(theta)
+    return State(
         x + ts * v * cos(psi + beta),
         y + ts * v * sin(psi + beta),
-        psi + ts * v / l_r * sin(beta),
-        next_speed(v, a, -m * g * sin(theta), a0, Ff, m, ts),
-    ]
+        psi + ts * v / vehicle.l_r * sin(beta),
+        next_speed(v, command.motor, push, vehicle, ts),
+    )
 
 
-def step(
-    state: State,
-    command: Input,
-    theta: float,
-    vehicle: Vehicle,
-    ts: float,
-    model: Model = bikeFE,
+def step_by(
+    model: Model, state: State, command: Input, theta: float, vehicle: Vehicle, ts: float
 ) -> State:
-    """Return the state `ts` seconds later, on an incline of `theta` [rad], by `model`."""
+    """Return the state that `model`, a function like `bikeFE`, gives in the place of `step`."""
     x, y, psi, v = model(
         *state,
         *command,
@@ -215,13 +217,13 @@ def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
     return Motion(x, y, psi, v_x, v_y, psi_dot)
 
 
-def forces(v: float, theta: float, vehicle: Vehicle) -> Forces:
-    """Return the forces at speed `v` [m/s] on an incline of `theta` [rad].
+def forces(v: float, sin_theta: float, vehicle: Vehicle) -> Forces:
+    """Return the forces at speed `v` [m/s] where the sine of the incline is `sin_theta`.
 
-    With an array of speeds, friction and drag are arrays.
+    With an array of each, the forces are arrays.
     """
     direction = (v > 0.0) * 1.0 - (v < 0.0)
     friction = -vehicle.friction * direction
     drag = -vehicle.air_drag_coeff * v * v * direction
-    gravity = -vehicle.mass * vehicle.gravity * sin(theta)
+    gravity = -vehicle.mass * vehicle.gravity * sin_theta
     return Forces(friction, drag, gravity)

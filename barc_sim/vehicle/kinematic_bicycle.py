@@ -16,6 +16,7 @@ from barc_sim.vehicle.bike_model import (
     resistance,
     slip_angle,
     step,
+    step_by,
     stopped,
 )
 from barc_sim.vehicle.integrators import integrator as named
@@ -36,7 +37,7 @@ def along_the_road(
 
     `direction` is the sign of the motion that the resistance opposes; 0: no resistance.
     """
-    opposing = direction * resistance(v, vehicle.air_drag_coeff, vehicle.friction)
+    opposing = direction * resistance(v, vehicle)
     return motor - vehicle.gravity * sin(theta) - opposing / vehicle.mass
 
 
@@ -79,8 +80,10 @@ class KinematicBicycle:
 
     def step(self, state: State, held: Input, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""
+        if self.is_lab:
+            return step(state, held, grade(state.x), vehicle, ts)
         if self._model:
-            return step(state, held, grade(state.x), vehicle, ts, self._model)
+            return step_by(self._model, state, held, grade(state.x), vehicle, ts)
 
         def after(direction: float) -> State:
             rates = _rates(held, grade, vehicle, direction)

@@ -14,7 +14,7 @@ from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import SIGNALS, Deviation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,18 +43,7 @@ _VEHICLE = Vehicle()
 _LATERAL = LateralParameters()
 _NOISE = [
     Parameter(f'noise_{name}', 0.0, f'standard deviation of {signal}', (0.0, 1e3))
-    for name, signal in zip(
-        Deviation._fields,
-        (
-            'position along [m]',
-            'position across [m]',
-            'heading [rad]',
-            'v_x [m/s]',
-            'v_y [m/s]',
-            'yaw rate [rad/s]',
-        ),
-        strict=True,
-    )
+    for name, signal in SIGNALS.items()
 ]
 _ACTUATORS = [
     Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, greatest))

@@ -110,7 +110,7 @@ class Plant:
         acting = self._actuators.now
         true = self._bicycle.motion(state, acting.servo, self.vehicle)
         measured, error = self._sensor.measure(true)
-        acting_forces = forces(state.v, radians(theta_deg), self.vehicle)
+        acting_forces = forces(state.v, sin(radians(theta_deg)), self.vehicle)
         return Observation(true, measured, error, theta_deg, elevation, acting_forces, acting)
 
     def advance(self, command: Input | None = None) -> None:

@@ -12,12 +12,23 @@ from barc_sim.vehicle.bike_model import Motion
 class Deviation(NamedTuple):
     """A value per measured signal, in the vehicle's frame: a standard deviation or an error."""
 
-    s: float = 0.0  #: [m] position, along the true heading
-    ey: float = 0.0  #: [m] position, to the left of it
-    epsi: float = 0.0  #: [rad] heading
-    v_x: float = 0.0  #: [m/s]
-    v_y: float = 0.0  #: [m/s]
-    psi_dot: float = 0.0  #: [rad/s]
+    s: float = 0.0
+    ey: float = 0.0
+    epsi: float = 0.0
+    v_x: float = 0.0
+    v_y: float = 0.0
+    psi_dot: float = 0.0
+
+
+#: What the fields of `Deviation` belong to, in the vehicle's true frame.
+SIGNALS = {
+    's': 'position along [m]',
+    'ey': 'position across [m]',
+    'epsi': 'heading [rad]',
+    'v_x': 'v_x [m/s]',
+    'v_y': 'v_y [m/s]',
+    'psi_dot': 'yaw rate [rad/s]',
+}
 
 
 class Sensor:

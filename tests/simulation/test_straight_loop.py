@@ -101,7 +101,8 @@ def both(a: float, b: float) -> tuple[float, float]:
 
 def uses_them(a: float, b: float) -> float:
     """Be rewritten."""
-    twice = 100.0
+    pair = complex(100.0, 0.0)
+    twice = pair.real + pair.imag
     a = double(a)
     c, d = both(a, b)
     if EXTRA:
@@ -114,6 +115,6 @@ EXTRA = False
 
 @pytest.mark.parametrize('extra', [True, False])
 def test_a_specialised_function_returns_the_same(extra: bool) -> None:
-    made = specialised(uses_them, both, double, EXTRA=extra)
+    made = specialised(uses_them, both, double, record='pair', EXTRA=extra)
     assert made(3.0, 4.0) == 6.0 + 100.0 * extra
     assert not {'double', 'both', 'EXTRA'} & {*made.__code__.co_names}

@@ -328,16 +328,16 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
 def test_forces_sum_to_what_accelerates_the_vehicle(v: float, theta: float) -> None:
     assume(abs(v) > 1.0)
     after = step(State(v=v), Input(), theta, ODD_VEHICLE, TS)
-    total = sum(forces(v, theta, ODD_VEHICLE))
+    total = sum(forces(v, sin(theta), ODD_VEHICLE))
     assert total / ODD_VEHICLE.mass == pytest.approx((after.v - v) / TS, abs=1e-9)
 
 
 def test_forces_tell_friction_drag_and_gravity_apart() -> None:
     vehicle = Vehicle(mass=100.0, air_drag_coeff=2.0, friction=7.0, gravity=10.0)
     uphill = radians(30.0)
-    assert forces(3.0, uphill, vehicle) == pytest.approx(Forces(-7.0, -18.0, -500.0))
-    assert forces(-3.0, -uphill, vehicle) == pytest.approx(Forces(7.0, 18.0, 500.0))
-    assert forces(0.0, uphill, vehicle) == pytest.approx(Forces(0.0, 0.0, -500.0))
+    assert forces(3.0, sin(uphill), vehicle) == pytest.approx(Forces(-7.0, -18.0, -500.0))
+    assert forces(-3.0, -sin(uphill), vehicle) == pytest.approx(Forces(7.0, 18.0, 500.0))
+    assert forces(0.0, sin(uphill), vehicle) == pytest.approx(Forces(0.0, 0.0, -500.0))
 
 
 @pytest.mark.parametrize('v', [nan, inf])

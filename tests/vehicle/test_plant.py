@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import exp, radians
+from math import exp, radians, sin
 from typing import Any
 
 import pytest
@@ -42,7 +42,7 @@ def test_observation_has_road_and_forces_where_the_vehicle_is() -> None:
     seen = plant_at(STATE).observe()
     assert seen.theta_deg == -7.0
     assert seen.elevation == HILL.elevation(25.0)
-    assert seen.forces == forces(6.0, radians(-7.0), VEHICLE)
+    assert seen.forces == forces(6.0, sin(radians(-7.0)), VEHICLE)
 
 
 def test_observation_without_noise_is_the_motion_and_no_error() -> None:
@@ -101,7 +101,7 @@ def test_velocities_are_observed_under_the_steering_in_force() -> None:
 def test_replaced_vehicle_counts_from_the_next_step() -> None:
     plant = plant_at(STATE)
     plant.vehicle = Vehicle()
-    assert plant.observe().forces == forces(6.0, radians(-7.0), Vehicle())
+    assert plant.observe().forces == forces(6.0, sin(radians(-7.0)), Vehicle())
     plant.advance(Input(1.0))
     assert plant.state == step(STATE, Input(1.0), radians(-7.0), Vehicle(), 0.05)
 
