@@ -243,4 +243,4 @@ def _ranges(log: Log) -> Iterator[tuple[str, str, float, float]]:
         known = values[np.isfinite(values)]
         if known.size:
             unit = COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT
-            yield name, unit, float(known.min()), float(known.max())
+            yield name, unit, float(known.min()) + 0.0, float(known.max()) + 0.0
