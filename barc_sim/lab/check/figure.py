@@ -109,6 +109,7 @@ def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
     ):
         axes.plot(trajectory.t, values, color=color, ls=line, lw=1.6, label=label)
     axes.set_yscale('symlog', linthresh=_THRESHOLD, linscale=1.0)
+    axes.yaxis.set_major_formatter('{x:g}')
     top = float(np.nanmax(np.abs(error), initial=1e-2))
     axes.set_ylim(-_THRESHOLD / 5.0, max(2.0 * top, 0.1))
     axes.set_xlim(0.0, float(trajectory.t[-1]))
