@@ -57,7 +57,7 @@ def add_arguments(parser: Parser) -> None:
         '--distance',
         type=number(0.0, _MAX_DISTANCE),
         metavar='M',
-        help='the run ends here; 0: it goes on until Ctrl-C (180)',
+        help='the run ends here; 0: only at Ctrl-C (180)',
     )
     parser.add_argument(
         '--cars',

@@ -1,4 +1,4 @@
 """What decides: the speed controllers, and the driver whose keys become commands.
 
-Nothing here moves a car or knows of ROS.
+Nothing here moves a car or imports ROS.
 """

@@ -56,7 +56,7 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (whatever the 
 
 
 class Adapter:
-    """A `Controller` around an object that need not limit its output, nor know of a reset.
+    """A `Controller` around an object that may lack limits of its output and a reset.
 
     The terms are the object's attributes of these names, NaN where it has no such number;
     `saturated` is true where the output was cut here, or the object has it true.

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
 
 _SPEEDS = (-100.0, 100.0)  #: [m/s]
-_FASTEST = 1e6  #: [m/s] A state beyond is none.
+_FASTEST = 1e6  #: [m/s] A faster state is refused.
 _TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
@@ -68,9 +68,9 @@ class CruiseController(Node):
     ) -> None:
         """Declare the parameters and wait for states.
 
-        `controller` takes the place of the one that the parameter `controller_type` names; anything
-        with the lab's `acc_calculate` will do.
-        `acceleration_limit` is the default of that parameter.
+        `controller` takes the place of the one that the parameter `controller_type` names; any
+        object with the lab's `acc_calculate` works. `acceleration_limit` is the default of that
+        parameter.
 
         Raises
         ------

@@ -24,7 +24,7 @@ NANOSECONDS = 1_000_000_000
 _FAR = 1e6
 #: Tolerance of the squared norm of a quaternion that is a rotation.
 _NORM_TOLERANCE = 1e-3
-_CDR_HEADER = 4  #: [B] of a serialized message; the second one tells the byte order
+_CDR_HEADER = 4  #: [B] of a serialized message; the second one is the byte order
 _CDR_TIME = (Struct('>iI'), Struct('<iI'))  #: big-endian, little-endian
 
 

@@ -1,8 +1,8 @@
 """Takes serialized messages from a subscription, with who published each.
 
-rclpy's own `take_message` leaves out the publisher's GID, without which the numbers of several
-publishers' messages cannot be told apart; so rcl is asked itself. The structures are those of
-Jazzy's rmw and rcutils, which do not change within a distribution.
+The publisher's GID distinguishes the sequence numbers of several publishers. rclpy's own
+`take_message` leaves it out, so rcl is called here. The structures are those of Jazzy's rmw and
+rcutils, which do not change within a distribution.
 """
 
 from __future__ import annotations

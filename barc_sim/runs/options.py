@@ -1,4 +1,4 @@
-"""The options that every run has, whoever drives."""
+"""The options of both runs, `acc` and `teleop`."""
 
 from __future__ import annotations
 

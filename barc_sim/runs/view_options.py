@@ -34,8 +34,8 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
         '--view-host',
         default='127.0.0.1',
         metavar='ADDRESS',
-        help='address to serve the page at; 0.0.0.0 for a phone in the same network: whoever has '
-        f'the whole address can {can} (127.0.0.1)',
+        help='address to serve the page at; 0.0.0.0 for a phone in the same network; the '
+        f'whole address gives the right to {can} (127.0.0.1)',
     )
 
 

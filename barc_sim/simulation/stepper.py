@@ -66,7 +66,7 @@ class Outputs(Protocol):
         """Pass commands that have arrived to `Stepper.take_command` at once."""
 
     def prepare_start(self) -> None:
-        """Reset whoever commands, and call `Stepper.start` when it is ready."""
+        """Reset the node that commands, and call `Stepper.start` when it is ready."""
 
     def finish(self) -> None:
         """End the run."""

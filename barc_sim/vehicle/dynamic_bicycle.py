@@ -92,7 +92,7 @@ class DynamicBicycle:
         return State(found.x, found.y, found.psi, v)
 
     def forget(self) -> None:
-        """Begin anew from any state, without slip and yaw rate."""
+        """Reset slip and yaw rate to zero."""
         self._beta = self._psi_dot = 0.0
 
     def motion(self, state: State, servo: float, vehicle: Vehicle) -> Motion:

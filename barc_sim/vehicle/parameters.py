@@ -75,7 +75,7 @@ PARAMETERS = [
         default=False,
         description='whether /clock has the simulated time where realtime_factor is 1, too',
     ),
-    Parameter('wait_for_controller', True, 'whether time begins only when somebody publishes ecu'),
+    Parameter('wait_for_controller', True, 'whether time begins only when a node publishes ecu'),
     Parameter(
         'command_timeout',
         0.0,
@@ -83,7 +83,7 @@ PARAMETERS = [
         'standstill, and commands are not due state by state until one bears a stamp; 0: never',
         (0.0, 3600.0),
     ),
-    Parameter('timeout_braking', 8.0, 'deceleration where commands are lost [m/s²]', (0.0, 100.0)),
+    Parameter('timeout_braking', 8.0, 'deceleration after command_timeout [m/s²]', (0.0, 100.0)),
     Parameter('refuse_motor_above', 100.0, 'a command beyond is refused [m/s²]', (0.0, 1e6)),
     Parameter('refuse_servo_above', 1.5, 'a command beyond is refused [rad]', (0.0, 1.5)),
     Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),

@@ -130,7 +130,7 @@ class Plant:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
 
         On a hill it takes part of that to keep the car from rolling. The brakes act at once,
-        whatever the motor's actuator, which begins anew from zero.
+        without the motor's actuator, which restarts from zero.
         """
         pull = self.vehicle.gravity * sin(self._grade(self.state.x))
         motor = max(-deceleration, min(pull - self.state.v / self.ts, deceleration))

@@ -119,7 +119,7 @@ class HeldKeys:
     Attributes
     ----------
     releases
-        Whether the terminal reports releases; to be set once it is known to.
+        Whether the terminal reports releases; the terminal sets it once one was reported.
     """
 
     def __init__(self, press_hold: float = PRESS_HOLD, repeat_hold: float = REPEAT_HOLD) -> None:

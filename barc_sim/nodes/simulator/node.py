@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
 _DISTANCE = Parameter(
-    'distance', 0.0, 'the run ends here [m]; 0: it goes on', (0.0, 1e6), read_only=True
+    'distance', 0.0, 'the run ends here [m]; 0: it does not end', (0.0, 1e6), read_only=True
 )
 
 

@@ -78,7 +78,7 @@ class ViewNode(Node):
     Attributes
     ----------
     url
-        The page's address, for the user alone: whoever has it can drive.
+        The page's address, for the user alone: it gives the right to drive.
 
     Raises
     ------
