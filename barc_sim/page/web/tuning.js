@@ -48,7 +48,8 @@ export class Tuning {
 
   /** Return the command that runs with the present values; `type` is the controller's. */
   command(type) {
-    const { speed_reference: speed, acceleration_limit: limit, ...gains } = this.values;
+    const shown = Object.keys(this.values).map((name) => [name, this.inputs[name].number.valueAsNumber]);
+    const { speed_reference: speed, acceleration_limit: limit, ...gains } = Object.fromEntries(shown);
     return [
       'barc acc',
       ...(type === 'pid' ? [] : [`--controller-type ${type}`]),

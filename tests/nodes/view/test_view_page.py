@@ -378,12 +378,13 @@ def test_presets_set_all_gains_and_the_integral_is_reset(
     tab.click('#presets button')
     gains = PID.presets['P']
     wait_until(lambda: all(controller.get_parameter(k).value == v for k, v in gains.items()))
-    tab.until("document.querySelector('#kp').value === '4'")
+    for name, value in gains.items():
+        tab.until(f"document.querySelector('#{name}').value === '{value:g}'")
     tab.click('#reset-controller')
     wait_until(lambda: tab.number('#term-integral') == 0.0)
     tab.run('navigator.clipboard.writeText = async (text) => { window.copied = text; }')
     tab.click('#copy-command')
-    assert tab.run('window.copied') == 'barc acc --gain kp=4 --gain ki=0 --gain kd=0 --speed 8'
+    tab.until("window.copied === 'barc acc --gain kp=4 --gain ki=0 --gain kd=0 --speed 8'")
 
 
 def test_forces_and_terms_are_those_of_the_messages(
@@ -475,6 +476,8 @@ def test_end_card_has_the_score_and_the_next_commands(
     tab = open_(view.url, width=1440, height=900)
     wait_until(lambda: tab.number('#position') > 22.0)
     tab.until("document.querySelector('#kp').value === '30'")
+    car.paused = True
+    wait_until(lambda: tab.text('#state') == 'Paused')
     view.end('The run has ended.', bag='bags/one')
     tab.until("!document.querySelector('#end-card').hidden")
     laps, stretches = view.laps.facts(), view.laps.stretches()
