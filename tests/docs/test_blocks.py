@@ -6,6 +6,8 @@ The blocks of a page run in order, in a folder of the page's own:
 - `bash`: commands, each of which must succeed.
 - `console`: commands behind `$ `, and what they print; `...` stands for any text.
 - any other language behind `<!-- file: NAME -->`: written to the file NAME first.
+- one behind `<!-- run as: COMMAND -->`: COMMAND runs in place of its first, whose output differs on
+  a busy machine.
 - any block behind `<!-- not run: REASON -->`, and `text`: not run.
 - `<!-- finished: FOLDER -->` before a block: a right model and controller are in FOLDER from here.
 """
@@ -37,7 +39,7 @@ RIGHT = {
     'controller.py': Path(__file__).parent / 'right' / 'controller.py',
 }
 _BLOCK = re.compile(
-    r'(?:^<!-- (?P<mark>not run|file): (?P<note>.+?) -->\n+)?'
+    r'(?:^<!-- (?P<mark>not run|file|run as): (?P<note>.+?) -->\n+)?'
     r'^(?P<indent> *)```(?P<language>[^`\n]*)\n(?P<text>.*?)^(?P=indent)```$',
     re.MULTILINE | re.DOTALL,
 )
@@ -81,7 +83,7 @@ def _finished_before(text: str) -> tuple[str, ...]:
 
 def is_run(block: Block) -> bool:
     if block.mark:
-        return block.mark == 'file'
+        return block.mark != 'not run'
     return block.language not in _SHOWN and not block.language.startswith('{')  # a directive
 
 
@@ -128,7 +130,8 @@ def test_blocks_run(
         elif block.language == 'bash':
             _run(block.text, where)
         else:
-            for command, expected in _commands(block.text):
+            for i, (shown, expected) in enumerate(_commands(block.text)):
+                command = block.note if block.mark == 'run as' and i == 0 else shown
                 _compare(expected, _run(command, where), where)
 
 
