@@ -140,7 +140,15 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-@pytest.mark.parametrize(('write', 'sentence'), HOSTILE.values(), ids=HOSTILE)
+#: One of each kind; the others are slow.
+SAMPLE = ('YAML aliases', 'a stamp far off', 'zstd bomb', 'many messages', 'a chain of nodes')
+CASES = [
+    pytest.param(*case, id=name, marks=[pytest.mark.slow] * (name not in SAMPLE))
+    for name, case in HOSTILE.items()
+]
+
+
+@pytest.mark.parametrize(('write', 'sentence'), CASES)
 def test_a_hostile_bag_ends_in_a_result_or_a_sentence(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
