@@ -57,6 +57,7 @@ linkcheck_ignore = [r'https?://(?!127\.0\.0\.1)']
 
 html_theme = 'furo'
 html_title = 'barc_sim'
+(HERE / '_figures').mkdir(exist_ok=True)  # drawn when the build begins
 html_static_path = ['_static', '_figures']
 html_css_files = ['pages.css']
 html_theme_options = {
