@@ -3,7 +3,7 @@
 from pathlib import Path
 from runpy import run_path
 
-from setuptools import Distribution, setup
+from setuptools import Distribution, find_packages, setup
 
 # An executable for each command and each node, where `ros2 run barc_sim NAME` looks for it.
 _EXECUTABLE = """\
@@ -37,6 +37,12 @@ class WithData(Distribution):
 
 setup(
     distclass=WithData,
+    # The definitions of the lab's messages, for runs without ROS.
+    packages=[
+        *find_packages(include=['barc_sim', 'barc_sim.*']),
+        'barc_sim.bags.msg.barc_interfaces',
+    ],
+    package_dir={'barc_sim.bags.msg.barc_interfaces': 'barc_interfaces/msg'},
     # colcon cannot read what setup.cfg would make of it.
     python_requires='>=3.10,<3.14',
     data_files=[

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from typing import TYPE_CHECKING
 
@@ -27,8 +28,7 @@ def check_root(root: Path) -> None:
 
 def free_space(folder: Path) -> int:
     """Return the space that a user may still fill on the disk of `folder` [B]."""
-    found = os.statvfs(folder)
-    return found.f_bavail * found.f_frsize
+    return shutil.disk_usage(folder).free
 
 
 def short_of_space(free: int, reserve: int) -> str:

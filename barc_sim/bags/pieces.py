@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from contextlib import suppress
 from typing import TYPE_CHECKING
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows: there nobody can tell whether a file is being written
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,10 +41,12 @@ class Pieces:
         self._descriptor = self._open()
 
     def _open(self) -> int:
-        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
-        descriptor = os.open(self._path, flags, 0o666)
-        with suppress(OSError):  # some file systems cannot
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Windows has no O_CLOEXEC, and would change line ends without O_BINARY.
+        system = getattr(os, 'O_CLOEXEC', 0) | getattr(os, 'O_BINARY', 0)
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL | system, 0o666)
+        if fcntl:
+            with suppress(OSError):  # some file systems cannot
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return descriptor
 
     def write(self, data: bytes) -> int:
@@ -122,6 +128,8 @@ class Pieces:
 
 def is_being_written(path: Path) -> bool:
     """Return whether any process is writing the file by pieces now."""
+    if not fcntl:
+        return False
     try:
         with path.open('rb') as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)

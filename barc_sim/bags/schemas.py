@@ -1,19 +1,28 @@
-"""The definition of a message type, from the files installed with its package."""
+"""The definition of a message type, from the files installed with its package or with barc_sim."""
 
 from __future__ import annotations
 
 import importlib.util
 import json
 import re
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from barc_sim.bags import type_descriptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 _PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
 _DELIMITER = '=' * 80
+# The definitions that runs without ROS need, as `<package>/<name>.msg`.
+_SHIPPED = Path(__file__).with_name('msg')
+# In a checkout the lab's own lie beside the package; in a wheel, with the others.
+_CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'
 
 
 @cache
@@ -41,12 +50,8 @@ def definition(type_name: str) -> str:
     seen: set[str] = set()
 
     def expand(name: str) -> str:
-        package, _, base = name.partition('/')
-        text = _share(package).joinpath('msg', base.removeprefix('msg/') + '.msg')
-        if not text.is_file():
-            raise LookupError(f'{name!r} has no definition at {str(text)!r}')
-        parts = [text.read_text(encoding='utf-8')]
-        for dependency in sorted(_dependencies(parts[0], package)):
+        parts = [_text(name)]
+        for dependency in sorted(_dependencies(parts[0], name.partition('/')[0])):
             if dependency not in seen:
                 seen.add(dependency)
                 parts.append(f'\n{_DELIMITER}\nMSG: {dependency}\n')
@@ -54,6 +59,28 @@ def definition(type_name: str) -> str:
         return ''.join(parts)
 
     return expand(type_name)
+
+
+def shipped() -> Iterator[tuple[str, Path]]:
+    """Yield the name of each message type that barc_sim brings, and the file that defines it."""
+    for path in (*_SHIPPED.glob('*/*.msg'), *_CHECKOUT.glob('*.msg')):
+        package = path.parent.name if path.parent.parent == _SHIPPED else 'barc_interfaces'
+        yield f'{package}/msg/{path.stem}', path
+
+
+def _text(name: str) -> str:
+    """Return the text of a message's definition: the installed one, else that of barc_sim."""
+    package, _, base = name.replace('/msg/', '/').partition('/')
+    brought = dict(shipped()).get(f'{package}/msg/{base}')
+    try:
+        path = _share(package) / 'msg' / f'{base}.msg'
+    except LookupError:
+        if brought is None:
+            raise
+        path = brought
+    if path.is_file():
+        return path.read_text(encoding='utf-8')
+    raise LookupError(f'{name!r} has no definition at {str(path)!r}')
 
 
 def _parts(type_name: str) -> tuple[str, str, str]:
@@ -89,7 +116,9 @@ def _share(package: str) -> Path:
     This works without AMENT_PREFIX_PATH, which ROS from wheels does not set: in a virtual
     environment, in /opt/ros and in a colcon workspace.
     """
-    spec = importlib.util.find_spec(package) if package.isidentifier() else None
+    spec = None
+    with suppress(ImportError):
+        spec = importlib.util.find_spec(package) if package.isidentifier() else None
     if spec is None or spec.origin is None:
         raise LookupError(f'the package {package!r} is not installed')
     for folder in Path(spec.origin).parents:

@@ -11,13 +11,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
+from barc_sim.cli.ros_hint import ROS_PACKAGES, needs_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-#: By package, what the set-up installs.
-_ROS = {'rclpy': 'ROS 2 (rclpy)', 'barc_interfaces': 'barc_interfaces'}
 #: By package, the name to install it by, where that is another.
 _DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
 ROS_ARGS = '--ros-args'
@@ -97,7 +96,8 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         report(prog, str(error))
         return USAGE_ERROR
     except ModuleNotFoundError as error:
-        missing = _missing((error.name or '').partition('.')[0])
+        package = (error.name or '').partition('.')[0]
+        missing = str(needs_ros(prog)) if package in ROS_PACKAGES else _missing(package)
         if missing is None:
             raise
         report(prog, missing)
@@ -118,11 +118,6 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
 
 def _missing(package: str) -> str | None:
     """Return the sentence for a package that cannot be imported; None if we do not require it."""
-    if package in _ROS:
-        return (
-            f'{_ROS[package]} is not installed in this Python: start with ./scripts/run or '
-            './scripts/shell, which set it up, or source a ROS 2 Jazzy workspace'
-        )
     from importlib import metadata  # noqa: PLC0415 (only for an error)
 
     name = re.compile(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# Windows has no SIGHUP.
+_SIGHUP = getattr(signal, 'SIGHUP', None)
+_SIGNALS = tuple(filter(None, (signal.SIGINT, signal.SIGTERM, _SIGHUP)))
 
 
 class StopSignals:
@@ -51,20 +54,22 @@ class StopSignals:
 
     def __enter__(self) -> Self:
         """Handle the signals, except SIGHUP if it is ignored already (`nohup`)."""
-        self._reader, self._writer = os.pipe()
-        os.set_blocking(self._writer, False)
+        # Sockets: Windows wakes nothing else.
+        self._reader, self._writer = socket.socketpair()
+        self._writer.setblocking(False)
         # Before the handlers, so that no signal is lost.
-        signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
+        signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
         self._taken = [
             number
             for number in _SIGNALS
-            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN
+            if number != _SIGHUP or signal.getsignal(number) != signal.SIG_IGN
         ]
         for number in self._taken:
             signal.signal(number, lambda *_: None)
         threading.Thread(target=self._read_signals, name='stop signals', daemon=True).start()
         # The parent may have blocked them until now, as scripts/run does.
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, self._taken)
+        if hasattr(signal, 'pthread_sigmask'):
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, self._taken)
         return self
 
     def __exit__(
@@ -77,11 +82,11 @@ class StopSignals:
         for number in self._taken:
             signal.signal(number, signal.SIG_IGN)
         signal.set_wakeup_fd(-1)
-        os.close(self._writer)
+        self._writer.close()
 
     def _read_signals(self) -> None:
-        with os.fdopen(self._reader, 'rb', buffering=0) as signals:
-            while number := signals.read(1):
+        with self._reader as signals:
+            while number := signals.recv(1):
                 if not self.requested.is_set():
                     first = time.monotonic()
                     self._request()

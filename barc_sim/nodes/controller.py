@@ -12,13 +12,11 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
-from barc_sim.control.adapter import as_controller
-from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, TYPES
-from barc_sim.errors import UserError
+from barc_sim.control.cruise_control import SPEEDS, TYPE, CruiseControl
+from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.control.types import DEFAULT_TYPE
 from barc_sim.ros import names
 from barc_sim.ros.conversions import (
-    NANOSECONDS,
     controller_state_type,
     to_controller_state,
     to_ecu,
@@ -30,26 +28,11 @@ from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
 from barc_sim.vehicle.bike_model import Input
-from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
     from barc_sim.control.controller import Controller
-
-_SPEEDS = (-100.0, 100.0)  #: [m/s]
-_FASTEST = 1e6  #: [m/s] A faster state is refused.
-_TYPE = Parameter(
-    'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
-)
-_PARAMETERS = [
-    Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', _SPEEDS),
-    Parameter(
-        'subtract_error',
-        default=False,
-        description='whether to control the true speed, z_vhcl minus ez_vhcl, not the measured',
-    ),
-]
 
 
 class CruiseController(Node):
@@ -78,34 +61,18 @@ class CruiseController(Node):
             where a parameter is out of range, or `controller` cannot work with them.
         """
         super().__init__('controller', **options)
-        self._controller = self._new() if controller is None else as_controller(controller)
-        gains = [
-            Parameter(
-                name,
-                float(getattr(self._controller, name)),
-                f'{gain.meaning} [{gain.unit}]',
-                gain.between,
-            )
-            for name, gain in self._controller.gains.items()
-        ]
-        limit = Parameter(
-            'acceleration_limit',
-            acceleration_limit,
-            'greatest acceleration commanded, either way [m/s²]',
-            (0.01, NO_LIMIT),
-        )
-        self._values = declare(self, [*gains, limit, *_PARAMETERS])
-        self._apply()
-        self._controller.reset()
-        self.add_post_set_parameters_callback(self._on_parameters)
-        self._previous: int | None = None
         self._refusals = RefusedInput(self)
         self._gone_back = RateLimitedWarning(self)
+        kind = DEFAULT_TYPE if controller is not None else declare(self, [TYPE])[TYPE.name]
+        self._control = CruiseControl(controller, kind, self._refusals.add, self._gone_back.warn)
+        self._control.configure(declare(self, self._control.parameters(acceleration_limit)))
+        self._control.reset()
+        self.add_post_set_parameters_callback(self._on_parameters)
         self._state: ZDynBkMdl | None = None
         self._error: EZDynBkMdl | None = None
 
         self._ecu_pub = publisher(self, ECU, names.ECU)
-        state_type = controller_state_type(self._controller)
+        state_type = controller_state_type(self._control.controller)
         topic = names.PID_STATE if state_type is PidState else names.CONTROLLER_STATE
         self._controller_state_pub = publisher(self, state_type, topic)
         group = QuickCallbackGroup()
@@ -124,26 +91,10 @@ class CruiseController(Node):
         )
         self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset, callback_group=group)
 
-    def _new(self) -> Controller:
-        """Return a controller of the type that the parameter names.
-
-        Raises
-        ------
-        UserError
-            where there is no such type.
-        """
-        name = declare(self, [_TYPE])['controller_type']
-        if name not in TYPES:
-            raise UserError(
-                f'parameter controller_type of {self.get_name()} is {name!r}: expected '
-                f'{" or ".join(TYPES)}'
-            )
-        return TYPES[name]()
-
     def _on_speed_reference(self, message: Float64) -> None:
-        low, high = _SPEEDS
+        low, high = SPEEDS
         if low <= message.data <= high:
-            self._values['speed_reference'] = message.data
+            self._control.values['speed_reference'] = message.data
             return
         self._refusals.add(
             lambda: (
@@ -157,38 +108,35 @@ class CruiseController(Node):
         return self._refusals.count
 
     @property
+    def acceleration_limit(self) -> float:
+        """The greatest acceleration that it commands [m/s²]."""
+        return float(self._control.values['acceleration_limit'])
+
+    @property
     def speed_reference(self) -> float:
         """The speed to hold [m/s]."""
-        return float(self._values['speed_reference'])
+        return float(self._control.values['speed_reference'])
 
     def _on_parameters(self, parameters: list[RosParameter]) -> None:
-        self._values.update({parameter.name: parameter.value for parameter in parameters})
-        self._apply()
-
-    def _apply(self) -> None:
-        controller, values = self._controller, self._values
-        for name in controller.gains:
-            setattr(controller, name, values[name])
-        controller.output_max = values['acceleration_limit']
-        controller.output_min = -controller.output_max
+        self._control.configure({parameter.name: parameter.value for parameter in parameters})
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._controller.reset()
-        self._previous = self._state = self._error = None
+        self._control.reset()
+        self._state = self._error = None
         response.success, response.message = True, 'as at the start'
         self.get_logger().debug('reset')
         return response
 
     def _on_state(self, data: bytes) -> None:
         state = deserialize_message(data, ZDynBkMdl)
-        if self._values['subtract_error']:
+        if self._control.values['subtract_error']:
             self._state = state
             self._join()
         else:
             self._answer(state, state.v_x)
 
     def _on_state_error(self, data: bytes) -> None:
-        if self._values['subtract_error']:
+        if self._control.values['subtract_error']:
             self._error = deserialize_message(data, EZDynBkMdl)
             self._join()
 
@@ -199,27 +147,12 @@ class CruiseController(Node):
             self._answer(state, state.v_x - error.v_x)
 
     def _answer(self, state: ZDynBkMdl, speed: float) -> None:
-        if not abs(speed) <= _FASTEST:  # NaN, too
-            self._refusals.add(lambda: f'a state whose speed is {speed} m/s')
+        answer = self._control.answer(to_nanoseconds(state.header.stamp), speed)
+        if answer is None:
             return
-        stamp = to_nanoseconds(state.header.stamp)
-        dt = FIRST_DT
-        if self._previous is not None:
-            dt = (stamp - self._previous) / NANOSECONDS
-            if dt < 0.0:
-                back = -dt
-                self._gone_back.warn(
-                    lambda: f'time went back by {back:g} s: the controller is reset'
-                )
-                self._controller.reset()
-                dt = FIRST_DT
-        self._previous = stamp
-
-        reference = self.speed_reference
-        acceleration = self._controller.acc_calculate(reference, speed, dt)
-        self._ecu_pub.publish(to_ecu(Input(motor=acceleration), state.header))
+        self._ecu_pub.publish(to_ecu(Input(motor=answer.acceleration), state.header))
         self._controller_state_pub.publish(
-            to_controller_state(self._controller, reference, speed, acceleration, state.header)
+            to_controller_state(self._control.controller, *answer, state.header)
         )
 
 

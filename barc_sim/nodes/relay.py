@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -16,40 +15,18 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
-from barc_sim.control.driver import STALE_AFTER, Driver, Limits
+from barc_sim.control.relay import PARAMETERS, RelayControl
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input, to_ecu
 from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
-from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
 
-_LIMITS = Limits()
-_PARAMETERS = [
-    Parameter('acceleration', _LIMITS.acceleration, 'greatest acceleration [m/s²]', (0.0, 100.0)),
-    Parameter('deceleration', _LIMITS.deceleration, 'greatest deceleration [m/s²]', (0.0, 100.0)),
-    Parameter('speed', _LIMITS.speed, 'greatest speed, either way [m/s]', (0.0, 100.0)),
-    Parameter('steering', _LIMITS.steering, 'greatest front angle, either way [rad]', (0.0, 1.5)),
-    Parameter(
-        'steering_rate',
-        _LIMITS.steering_rate,
-        'greatest change of the front angle [rad/s]',
-        (0.0, 100.0),
-    ),
-    Parameter(
-        'self_centring',
-        _LIMITS.self_centring,
-        'whether the wheel returns to straight when released; if not, left and right change its '
-        'angle, and it stays',
-    ),
-    Parameter('linear_scale', 1.0, 'share of the limits for a linear of 1', (-100.0, 100.0)),
-    Parameter('angular_scale', 1.0, 'share of the limits for an angular of 1', (-100.0, 100.0)),
-    Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),
-]
+    from barc_sim.control.driver import Driver
 
 
 class Relay(Node):
@@ -80,11 +57,10 @@ class Relay(Node):
             if a parameter is out of range.
         """
         super().__init__('relay', **options)
-        self.driver = driver or Driver()
-        self._values = declare(self, _PARAMETERS)
-        self._apply()
+        self._control = RelayControl(driver)
+        self.driver = self._control.driver
+        self._control.configure(declare(self, PARAMETERS))
         self.add_post_set_parameters_callback(self._on_parameters)
-        self._speed = 0.0
         self.refused = 0
 
         self._ecu_pub = publisher(self, ECU, names.ECU)
@@ -96,24 +72,15 @@ class Relay(Node):
         self.create_timer(self.driver.dt, self._on_timer, group, steady)
 
     def _on_parameters(self, parameters: list[RosParameter]) -> None:
-        self._values.update({parameter.name: parameter.value for parameter in parameters})
-        self._apply()
-
-    def _apply(self) -> None:
-        self.driver.limits = Limits(*(self._values[name] for name in Limits._fields))
-        self.driver.stale_after = self._values['stale_after']
+        self._control.configure({parameter.name: parameter.value for parameter in parameters})
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         if isfinite(state.v_x):
-            self._speed = state.v_x
+            self._control.speed = state.v_x
 
     def _on_twist(self, data: bytes) -> None:
         twist = deserialize_message(data, Twist)
-        request = to_driver_input(
-            twist, self._values['linear_scale'], self._values['angular_scale']
-        )
-        if request.usable:
-            self.driver.receive(request, time.monotonic())
+        if self._control.receive(to_driver_input(twist)):
             return
         if not self.refused:
             self.get_logger().warning(
@@ -123,15 +90,13 @@ class Relay(Node):
         self.refused += 1
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.driver.reset()
-        self._speed = 0.0
+        self._control.reset()
         response.success, response.message = True, 'as at the start'
         self.get_logger().debug('reset')
         return response
 
     def _on_timer(self) -> None:
-        command = self.driver.command(time.monotonic(), self._speed)
-        self._ecu_pub.publish(to_ecu(command, Header()))
+        self._ecu_pub.publish(to_ecu(self._control.command(), Header()))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import atan2
-from struct import Struct
 from typing import TYPE_CHECKING
 
 from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
@@ -11,21 +10,20 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
+from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.control.driver import DriverInput
-from barc_sim.control.pid import PID
+from barc_sim.simulation import messages
+from barc_sim.simulation.log import PID_STATE
 from barc_sim.vehicle.bike_model import Input, State
 
 if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.vehicle.plant import Observation
 
-NANOSECONDS = 1_000_000_000
 #: [m] No road leads farther.
 _FAR = 1e6
 #: Tolerance of the squared norm of a quaternion that is a rotation.
 _NORM_TOLERANCE = 1e-3
-_CDR_HEADER = 4  #: [B] of a serialized message; the second one is the byte order
-_CDR_TIME = (Struct('>iI'), Struct('<iI'))  #: big-endian, little-endian
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:
@@ -39,27 +37,19 @@ def to_nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
-def leading_time(data: bytes) -> int:
-    """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
-    sec, nanosec = _CDR_TIME[data[1] & 1].unpack_from(data, _CDR_HEADER)
-    return int(sec) * NANOSECONDS + int(nanosec)
-
-
 def to_state(seen: Observation, header: Header) -> ZDynBkMdl:
     """Return the state as measured."""
-    return ZDynBkMdl(header=header, **seen.measured._asdict())
+    return ZDynBkMdl(header=header, **messages.state(seen))
 
 
 def to_state_error(seen: Observation, header: Header) -> EZDynBkMdl:
     """Return the measurement's error."""
-    return EZDynBkMdl(header=header, **seen.error._asdict())
+    return EZDynBkMdl(header=header, **messages.state_error(seen))
 
 
 def to_environment(seen: Observation, header: Header) -> Environment:
     """Return the forces of road and air, with the incline."""
-    return Environment(
-        header=header, theta=seen.theta_deg, elevation=seen.elevation, **seen.forces._asdict()
-    )
+    return Environment(header=header, **messages.environment(seen))
 
 
 def to_state_at_rest(pose: Pose) -> State | None:
@@ -78,18 +68,12 @@ def to_input(message: ECU) -> Input:
 
 def to_ecu(command: Input, header: Header) -> ECU:
     """Return `command` as a message."""
-    return ECU(header=header, motor=command.motor, servo=command.servo)
+    return ECU(header=header, **messages.command(command))
 
 
-def to_driver_input(
-    twist: Twist, linear_scale: float = 1.0, angular_scale: float = 1.0
-) -> DriverInput:
-    """Return the driver's input in `twist`, each kind of share multiplied by its scale."""
-    return DriverInput(
-        forward=twist.linear.x * linear_scale,
-        turn=twist.angular.z * angular_scale,
-        brake=-twist.linear.z * linear_scale,
-    )
+def to_driver_input(twist: Twist) -> DriverInput:
+    """Return the driver's input in `twist`."""
+    return DriverInput(forward=twist.linear.x, turn=twist.angular.z, brake=-twist.linear.z)
 
 
 def to_twist(request: DriverInput) -> Twist:
@@ -101,7 +85,7 @@ def to_twist(request: DriverInput) -> Twist:
 
 def controller_state_type(controller: Controller) -> type[PidState | ControllerState]:
     """Return the type of the message for what `controller` computes: PIDs have one of their own."""
-    if controller.terms.keys() == PID.terms.keys():
+    if messages.controller_topic(controller) == PID_STATE:
         return PidState  # type: ignore[no-any-return]
     return ControllerState  # type: ignore[no-any-return]
 
@@ -110,15 +94,5 @@ def to_controller_state(
     controller: Controller, reference: float, measurement: float, output: float, header: Header
 ) -> PidState | ControllerState:
     """Return what `controller` computed in its latest call."""
-    terms = {name: getattr(controller, name) for name in controller.terms}
-    fields = {
-        'header': header,
-        'reference': reference,
-        'measurement': measurement,
-        'error': reference - measurement,
-        'output': output,
-        'saturated': controller.saturated,
-    }
-    if terms.keys() == PID.terms.keys():
-        return PidState(**fields, **terms)
-    return ControllerState(**fields, names=list(terms), values=list(terms.values()))
+    fields = messages.controller_state(controller, reference, measurement, output)
+    return controller_state_type(controller)(header=header, **fields)

@@ -2,13 +2,14 @@
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
+from barc_sim.bags import messages
 from barc_sim.simulation.log import COMMAND as ECU
 from barc_sim.simulation.log import CONTROLLER_STATE, ENVIRONMENT, PID_STATE, STATE, STATE_ERROR
 
 __all__ = ['CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
 
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
-CMD_VEL = 'cmd_vel'
+CMD_VEL = messages.CMD_VEL
 SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
 INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RViz does
 
@@ -25,7 +26,8 @@ JOINT_STATES = 'joint_states'
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
 #: timing, age of the command, noise, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
-CLOCK = '/clock'  #: the stamp of each state, where the real-time factor is not 1, and with --clock
+#: the stamp of each state, where the real-time factor is not 1, and with --clock
+CLOCK = messages.CLOCK
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.
 #: starts afresh: state, noise, and every node that commands

@@ -7,12 +7,13 @@ import threading
 import time
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy
 
 from barc_sim.bags.losses import Losses
+from barc_sim.bags.messages import Message
 from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.polled import Arrivals
@@ -29,16 +30,6 @@ if TYPE_CHECKING:
 
 # [s] A latched message arrives within this time, or never.
 _LATCHED_TIMEOUT = 1.0
-
-
-class Message(NamedTuple):
-    """A message to write."""
-
-    topic: Topic
-    data: bytes  #: in CDR, with its header
-    received: int  #: [ns] since the epoch
-    published: int  #: [ns] since the epoch
-    number: int  #: the publisher's count
 
 
 @dataclass

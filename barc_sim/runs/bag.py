@@ -15,18 +15,14 @@ from barc_sim.cli.parser import barc_path
 from barc_sim.control.types import GAINS
 from barc_sim.lab.user_code.adapters import attachments
 from barc_sim.lab.user_code.adapters import describe as user_code_metadata
-from barc_sim.nodes.recorder.node import BagRecorder
-from barc_sim.ros.graph_observer import observe
 from barc_sim.runs.recording_options import recording
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
-
-    from rclpy.node import Node
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.lab.user_code.loading import UserCode
-    from barc_sim.nodes.simulator.node import VehicleSimulator
+    from barc_sim.runs.engine import Engine, Simulator
 
 
 class RunBag:
@@ -38,7 +34,7 @@ class RunBag:
         The node that writes the bag.
     """
 
-    def __init__(self, options: Namespace, user_code: UserCode) -> None:
+    def __init__(self, options: Namespace, user_code: UserCode, engine: Engine) -> None:
         """Make the bag and its recorder, with the user's files attached.
 
         Raises
@@ -47,20 +43,21 @@ class RunBag:
             if the bag cannot be made.
         """
         self._root_is_new = not options.bag_dir.exists()
-        self.recorder = BagRecorder(
+        self._engine = engine
+        self.recorder = engine.recorder(
             options.bag_dir,
             recording(options),
-            metadata=user_code_metadata(user_code),
-            attachments=attachments(user_code),
+            user_code_metadata(user_code),
+            attachments(user_code),
         )
 
-    def begin(self, argv: list[str], nodes: Sequence[Node]) -> None:
-        """Record every topic of `nodes`, and describe the run that the command line `argv` made."""
-        self.recorder.add_metadata(_description(argv, nodes))
-        self.recorder.discover()
+    def begin(self, argv: list[str]) -> None:
+        """Record every topic, and describe the run that the command line `argv` made."""
+        self.recorder.add_metadata(_description(argv, self._engine.parameters()))
+        self._engine.begin_recording()
         self._add_graph()
 
-    def end(self, simulators: Sequence[VehicleSimulator]) -> None:
+    def end(self, simulators: Sequence[Simulator]) -> None:
         """Add the results; to be called while the nodes still exist."""
         results = {
             'steps': sum(simulator.steps for simulator in simulators),
@@ -77,7 +74,7 @@ class RunBag:
             self.recorder.path.parent.rmdir()
 
     def _add_graph(self) -> None:
-        self.recorder.add_metadata({'graph': observe(self.recorder).to_json()})
+        self.recorder.add_metadata({'graph': self._engine.graph().to_json()})
 
     def print_commands(self) -> None:
         """Print the bag's path, and the commands that read it."""
@@ -89,24 +86,18 @@ class RunBag:
         print(f'replay  {barc} replay {path}')  # noqa: T201
 
 
-def _description(argv: list[str], nodes: Sequence[Node]) -> dict[str, str]:
+def _description(argv: list[str], parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
     """Return what describes a run: `parameters` in the form that `ros2 param load` takes."""
-    values = [(node.get_fully_qualified_name(), _parameters(node)) for node in nodes]
     # By parameter, not by node: `-r __node:=car` gives all nodes one name.
-    own = {name: value for _, parameters in values for name, value in parameters.items()}
+    own = {name: value for values in parameters.values() for name, value in values.items()}
     return {
         'command': shlex.join(['barc', *argv]),
         'barc_sim': __version__,
         'python': python_version(),
         'platform': platform(),
         'parameters': yaml.safe_dump(
-            {name: {'ros__parameters': parameters} for name, parameters in values},
+            {name: {'ros__parameters': dict(values)} for name, values in parameters.items()},
             sort_keys=False,
         ),
         **{name: str(own[name]) for name in (*GAINS, 'road') if name in own},
     }
-
-
-def _parameters(node: Node) -> dict[str, Any]:
-    names = node.list_parameters(prefixes=[], depth=0).names
-    return {parameter.name: parameter.value for parameter in node.get_parameters(names)}

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from barc_sim.bags.directory import check_root
 from barc_sim.cli.parser import report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, UserCodeError, find_files, load_files
-from barc_sim.ros.executor import QuickExecutor
-from barc_sim.ros.process import NUM_THREADS, ros
 from barc_sim.runs.composition import Setup
+from barc_sim.runs.engine import uses_ros
 from barc_sim.runs.terminal.user_output import UserOutput
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.runs.composition import Run
+    from barc_sim.runs.engine import Engine
 
 
 def conduct(
@@ -42,19 +43,20 @@ def conduct(
     UserError
         if an option, a user's file or a ROS argument cannot be used; no bag is left then.
     """
+    ros = uses_ros(options)
     road = Road.named(options.road) if options.road else None
     if not options.no_bag:
         check_root(options.bag_dir)
     output = UserOutput(quiet=options.quiet)
-    setup = Setup(options, argv, road, _load_user_code(options, output), output)
+    user_code = _load_user_code(options, output)
     if options.quiet:
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     if stop.requested.is_set():  # during the imports
         return 0
-    with ros(ros_args, network=options.network):
-        run = create(setup)
+    with _engine(options, ros_args, ros=ros) as engine:
+        run = create(Setup(options, argv, road, user_code, output, engine))
         try:
-            run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+            run.spin(stop)
         except (UserError, UserCodeError) as error:
             if not (run.has_begun or isinstance(error, UserCodeError)):
                 run.discard()
@@ -66,6 +68,21 @@ def conduct(
     if run.failure:
         report(f'barc {options.mode}', run.failure)
     return 1 if run.failure or (run.bag and run.bag.recorder.failure) else 0
+
+
+@contextmanager
+def _engine(options: Namespace, ros_args: list[str], *, ros: bool) -> Iterator[Engine]:
+    """Give the engine that carries the messages; only its modules are imported."""
+    if not ros:
+        from barc_sim.runs.local.engine import LocalEngine  # noqa: PLC0415
+
+        yield LocalEngine(ros_args)
+        return
+    from barc_sim.ros.process import ros as started  # noqa: PLC0415
+    from barc_sim.runs.ros_engine import RosEngine  # noqa: PLC0415
+
+    with started(ros_args, network=options.network):
+        yield RosEngine()
 
 
 def _load_user_code(options: Namespace, output: UserOutput) -> UserCode:

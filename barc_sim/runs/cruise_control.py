@@ -10,9 +10,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check import LocalCode, Settings
 from barc_sim.lab.check.judging import gains_used
 from barc_sim.lab.user_code.adapters import UserController
-from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.runs.composition import Run, overrides
+from barc_sim.runs.composition import Run, given
 from barc_sim.runs.conduct import conduct
 from barc_sim.runs.terminal.display import (
     CruiseStatus,
@@ -29,6 +27,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.runs.composition import Setup
+    from barc_sim.runs.engine import Simulator
     from barc_sim.runs.terminal.display import Status
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation
@@ -55,7 +54,7 @@ class CruiseControl(Run):
 
     _driven_with = ''  #: gains and limit of a user's controller
 
-    def compose(self, setup: Setup) -> list[VehicleSimulator]:
+    def compose(self, setup: Setup) -> list[Simulator]:
         """Return the simulators, one for each car.
 
         Raises
@@ -76,7 +75,7 @@ class CruiseControl(Run):
         self._tolerated = setup.user_code.tolerated
         self.cars = [self._car(setup, name, number) for number, name in enumerate(namespaces)]
         first = self.cars[0]
-        distance = first.simulator.get_parameter('distance').value
+        distance = first.simulator.values['distance']
         self.display = display(quiet=options.quiet, distance=distance)
         first.show = self.display.show
         return [car.simulator for car in self.cars]
@@ -84,26 +83,24 @@ class CruiseControl(Run):
     def _car(self, setup: Setup, namespace: str, number: int) -> Car:
         options, road, user_code = setup.options, setup.road, setup.user_code
         car = Car(namespace, self._controller(setup, namespace))
-        car.simulator = self.add(
-            VehicleSimulator(
-                road=road,
-                distance=_DISTANCE,
-                keeps_clock=number == 0,
-                on_step=car.on_step,
-                model=user_code.model or bikeFE,
-                namespace=namespace,
-                parameter_overrides=overrides(
-                    distance=options.distance,
-                    road=road.name if road else None,
-                    realtime_factor=options.realtime_factor,
-                    # Each car has its own noise.
-                    seed=(options.seed or 0) + number if number else options.seed,
-                    integrator=options.integrator,
-                    dynamics=options.dynamics,
-                    clock=options.clock,
-                    refuse_motor_above=NO_LIMIT if user_code.controller else None,
-                ),
-            )
+        car.simulator = setup.engine.simulator(
+            road=road,
+            distance=_DISTANCE,
+            keeps_clock=number == 0,
+            on_step=car.on_step,
+            model=user_code.model or bikeFE,
+            namespace=namespace,
+            given=given(
+                distance=options.distance,
+                road=road.name if road else None,
+                realtime_factor=options.realtime_factor,
+                # Each car has its own noise.
+                seed=(options.seed or 0) + number if number else options.seed,
+                integrator=options.integrator,
+                dynamics=options.dynamics,
+                clock=options.clock,
+                refuse_motor_above=NO_LIMIT if user_code.controller else None,
+            ),
         )
         return car
 
@@ -113,24 +110,22 @@ class CruiseControl(Run):
         if options.no_controller:
             speed = SPEED_REFERENCE if options.speed is None else options.speed
             return lambda: speed
-        controller: CruiseController = self.add(
-            CruiseController(
-                controller=UserController(user_controller) if user_controller else None,
-                acceleration_limit=NO_LIMIT if user_controller else ACCELERATION_LIMIT,
-                namespace=namespace,
-                parameter_overrides=overrides(
-                    speed_reference=options.speed,
-                    acceleration_limit=options.acceleration_limit,
-                    controller_type=options.controller_type,
-                    **_gains(options),
-                ),
-            )
+        controller = setup.engine.controller(
+            UserController(user_controller) if user_controller else None,
+            given(
+                speed_reference=options.speed,
+                acceleration_limit=options.acceleration_limit,
+                controller_type=options.controller_type,
+                **_gains(options),
+            ),
+            acceleration_limit=NO_LIMIT if user_controller else ACCELERATION_LIMIT,
+            namespace=namespace,
         )
         if user_controller:
-            given = _gains(options)
-            settings = Settings(kp=given.get('kp'), ki=given.get('ki'), kd=given.get('kd'))
+            named = _gains(options)
+            settings = Settings(kp=named.get('kp'), ki=named.get('ki'), kd=named.get('kd'))
             gains = gains_used(LocalCode(setup.user_code), settings)
-            limit = controller.get_parameter('acceleration_limit').value
+            limit = controller.acceleration_limit
             limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
             self._driven_with = f'{gains}, {limited}'
         return lambda: controller.speed_reference
@@ -185,7 +180,7 @@ def _check_no_options_for_controller(options: Namespace) -> None:
 class Car:
     """A simulator, and the speed errors of its car."""
 
-    simulator: VehicleSimulator
+    simulator: Simulator
 
     def __init__(self, name: str, reference: Callable[[], float]) -> None:
         """Begin without a state; `reference` returns the speed to hold [m/s]."""

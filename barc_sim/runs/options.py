@@ -7,6 +7,7 @@ from pathlib import Path
 
 from barc_sim.cli.option_types import number, whole
 from barc_sim.lab.user_code.loading import FILES
+from barc_sim.runs.engine import add_engine_option
 from barc_sim.runs.recording_options import add_recording_options
 from barc_sim.runs.view_options import add_mirror_options, add_view_options
 
@@ -70,6 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         help='publish the simulated time on /clock also where the real-time factor is 1, for nodes '
         'that use_sim_time',
     )
+    add_engine_option(parser)
     add_mirror_options(parser)
     add_recording_options(parser)
 

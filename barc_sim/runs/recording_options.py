@@ -8,7 +8,7 @@ from dataclasses import fields
 from math import inf
 from typing import TYPE_CHECKING
 
-from barc_sim.nodes.recorder.recording import Recording
+from barc_sim.bags.recording import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,11 +8,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
-from barc_sim.nodes.keyboard.node import Keyboard
-from barc_sim.nodes.keyboard.terminal import Terminal
-from barc_sim.nodes.relay import Relay
-from barc_sim.nodes.simulator.node import VehicleSimulator
-from barc_sim.runs.composition import Run, overrides
+from barc_sim.runs.composition import Run, given
 from barc_sim.runs.conduct import conduct
 from barc_sim.runs.terminal.display import DriveStatus, display
 from barc_sim.vehicle.bike_model import bikeFE
@@ -22,7 +18,9 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.signals import StopSignals
+    from barc_sim.control.keyboard.terminal import Terminal
     from barc_sim.runs.composition import Setup
+    from barc_sim.runs.engine import Simulator
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -38,13 +36,24 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
     UserError
         if an option or a ROS argument cannot be used; no bag is left then.
     """
-    terminal = None
-    try:
-        terminal = Terminal()
-    except UserError as error:
-        print(error, file=sys.stderr)  # noqa: T201
+    terminal = _terminal()
     with terminal or nullcontext():
         return conduct(lambda setup: Teleop(setup, terminal), options, argv, ros_args, stop)
+
+
+def _terminal() -> Terminal | None:
+    """Return the terminal; None, with a sentence, where its keys cannot be read."""
+    try:
+        from barc_sim.control.keyboard.terminal import Terminal  # noqa: PLC0415 (not on Windows)
+
+        return Terminal()
+    except ModuleNotFoundError as error:
+        if error.name != 'termios':
+            raise
+        print('no keys of the terminal are read on this system: drive in the page', file=sys.stderr)  # noqa: T201
+    except UserError as error:
+        print(error, file=sys.stderr)  # noqa: T201
+    return None
 
 
 class Teleop(Run):
@@ -63,36 +72,33 @@ class Teleop(Run):
         if terminal and not setup.options.quiet:
             print(_HELP)  # noqa: T201
 
-    def compose(self, setup: Setup) -> list[VehicleSimulator]:
+    def compose(self, setup: Setup) -> list[Simulator]:
         """Return the simulator."""
         options, road = setup.options, setup.road or Road.flat()
         self.display = display(quiet=options.quiet)
-        simulator: VehicleSimulator = self.add(
-            VehicleSimulator(
-                road=road,
-                on_step=self._on_step,
-                model=setup.user_code.model or bikeFE,
-                parameter_overrides=overrides(
-                    road=road.name,
-                    realtime_factor=options.realtime_factor,
-                    seed=options.seed,
-                    integrator=options.integrator,
-                    dynamics=options.dynamics,
-                    clock=options.clock,
-                    command_timeout=_COMMAND_TIMEOUT,
-                ),
-            )
+        user_relay = setup.user_code.relay
+        self._relay = setup.engine.relay(UserDriver(user_relay) if user_relay else None)
+        simulator = setup.engine.simulator(
+            road=road,
+            on_step=self._on_step,
+            model=setup.user_code.model or bikeFE,
+            given=given(
+                road=road.name,
+                realtime_factor=options.realtime_factor,
+                seed=options.seed,
+                integrator=options.integrator,
+                dynamics=options.dynamics,
+                clock=options.clock,
+                command_timeout=_COMMAND_TIMEOUT,
+            ),
         )
-        if simulator.get_parameter('realtime_factor').value == 0.0:
+        if simulator.values['realtime_factor'] == 0.0:
             raise UserError(
                 "a driver's time cannot run as fast as it goes: give teleop a --realtime-factor "
                 'above 0'
             )
-        user_relay = setup.user_code.relay
-        self._relay = self.add(Relay(driver=UserDriver(user_relay) if user_relay else None))
         if self._terminal:
-            keyboard = self.add(Keyboard(self._terminal))
-            keyboard.finished.add_done_callback(lambda _: simulator.finish())
+            setup.engine.keyboard(self._terminal)
         return [simulator]
 
     def _on_step(self, t: float, seen: Observation) -> None:

@@ -134,5 +134,7 @@ def parameters() -> dict[str, list[tuple[str, str, str, str, str]]]:
 def meanings() -> dict[str, str]:
     """Return the comment behind each name in `ros/names.py`, by the name that it stands for."""
     text = Path(names.__file__ or '').read_text(encoding='utf-8')
-    found = re.findall(r"^(?:#: (.*)\n)?[A-Z_]+ = '([^']+)'(?:  #: (.*))?$", text, re.MULTILINE)
-    return {value: before or behind for before, value, behind in found if before or behind}
+    found = re.findall(r"^(?:#: (.*)\n)?([A-Z_]+) = [\w./']+(?:  #: (.*))?$", text, re.MULTILINE)
+    return {
+        getattr(names, name): before or behind for before, name, behind in found if before or behind
+    }

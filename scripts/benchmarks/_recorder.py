@@ -16,8 +16,7 @@ import yaml
 from _timed import TimedRun
 
 from barc_sim.cli.signals import StopSignals
-from barc_sim.ros.executor import QuickExecutor
-from barc_sim.ros.process import NUM_THREADS, ros
+from barc_sim.ros.process import ros
 
 
 def main() -> None:
@@ -73,16 +72,16 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         bag = ['--no-bag'] if task['recorder'] == 'no recorder' else ['--bag-dir', str(folder)]
         run = TimedRun('--distance', '0', *bag)
         threading.Thread(target=publish).start()
-        run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        run.spin(stop)
         timing = run.timing()
         run.close()
     counted = 0
-    if run.recorder:
-        lost = run.recorder.lost.values()
+    if run.bag:
+        lost = run.bag.recorder.lost.values()
         counted = sum(sum(by_node.values()) for by_node in lost if by_node)
     return {
         'sent': sent[0],
-        'lost': sent[0] - (_kept(folder) if run.recorder else 0),
+        'lost': sent[0] - (_kept(folder) if run.bag else 0),
         'lost, as counted': counted,
         **used,
         'step jitter p99, ms': timing['jitter p99, ms'],

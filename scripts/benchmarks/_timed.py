@@ -10,6 +10,7 @@ from barc_sim.__main__ import parse
 from barc_sim.lab.user_code.loading import UserCode
 from barc_sim.runs.composition import Setup
 from barc_sim.runs.cruise_control import CruiseControl
+from barc_sim.runs.ros_engine import RosEngine
 from barc_sim.runs.terminal.user_output import UserOutput
 
 _PERIOD = 0.02  # s
@@ -29,7 +30,7 @@ class TimedRun(CruiseControl):
         self.processor: list[float] = []  #: [s] of processor time
         self.first = 0.0  #: [s] since the epoch
         options = parse('acc', ['--quiet', *arguments])
-        super().__init__(Setup(options, [], None, UserCode(), UserOutput(quiet=True)))
+        super().__init__(Setup(options, [], None, UserCode(), UserOutput(quiet=True), RosEngine()))
         (self._car,) = self.cars
         self._car.show = self.note
 

@@ -78,14 +78,13 @@ def _drive(case: str) -> dict[str, float]:
 
     from barc_sim.cli.signals import StopSignals  # noqa: PLC0415
     from barc_sim.nodes.view.node import ViewNode  # noqa: PLC0415
-    from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415
-    from barc_sim.ros.process import NUM_THREADS, ros  # noqa: PLC0415
+    from barc_sim.ros.process import ros  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
         run = TimedRun('--bag-dir', folder)
-        view = None if case == _CASES[0] else run.add(ViewNode())
+        view = None if case == _CASES[0] else run.setup.engine.add(ViewNode())
         page = _open(case, view.url, folder) if view else None
-        run.spin(stop, QuickExecutor(num_threads=NUM_THREADS))
+        run.spin(stop)
         timing = run.timing()
         run.close()
         shown = _shown(page)

@@ -83,6 +83,7 @@ def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
     )
     try:
         assert run.stdout
+        run.stdout.readline()  # names the engine
         run.stdout.readline()  # it drives
         live = command(tmp_path, '--save', 'live.svg')
         run.send_signal(signal.SIGTERM)

@@ -41,6 +41,7 @@ def run(ros_domain: int) -> Iterator[None]:
     assert ros_domain
     with started('acc', '--distance', '0', '--no-bag') as process:
         assert process.stdout
+        process.stdout.readline()  # names the engine
         process.stdout.readline()  # it drives
         ros2('daemon', 'start')  # which the calls below ask
         end = time.monotonic() + 40.0

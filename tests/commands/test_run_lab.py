@@ -190,6 +190,7 @@ def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     folder = lab(tmp_path / 'lab', controller=PID.format(line=''))
     process = start('acc', '--lab', 'lab', '--distance', '0')
     assert process.stdout
+    assert process.stdout.readline().startswith('engine ')
     assert ' m/s ' in process.stdout.readline()
     process.send_signal(signal.SIGKILL)
     process.wait()
@@ -205,6 +206,7 @@ def test_a_folder_that_goes_away_in_the_run_is_not_missed(start: Start, tmp_path
     (folder / 'gain.py').write_text('')
     process = start('acc', '--lab', 'lab', '--distance', '10')
     assert process.stdout
+    assert process.stdout.readline().startswith('engine ')
     assert ' m/s ' in process.stdout.readline()
     for file in folder.iterdir():
         file.unlink()

@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from barc_sim.ros.conversions import leading_time
+from barc_sim.bags.messages import leading_time
 
 
 @pytest.mark.parametrize(('order', 'mark'), [('<', 1), ('>', 0)])

@@ -7,7 +7,7 @@ from math import inf
 
 import pytest
 
-from barc_sim.nodes.recorder.recording import Recording
+from barc_sim.bags.recording import Recording
 from barc_sim.runs.recording_options import add_recording_options, recording
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from barc_sim.bags.messages import leading_time
 from barc_sim.errors import UserError
 from barc_sim.ros import names
-from barc_sim.ros.conversions import leading_time
 
 try:
     import foxglove
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from foxglove.websocket import ChannelView, Client
 
+    from barc_sim.bags.messages import Message
     from barc_sim.bags.metadata import Topic
-    from barc_sim.ros.topic_subscriptions import Message
 
 _HOST = '127.0.0.1'
 

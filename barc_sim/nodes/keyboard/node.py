@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
 from barc_sim.control.driver import FULL_BRAKE, RATE
-from barc_sim.nodes.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
-from barc_sim.nodes.keyboard.terminal import Terminal
+from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
+from barc_sim.control.keyboard.terminal import Terminal
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_twist
 from barc_sim.ros.endpoints import publisher
@@ -27,7 +27,7 @@ from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
-    from barc_sim.nodes.keyboard.keys import KeyEvent
+    from barc_sim.control.keyboard.keys import KeyEvent
 
 _PARAMETERS = [
     Parameter(

@@ -10,7 +10,8 @@ from geometry_msgs.msg import AccelStamped, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState
 
-from barc_sim.ros.conversions import NANOSECONDS, to_header
+from barc_sim.bags.messages import NANOSECONDS
+from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -17,6 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
+from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.cli.parser import call
 from barc_sim.nodes.mirrors.diagnosis import Facts, Measured, diagnose
 from barc_sim.nodes.mirrors.kinds import MIRRORS
@@ -31,7 +32,7 @@ from barc_sim.nodes.mirrors.messages import (
 )
 from barc_sim.nodes.mirrors.ride import Ride, Trail
 from barc_sim.ros import names
-from barc_sim.ros.conversions import NANOSECONDS, to_nanoseconds
+from barc_sim.ros.conversions import to_nanoseconds
 from barc_sim.ros.endpoints import publisher, subscription
 from barc_sim.ros.executor import PolledCallbackGroup, QuickCallbackGroup
 from barc_sim.ros.parameters import declare

@@ -15,17 +15,16 @@ from std_srvs.srv import Trigger
 
 from barc_sim.bags import losses
 from barc_sim.bags.directory import check_space, make_directory, new_directory
+from barc_sim.bags.recording import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter, FileLimits
+from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
-from barc_sim.nodes.recorder.recording import Recording
 from barc_sim.nodes.recorder.type_lookup import request_definition
-from barc_sim.nodes.recorder.writer_thread import WriterThread
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
-from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -34,9 +33,6 @@ if TYPE_CHECKING:
 
 # [s] between two searches for new topics.
 _DISCOVERY_PERIOD = 0.2
-_BAG_DIR = Parameter(
-    'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
-)
 
 
 class BagRecorder(Node):
@@ -94,7 +90,7 @@ class BagRecorder(Node):
         self._attachments = dict(attachments or {})
         self._subscribe()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
-        self._root = Path(declare(self, [_BAG_DIR._replace(default=default)])['bag_dir'])
+        self._root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
         self.start(path)
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_interfaces.msg import ECU
@@ -15,21 +14,30 @@ from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.bags.messages import leading_time
 from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.simulator.peers import PeerWatch, StartGate
 from barc_sim.nodes.simulator.publishers import StatePublishers
 from barc_sim.ros import names
-from barc_sim.ros.conversions import leading_time, to_input, to_state_at_rest
+from barc_sim.ros.conversions import to_input, to_state_at_rest
 from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.peers import claim, living_publishers, taken
 from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RefusedInput
-from barc_sim.simulation.stepper import Settings, Stepper
-from barc_sim.vehicle.bike_model import Input, bikeFE
-from barc_sim.vehicle.parameters import PARAMETERS, Parameter, plant
+from barc_sim.simulation.simulator import (
+    CHECK_PERIOD,
+    commands_lost,
+    missed_deadline,
+    parameters,
+    publishes_clock,
+    settings,
+)
+from barc_sim.simulation.stepper import Stepper
+from barc_sim.vehicle.bike_model import bikeFE
+from barc_sim.vehicle.parameters import plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -37,10 +45,6 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
-
-_DISTANCE = Parameter(
-    'distance', 0.0, 'the run ends here [m]; 0: it does not end', (0.0, 1e6), read_only=True
-)
 
 
 class VehicleSimulator(Node):
@@ -72,6 +76,8 @@ class VehicleSimulator(Node):
         Done when a state at or beyond `distance` has been published and answered, or by `finish`.
     road
         The road, read once.
+    values
+        The parameters, by name; none of them changes.
     """
 
     def __init__(
@@ -82,7 +88,7 @@ class VehicleSimulator(Node):
         keeps_clock: bool = True,
         on_step: Callable[[float, Observation], None] | None = None,
         model: Model = bikeFE,
-        check_period: float = 1.0,
+        check_period: float = CHECK_PERIOD,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         """Declare the parameters, claim the topic, and wait for a controller.
@@ -98,25 +104,17 @@ class VehicleSimulator(Node):
             if a parameter is out of range, or the topic has a simulator already.
         """
         super().__init__('vehicle_simulator', **options)
-        table = [parameter._replace(read_only=True) for parameter in PARAMETERS]
-        values = declare(self, [*table, _DISTANCE._replace(default=distance)])
+        self.values = values = declare(self, parameters(distance))
         self.road = road or Road.named(values['road'])
-        factor = values['realtime_factor']
-        settings = Settings(
-            realtime_factor=factor,
-            distance=values['distance'] or inf,
-            command_timeout=values['command_timeout'],
-            timeout_braking=values['timeout_braking'],
-            greatest=Input(values['refuse_motor_above'], values['refuse_servo_above']),
-        )
-        self._stepper = Stepper(partial(plant, values, model, self.road), self, settings)
+        self._stepper = Stepper(partial(plant, values, model, self.road), self, settings(values))
         self._claim = claim(self, names.STATE)
         self._on_step = on_step
         self.finished: Future = Future()
         self._refused = RefusedInput(self)
 
-        clock = keeps_clock and (bool(values['clock']) or factor != 1.0)
-        self._state_publishers = StatePublishers(self, clock=clock)
+        self._state_publishers = StatePublishers(
+            self, clock=keeps_clock and publishes_clock(values)
+        )
         self._peers = PeerWatch(self, self._state_publishers)
         group = QuickCallbackGroup()
         self._drain = drained_subscription(self, ECU, names.ECU, self._on_command, group)
@@ -211,15 +209,14 @@ class VehicleSimulator(Node):
     def warn_missed(self, state: int, missed: int) -> None:
         """Warn of a missed deadline, once a second at most."""
         self.get_logger().warning(
-            f'missed deadline {missed}: no command answers state {state} in time; '
-            'the last one holds',
+            missed_deadline(state, missed),
             throttle_duration_sec=1.0,
         )
 
     def warn_timeout(self, timeout: float) -> None:
         """Warn that commands are lost, every ten seconds at most."""
         self.get_logger().warning(
-            f'no command for {timeout:g} s: the car brakes to a standstill',
+            commands_lost(timeout),
             throttle_duration_sec=10.0,
         )
 

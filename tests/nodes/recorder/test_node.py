@@ -32,9 +32,9 @@ from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import SetBool, SetBool_Event, Trigger
 
 from barc_sim.bags import reader as bag
+from barc_sim.bags.recording import Recording
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.node import BagRecorder
-from barc_sim.nodes.recorder.recording import Recording
 from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from contextlib import suppress
 from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING
 
+from barc_sim.control.keyboard.keys import KeyDecoder, KeyEvent
 from barc_sim.errors import UserError
-from barc_sim.nodes.keyboard.keys import KeyDecoder, KeyEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable

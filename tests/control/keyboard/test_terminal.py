@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from barc_sim.control.keyboard.keys import KeyEvent
+from barc_sim.control.keyboard.terminal import Terminal
 from barc_sim.errors import UserError
-from barc_sim.nodes.keyboard.keys import KeyEvent
-from barc_sim.nodes.keyboard.terminal import Terminal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

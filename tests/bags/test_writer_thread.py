@@ -12,11 +12,11 @@ import mcap_doctor
 import pytest
 from mcap.records import Message as Record
 
+from barc_sim.bags.messages import Message
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.records import records
 from barc_sim.bags.writer import BagWriter
-from barc_sim.nodes.recorder.writer_thread import SimulatedClock, WriterThread
-from barc_sim.ros.topic_subscriptions import Message
+from barc_sim.bags.writer_thread import SimulatedClock, WriterThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

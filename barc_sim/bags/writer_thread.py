@@ -7,17 +7,16 @@ import threading
 import time
 from collections import Counter, deque
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from barc_sim.bags.directory import free_space, short_of_space
-from barc_sim.ros import names
-from barc_sim.ros.conversions import leading_time
+from barc_sim.bags.messages import CLOCK, leading_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
+    from barc_sim.bags.messages import Message
     from barc_sim.bags.writer import BagWriter
-    from barc_sim.ros.topic_subscriptions import Message, TopicSubscriptions
 
 #: [s] between two polls of the source.
 _PERIOD = 0.05
@@ -25,6 +24,16 @@ _PERIOD = 0.05
 _LONGEST_SLEEP = 1.0
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
+
+
+class Arrivals(Protocol):
+    """What a writer sleeps for."""
+
+    def wait(self, timeout: float) -> object:
+        """Sleep until a message arrives, `wake` is called, or `timeout` [s] has passed."""
+
+    def wake(self) -> object:
+        """End the sleep."""
 
 
 class WriterThread:
@@ -54,7 +63,7 @@ class WriterThread:
         source: Callable[[], Iterable[Message]],
         reserve: int,
         on_failure: Callable[[str | None], None],
-        arrivals: TopicSubscriptions | None = None,
+        arrivals: Arrivals | None = None,
     ) -> None:
         self._arrivals = arrivals
         self._unflushed = True  # messages were written since the last flush
@@ -226,7 +235,7 @@ class SimulatedClock:
     def stamp(self, messages: Iterable[Message]) -> Iterator[Message]:
         """Yield messages, given in order of reception, as received at the simulated time."""
         for message in messages:
-            if message.topic.name == names.CLOCK:
+            if message.topic.name == CLOCK:
                 self._now = leading_time(message.data)
             yield message if self._now is None else message._replace(received=self._now)
 

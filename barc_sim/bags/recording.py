@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
+from barc_sim.vehicle.parameters import Parameter
+
 if TYPE_CHECKING:
     import re
 
 _MEBIBYTE = 2**20
+BAG_DIR = Parameter(
+    'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
+)
 
 
 @dataclass(frozen=True, kw_only=True)

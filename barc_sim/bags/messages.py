@@ -1,0 +1,130 @@
+"""The messages of a run as classes and as CDR, without ROS."""
+
+from __future__ import annotations
+
+from functools import cache
+from operator import itemgetter
+from struct import Struct
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from barc_sim.bags.metadata import Topic
+from barc_sim.bags.schemas import definition, shipped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rosbags.typesys.store import Typestore
+
+NANOSECONDS = 1_000_000_000
+CLOCK = '/clock'  #: outside of every namespace
+CMD_VEL = 'cmd_vel'
+_CDR_HEADER = 4  #: [B] of a serialized message; the second one is the byte order
+_CDR_TIME = (Struct('>iI'), Struct('<iI'))  #: big-endian, little-endian
+
+_HEADER, _TIME = 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'
+_LITTLE_ENDIAN = b'\0\1\0\0'
+_NO_FRAME = b'\1\0\0\0\0\0\0\0'  # its length with the end, the end, and three bytes of padding
+#: What sequences of numbers must be for rosbags.
+_ARRAYS = {'float64': np.float64, 'int64': np.int64, 'byte': np.uint8, 'bool': np.bool_}
+_PLAIN = {'float64': 'd', 'bool': '?'}
+
+#: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
+_ENDLESS = {'sec': 9_223_372_036, 'nsec': 854_775_807}
+#: `/rosout` is latched for ten seconds.
+_QOS_OF = {'/rosout': {'durability': 'transient_local', 'lifespan': {'sec': 10, 'nsec': 0}}}
+_OFFERED_QOS = {
+    'history': 'unknown',
+    'depth': 0,
+    'reliability': 'reliable',
+    'durability': 'volatile',
+    'deadline': _ENDLESS,
+    'lifespan': _ENDLESS,
+    'liveliness': 'automatic',
+    'liveliness_lease_duration': _ENDLESS,
+    'avoid_ros_namespace_conventions': False,
+}
+
+
+class Message(NamedTuple):
+    """A message to write."""
+
+    topic: Topic
+    data: bytes  #: in CDR, with its header
+    received: int  #: [ns] since the epoch
+    published: int  #: [ns] since the epoch
+    number: int  #: the publisher's count
+
+
+def leading_time(data: bytes) -> int:
+    """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
+    sec, nanosec = _CDR_TIME[data[1] & 1].unpack_from(data, _CDR_HEADER)
+    return int(sec) * NANOSECONDS + int(nanosec)
+
+
+@cache
+def _types() -> Typestore:
+    """Return the types whose definitions are shipped with barc_sim."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415 (100 ms)
+
+    store = get_typestore(Stores.EMPTY)
+    types: dict[str, Any] = {}
+    for name, path in shipped():
+        types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
+    store.register(types)
+    return store
+
+
+def message_class(type_name: str) -> type[Any]:
+    """Return the class of a shipped type, as in `std_msgs/msg/Header`."""
+    return _types().types[type_name]
+
+
+def packer(type_name: str) -> Callable[[int, int, Mapping[str, Any]], bytes]:
+    """Return a function that serializes a message of a shipped type.
+
+    It takes the time with which the message may begin, seconds and nanoseconds, and the other
+    fields by name.
+    """
+    names, kinds = zip(*_types().fielddefs[type_name][1], strict=True)
+    header = kinds[0][1] == _HEADER
+    codes = [_PLAIN.get(kind[1][0]) if kind[0].name == 'BASE' else None for kind in kinds[1:]]
+    # Doubles, which begin at a multiple of 8, and after them what needs no alignment.
+    if header and codes == sorted(filter(None, codes), reverse=True):
+        pack = Struct(f'<4siI8s{"".join(filter(None, codes))}').pack
+        values = itemgetter(*names[1:])
+        return lambda sec, nanosec, fields: pack(
+            _LITTLE_ENDIAN, sec, nanosec, _NO_FRAME, *values(fields)
+        )
+    arrays = {
+        name: _ARRAYS[of[0][1][0]]
+        for name, (kind, of) in zip(names, kinds, strict=True)
+        if kind.name == 'SEQUENCE' and of[0][1][0] in _ARRAYS
+    }
+    begins_with_time = header or kinds[0][1] == _TIME
+
+    def pack_any(sec: int, nanosec: int, fields: Mapping[str, Any]) -> bytes:
+        first: Any = message_class(_TIME)(sec=sec, nanosec=nanosec)
+        if header:
+            first = message_class(_HEADER)(stamp=first, frame_id='')
+        leading = {names[0]: first} if begins_with_time else {}
+        given = {
+            name: np.asarray(value, arrays[name]) if name in arrays else value
+            for name, value in fields.items()
+        }
+        message = message_class(type_name)(**leading, **given)
+        return bytes(_types().serialize_cdr(message, type_name))
+
+    return pack_any
+
+
+def topic(name: str, type_name: str) -> Topic:
+    """Return a bag's record of a topic that a run publishes without ROS."""
+    return Topic(
+        name=name,
+        type=type_name,
+        definition=definition(type_name),
+        type_hash=_types().hash_rihs01(type_name),
+        offered_qos=[_OFFERED_QOS | _QOS_OF.get(name, {})],
+    )

@@ -1,0 +1,271 @@
+"""The live page of a run: what it shows and does, whatever carries the messages."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+from barc_sim.control.pid import PID
+from barc_sim.control.types import TYPES
+from barc_sim.page.driver_arbiter import DriverArbiter
+from barc_sim.page.facts import SIMULATOR, facts
+from barc_sim.page.protocol import (
+    OTHERS,
+    Drive,
+    Pause,
+    Reset,
+    ResetController,
+    Status,
+    Tune,
+    encode,
+)
+from barc_sim.page.server import ViewServer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from barc_sim.control.controller import Controller
+    from barc_sim.page.feed import Feed
+    from barc_sim.page.laps import Laps
+    from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
+    from barc_sim.vehicle.road import Road
+
+    #: Called with whether the request succeeded, and if not, with the reason.
+    OnDone = Callable[[bool, str], None]
+
+_SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
+_STATUS_PERIOD = 0.25  #: [s]
+_RETRY_AFTER = 1.0  #: [s] after which an unanswered request is repeated
+
+
+class Clients(Protocol):
+    """Passes a page's requests to the simulator and the controller, without waiting.
+
+    What is passed back is called in the server's thread.
+    """
+
+    def reset(self, on_done: OnDone) -> None:
+        """Reset the car to the start."""
+
+    def reset_controller(self, on_done: OnDone) -> None:
+        """Reset the controller alone."""
+
+    def pause(self, on: bool, on_done: OnDone) -> None:
+        """Pause or resume simulated time."""
+
+    def tune(self, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter of the controller."""
+
+    def parameters(
+        self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
+    ) -> bool:
+        """Request parameters of `vehicle_simulator` or `controller`; False if it is not there."""
+
+
+class RunPage:
+    """Serves the page at `url`; the server's thread does the work, between two steps.
+
+    Attributes
+    ----------
+    url
+        The page's address, for the user alone: whoever has it can drive.
+    """
+
+    def __init__(
+        self,
+        mode: str,
+        host: str,
+        port: int,
+        status: Callable[[], Status],
+        road: Road | None,
+    ) -> None:
+        """Take the port; `start` serves the page.
+
+        `status` returns the facts that no topic carries, from the first state on. `road` replaces
+        the one that the simulator's parameter names.
+
+        Raises
+        ------
+        UserError
+            The port cannot be used.
+        """
+        self._mode = mode
+        self._status = status
+        self._road = road
+        self._arbiter = DriverArbiter()
+        self._simulator: dict[str, Any] = {}
+        self._controller: dict[str, Any] = {}
+        self._kind: type[Controller] | None = None  # of the controller, once it is known
+        self._retry_at: dict[str, float] = {}
+        self._paused = False
+        self._ended: str | None = None  # the message of the end
+        self._next_status = 0.0
+        self._server = ViewServer(self, host, port)
+        self.url = self._server.url
+        self.call = self._server.call  #: calls a function in the server's thread
+
+    def start(
+        self,
+        feed: Feed,
+        clients: Clients,
+        drive: Callable[[Drive], None],
+        changes: Callable[[], Iterable[tuple[str, float]]],
+    ) -> None:
+        """Serve the page.
+
+        `feed` has the states; `drive` publishes a driver's input; `changes` returns the
+        controller's parameters that have changed since the last call.
+        """
+        self._feed, self._clients = feed, clients
+        self._drive, self._changes = drive, changes
+        self._server.start()
+
+    @property
+    def seen(self) -> int:
+        """Number of states taken."""
+        return self._feed.seen
+
+    @property
+    def laps(self) -> Laps:
+        """The laps of the run so far."""
+        return self._feed.laps
+
+    def end(self, reason: str, bag: str = '') -> None:
+        """Show the pages the end of the run, its reason and `bag`, the bag's path.
+
+        May be called from any thread.
+        """
+        self._server.call(partial(self._end, reason, bag))
+
+    def close(self) -> None:
+        """Close all pages and the port."""
+        self._server.close()
+
+    # The server's thread calls the methods below.
+
+    def greet(self) -> Iterator[str | bytes]:
+        """Yield the messages for a new page."""
+        yield encode('hello', **self._facts())
+        yield self._feed.history()
+        if self._ended is not None:
+            yield self._ended
+
+    def _facts(self) -> dict[str, Any]:
+        kind = self._kind or PID
+        return facts(self._mode, self._simulator, self._controller, kind, self._road)
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Handle a page's request."""
+        if isinstance(request, Drive):
+            now = time.monotonic()
+            if self._arbiter.request(page, request, now):
+                self._publish(now)
+            else:
+                page.send(encode('refused', what='drive', why='another page is driving'))
+        elif isinstance(request, Tune):
+            on_done = partial(self._on_done, page, request.name)
+            self._clients.tune(*request, on_done=on_done)
+        elif isinstance(request, Pause):
+            on_done = partial(self._on_paused, page, request)
+            self._clients.pause(request.on, on_done=on_done)
+        elif isinstance(request, Reset):
+            self._clients.reset(on_done=partial(self._on_done, page, 'reset'))
+        elif isinstance(request, ResetController):
+            on_done = partial(self._on_done, page, 'reset the controller')
+            self._clients.reset_controller(on_done=on_done)
+
+    def leave(self, page: Page) -> None:
+        """Release the keys of a page that has closed."""
+        self._arbiter.leave(page)
+        self._publish(time.monotonic())
+
+    def pulse(self) -> float:
+        """Send new rows and, in turn, the status; return the time to the next call [s]."""
+        now = time.monotonic()
+        self._publish(now)
+        if rows := self._feed.poll():
+            self._server.send(rows)
+        if now >= self._next_status:
+            self._next_status = now + _STATUS_PERIOD
+            self._update_parameters()
+            if self._ended is None and self._server.pages:
+                self._send_status()
+        return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
+
+    def _publish(self, now: float) -> None:
+        if command := self._arbiter.due(now):
+            self._drive(command)
+
+    def _send_status(self) -> None:
+        missed, slipped, paused = self._status() if self.seen else Status()
+        laps = self.laps.facts()
+        factor, driver = self._feed.realtime_factor(), self._arbiter.driver
+        for page in self._server.pages:
+            page.send(
+                encode(
+                    'status',
+                    factor=factor,
+                    missed=missed,
+                    slipped=slipped,
+                    laps=laps,
+                    paused=self._paused if paused is None else paused,
+                    driver=None if driver is None else 'you' if driver is page else 'other',
+                )
+            )
+
+    def _update_parameters(self) -> None:
+        """Request the parameters that are unknown, and take those that have changed."""
+        if not self._simulator:
+            on_values = partial(self._on_parameters, self._simulator)
+            self._request('vehicle_simulator', SIMULATOR, on_values)
+        if self._kind is None:
+            self._request('controller', ('controller_type',), self._on_controller_type)
+        elif not self._controller:
+            on_values = partial(self._on_parameters, self._controller)
+            self._request('controller', (*self._kind.gains, *OTHERS), on_values)
+        if changed := dict(self._changes()):
+            self._on_parameters(self._controller, changed)
+
+    def _request(
+        self, node: str, parameters: Sequence[str], on_values: Callable[[dict[str, Any]], None]
+    ) -> None:
+        """Request parameters of a node, unless a recent request is still unanswered."""
+        now = time.monotonic()
+        if now >= self._retry_at.get(node, 0.0) and self._clients.parameters(
+            node, parameters, on_values
+        ):
+            self._retry_at[node] = now + _RETRY_AFTER
+
+    def _on_controller_type(self, values: dict[str, Any]) -> None:
+        """Take the declaration of the controller's type; the PID's if it names none."""
+        self._kind = TYPES.get(values.get('controller_type', ''), PID)
+        self._retry_at.pop('controller', None)
+        self._update_parameters()
+
+    def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
+        known.update(values)
+        self._server.send(encode('facts', **self._facts()))
+
+    def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
+        if not done:
+            page.send(encode('refused', what=what, why=why))
+
+    def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
+        if done:
+            self._paused = request.on
+            self._send_status()
+        self._on_done(page, 'pause', done, why)
+
+    def _end(self, reason: str, bag: str) -> None:
+        if rows := self._feed.poll():
+            self._server.send(rows)
+        self._ended = encode(
+            'end',
+            reason=reason,
+            bag=bag,
+            laps=self.laps.facts(),
+            stretches=self.laps.stretches(),
+        )
+        self._server.send(self._ended)

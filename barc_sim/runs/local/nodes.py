@@ -1,0 +1,271 @@
+"""The simulator and the controller of a run without ROS: they call what their nodes in ROS call."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.bags.messages import CLOCK
+from barc_sim.control.cruise_control import TYPE, CruiseControl
+from barc_sim.control.types import DEFAULT_TYPE
+from barc_sim.errors import UserError
+from barc_sim.simulation import messages
+from barc_sim.simulation.log import COMMAND, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
+from barc_sim.simulation.simulator import (
+    CHECK_PERIOD,
+    commands_lost,
+    missed_deadline,
+    parameters,
+    publishes_clock,
+    settings,
+)
+from barc_sim.simulation.stepper import Phase, Stepper
+from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.parameters import plant
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from barc_sim.control.controller import Controller
+    from barc_sim.runs.local.host import LocalHost
+    from barc_sim.vehicle.bike_model import Model
+    from barc_sim.vehicle.plant import Observation
+
+
+class LocalSimulator:
+    """Steps the car, and passes each state to who commands it.
+
+    Attributes
+    ----------
+    road
+        The road, read once.
+    finished
+        Whether the run is at its end.
+    on_state
+        Called with stamp [ns] and observation of each state; what it returns answers the state.
+    on_reset
+        Called before time starts anew.
+    """
+
+    def __init__(
+        self,
+        host: LocalHost,
+        *,
+        road: Road | None,
+        distance: float,
+        on_step: Callable[[float, Observation], None],
+        model: Model,
+        given: Mapping[str, Any],
+    ) -> None:
+        """Declare the parameters; those that are `given` override the defaults.
+
+        Raises
+        ------
+        UserError
+            if a parameter is out of range.
+        """
+        self._host = host
+        self._node = node = host.node('vehicle_simulator')
+        values = node.declare(parameters(distance), given)
+        self.values = values
+        self.road = road or Road.named(values['road'])
+        self._stepper = stepper = Stepper(
+            partial(plant, values, model, self.road), self, settings(values)
+        )
+        self._on_step = on_step
+        self.finished = False
+        self.on_state: Callable[[int, Observation], Input | None] = lambda *_: None
+        self.on_reset: Callable[[], None] = lambda: None
+        self.keeps_clock = publishes_clock(values)
+        self._clock = node.publisher(CLOCK, 'rosgraph_msgs/msg/Clock') if self.keeps_clock else None
+        self._environment, self._state_error, self._state = (
+            node.publisher(topic, MESSAGE_TYPES[topic])
+            for topic in (ENVIRONMENT, STATE_ERROR, STATE)
+        )
+        period = stepper.deadline_period
+        self._deadlines = host.loop.timer(period, stepper.pass_deadline) if period else None
+        host.loop.timer(CHECK_PERIOD, self._check).reset()
+        self._stamp = self._checked = 0
+
+    @property
+    def steps(self) -> int:
+        """States published."""
+        return self._stepper.steps
+
+    @property
+    def missed(self) -> int:
+        """Commands that had not arrived when they were due."""
+        return self._stepper.missed
+
+    @property
+    def slipped(self) -> int:
+        """Periods by which simulated time has fallen behind the wall clock."""
+        return self._stepper.slipped
+
+    @property
+    def paused(self) -> bool:
+        """Whether simulated time stands still on request."""
+        return self._stepper.paused
+
+    def command(self, command: Input, stamp: int) -> None:
+        """Take a command for the state stamped `stamp` [ns]; 0: it holds until the next."""
+        why = self._stepper.refusal(stamp) or self._stepper.take_command(command, stamp)
+        if why:
+            self._node.warning(f'refused {why}', period=1.0)
+
+    def pause(self, *, on: bool) -> None:
+        """Pause simulated time, or resume it."""
+        if self._stepper.pause(on=on):
+            self._node.info('paused' if on else 'running')
+
+    def reset(self) -> None:
+        """Put the car back to the start."""
+        self._stepper.reset()
+
+    # What the stepper calls.
+
+    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+        """Publish what was observed at `t` [s], stamped `stamp_ns` [ns], and have it answered."""
+        self._stamp = stamp_ns
+        if self._clock and self._clock.wanted:
+            self._clock.publish(stamp_ns, {})
+        if self._environment.wanted:
+            self._environment.publish(stamp_ns, messages.environment(seen))
+        if self._state_error.wanted:
+            self._state_error.publish(stamp_ns, messages.state_error(seen))
+        if self._state.wanted:
+            self._state.publish(stamp_ns, messages.state(seen))
+        self._on_step(t, seen)
+        # Later, as an answer steps to the next state, which is answered again.
+        self._host.loop.soon(partial(self._answer, stamp_ns, seen))
+
+    def _answer(self, stamp: int, seen: Observation) -> None:
+        command = self.on_state(stamp, seen)
+        if command is not None:
+            self.command(command, stamp)
+
+    def start_deadlines(self) -> None:
+        """Start the timer of the deadlines."""
+        if self._deadlines:
+            self._deadlines.reset()
+
+    def stop_deadlines(self) -> None:
+        """Stop the timer of the deadlines."""
+        if self._deadlines:
+            self._deadlines.cancel()
+
+    def deliver_commands(self) -> None:
+        """Do nothing: a command is passed on when it is given."""
+
+    def begin(self) -> None:
+        """Reset who commands, and start time."""
+        self.on_reset()
+        self._stepper.start()
+
+    def prepare_start(self) -> None:
+        """Begin anew."""
+        self._host.loop.soon(self.begin)
+        self._node.info('reset: the car is back at the start')
+
+    def finish(self) -> None:
+        """End the run; may be called from any thread."""
+        self.finished = True
+        self._host.loop.call(lambda: None)  # wakes the loop
+
+    def warn_missed(self, state: int, missed: int) -> None:
+        """Warn of a missed deadline, once a second at most."""
+        self._node.warning(missed_deadline(state, missed), period=1.0)
+
+    def warn_timeout(self, timeout: float) -> None:
+        """Warn that commands are lost, every ten seconds at most."""
+        self._node.warning(commands_lost(timeout), period=10.0)
+
+    def _check(self) -> None:
+        self._stepper.check()
+        # As the node does: a tick a second while time stands still.
+        if self._clock and self._stepper.phase is Phase.PAUSED and self.steps == self._checked:
+            self._clock.publish(self._stamp, {})
+        self._checked = self.steps
+
+
+class LocalController:
+    """Answers each state with a command."""
+
+    def __init__(
+        self,
+        host: LocalHost,
+        controller: Controller | None,
+        given: Mapping[str, Any],
+        acceleration_limit: float,
+    ) -> None:
+        """Use `controller`, or the one that the parameter `controller_type` names.
+
+        Raises
+        ------
+        UserError
+            where a parameter is out of range, or `controller` cannot work with them.
+        """
+        self._node = node = host.node('controller')
+        kind = DEFAULT_TYPE
+        if controller is None:
+            kind = node.declare([TYPE], given)[TYPE.name]
+        self._control = CruiseControl(
+            controller,
+            kind,
+            lambda sentence: node.warning(f'refused {sentence()}', period=1.0),
+            lambda sentence: node.warning(sentence(), period=1.0),
+        )
+        self._control.configure(node.declare(self._control.parameters(acceleration_limit), given))
+        self._changed: deque[tuple[str, float]] = deque()
+        self.reset = self._control.reset
+        self.reset()
+        topic = messages.controller_topic(self._control.controller)
+        self._command, self._state = (
+            node.publisher(name, MESSAGE_TYPES[name]) for name in (COMMAND, topic)
+        )
+
+    @property
+    def acceleration_limit(self) -> float:
+        """The greatest acceleration that it commands [m/s²]."""
+        return float(self._control.values['acceleration_limit'])
+
+    @property
+    def speed_reference(self) -> float:
+        """The speed to hold [m/s]."""
+        return float(self._control.values['speed_reference'])
+
+    def tune(self, name: str, value: float) -> str:
+        """Set a parameter while the run goes on; return why that is refused, or ''."""
+        table = {each.name: each for each in self._control.parameters()}
+        if name not in table:
+            return f'the controller has no parameter {name}'
+        try:
+            self._node.change([table[name]], {name: value})
+        except UserError as error:
+            return str(error)
+        self._control.configure({name: value})
+        self._changed.append((name, value))
+        return ''
+
+    def take_changes(self) -> list[tuple[str, float]]:
+        """Return the parameters that have changed since the last call."""
+        taken = []
+        while self._changed:
+            taken.append(self._changed.popleft())
+        return taken
+
+    def answer(self, stamp: int, seen: Observation) -> Input | None:
+        """Return the command for the state stamped `stamp` [ns], and publish it."""
+        subtract = self._control.values['subtract_error']
+        speed = seen.measured.v_x - (seen.error.v_x if subtract else 0.0)
+        answer = self._control.answer(stamp, speed)
+        if answer is None:
+            return None
+        command = Input(motor=answer.acceleration)
+        if self._command.wanted:
+            self._command.publish(stamp, messages.command(command))
+        if self._state.wanted:
+            self._state.publish(stamp, messages.controller_state(self._control.controller, *answer))
+        return command

@@ -1,0 +1,57 @@
+"""What the node `vehicle_simulator` is, whatever carries its messages: parameters and warnings."""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.simulation.stepper import Settings
+from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.parameters import PARAMETERS, Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+#: [s] between two checks of a simulator's peers.
+CHECK_PERIOD = 1.0
+
+
+def parameters(distance: float = 0.0) -> list[Parameter]:
+    """Return the parameters' declarations; `distance` [m] is the default of the parameter."""
+    table = [parameter._replace(read_only=True) for parameter in PARAMETERS]
+    return [
+        *table,
+        Parameter(
+            'distance',
+            distance,
+            'the run ends here [m]; 0: it does not end',
+            (0.0, 1e6),
+            read_only=True,
+        ),
+    ]
+
+
+def settings(values: Mapping[str, Any]) -> Settings:
+    """Return the stepper's settings of the parameters' values."""
+    return Settings(
+        realtime_factor=values['realtime_factor'],
+        distance=values['distance'] or inf,
+        command_timeout=values['command_timeout'],
+        timeout_braking=values['timeout_braking'],
+        greatest=Input(values['refuse_motor_above'], values['refuse_servo_above']),
+    )
+
+
+def publishes_clock(values: Mapping[str, Any]) -> bool:
+    """Return whether simulated time is published: on demand, and where it is not real time."""
+    return bool(values['clock']) or values['realtime_factor'] != 1.0
+
+
+def missed_deadline(state: int, missed: int) -> str:
+    """Return the warning that no command answers `state`, for the `missed`th time."""
+    return f'missed deadline {missed}: no command answers state {state} in time; the last one holds'
+
+
+def commands_lost(timeout: float) -> str:
+    """Return the warning that no command has arrived for `timeout` [s]."""
+    return f'no command for {timeout:g} s: the car brakes to a standstill'

@@ -1,0 +1,112 @@
+"""The live page of a run without ROS drives, tunes, pauses and resets."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from websockets.sync.client import connect
+
+import barc_sim
+from barc_sim import read_bag
+from barc_sim.page.protocol import COLUMNS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from websockets.sync.client import ClientConnection
+
+ROOT = Path(barc_sim.__file__).parents[1]
+PATIENCE = 30.0  #: [s]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+    """Return a function that starts a run without ROS, and returns it with its page's address."""
+    processes = []
+
+    def start(*words: str) -> tuple[subprocess.Popen[str], str]:
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'barc_sim', *words, '--engine', 'local', '--view', 'web'],
+            cwd=tmp_path,
+            env=os.environ | {'PYTHONPATH': str(ROOT)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        processes.append(process)
+        assert process.stdout
+        assert process.stdout.readline() == 'engine     local, without ROS\n'
+        return process, process.stdout.readline().split()[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def page(url: str) -> ClientConnection:
+    address = url.replace('http://', 'ws://') + 'socket'
+    return connect(address, origin='/'.join(url.split('/')[:3]))  # type: ignore[arg-type]
+
+
+def wait(socket: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Return the first message, or row of a state, for which `what` is true."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        message = socket.recv(timeout=PATIENCE)
+        if isinstance(message, str):
+            found = [json.loads(message)]
+        else:
+            values = memoryview(message).cast('d')
+            width = len(COLUMNS)
+            rows = [values[k : k + width] for k in range(0, len(values), width)]
+            found = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
+        for each in found:
+            if what(each):
+                return each
+    raise AssertionError('it did not come')
+
+
+def test_page_drives_by_hand(start: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = start('teleop')
+    with page(url) as socket:
+        wait(socket, lambda m: m.get('type') == 'hello')
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            socket.send(json.dumps({'type': 'drive', 'linear': 1.0, 'angular': 0.0}))
+            time.sleep(0.1)
+        wait(socket, lambda m: m.get('speed', 0.0) > 1.0)
+        socket.send(json.dumps({'type': 'reset'}))
+        wait(socket, lambda m: m.get('x') == 0.0 and m.get('t', 0.0) > 0.5)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    log = read_bag(next((tmp_path / 'bags').iterdir()))
+    assert log.speed.max() > 1.0
+
+
+def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
+    process, url = start('acc', '--distance', '0', '--no-bag')
+    with page(url) as socket:
+        wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
+        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
+        wait(socket, lambda m: m.get('tuning', {}).get('kp') == 20.0)
+        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': -1.0}))
+        refused = wait(socket, lambda m: m.get('type') == 'refused')
+        assert 'kp of controller must lie between' in refused['why']
+        socket.send(json.dumps({'type': 'pause', 'on': True}))
+        wait(socket, lambda m: bool(m.get('paused')))
+        process.send_signal(signal.SIGINT)
+        end = wait(socket, lambda m: m.get('type') == 'end')
+        assert end['reason'] == 'The run has ended.'
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0

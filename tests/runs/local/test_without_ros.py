@@ -1,0 +1,127 @@
+"""A run where nothing of ROS can be imported, nor what only Unix has."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+import barc_sim
+
+ROOT = Path(barc_sim.__file__).parents[1]
+#: Runs `barc` where the modules in NAMES are not there, and /proc and eventfd neither.
+BARC = """
+import builtins, os, sys
+
+NAMES = {'rclpy', 'barc_interfaces', 'rosidl_runtime_py', 'rpyutils', 'fcntl', 'termios', 'tty'}
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition('.')[0]
+        if top in NAMES or top.endswith('_msgs') or top.endswith('_interfaces'):
+            raise ModuleNotFoundError(f'No module named {name!r}', name=top)
+
+sys.meta_path.insert(0, Absent())
+for name in NAMES:
+    sys.modules.pop(name, None)
+for name in ('eventfd', 'fork', 'forkpty', 'statvfs', 'set_blocking'):
+    if hasattr(os, name) and LIKE_WINDOWS:
+        delattr(os, name)
+
+from barc_sim.__main__ import main
+sys.exit(main())
+"""
+
+
+def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-c', BARC.replace('LIKE_WINDOWS', 'False'), *words],
+        cwd=folder,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+
+
+def test_acc_drives_and_its_bag_is_read_by_the_other_commands(tmp_path: Path) -> None:
+    folder = tmp_path / 'with a space'
+    folder.mkdir()
+    done = barc(folder, 'acc', '--realtime-factor', 'max', '--distance', '40')
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == 'engine     local, without ROS'
+    (bag,) = (folder / 'bags').iterdir()
+    metadata = yaml.safe_load((bag / 'metadata.yaml').read_text(encoding='utf-8'))
+    information = metadata['rosbag2_bagfile_information']
+    assert information['custom_data']['engine'] == 'local, without ROS'
+    assert barc(folder, 'report', str(bag)).returncode == 0
+    done = barc(folder, 'graph', '--bag', str(bag))
+    assert done.returncode == 0, done.stderr
+
+
+def test_real_time_is_kept(tmp_path: Path) -> None:
+    done = barc(tmp_path, 'acc', '--realtime-factor', '10', '--distance', '20', '--no-bag')
+    assert done.returncode == 0, done.stderr
+    assert 'missed deadlines 0' in done.stdout
+
+
+@pytest.mark.parametrize(
+    ('words', 'what'),
+    [
+        (('acc', '--cars', '2'), '--cars'),
+        (('acc', '--foxglove'), '--foxglove'),
+        (('acc', '--mirrors', 'odom'), '--mirrors'),
+        (('acc', '--no-controller'), '--no-controller'),
+        (('acc', '--engine', 'ros'), '--engine ros'),
+        (('acc', '--ros-args', '-r', '__ns:=/lane'), "the ROS argument '-r'"),
+        (('record',), 'barc record'),
+        (('topics',), 'barc topics'),
+        (('echo', '/z_vhcl'), 'barc echo'),
+        (('param', 'list'), 'barc param'),
+        (('node', 'controller'), 'barc node'),
+    ],
+)
+def test_what_needs_ros_says_what_to_install(
+    tmp_path: Path, words: tuple[str, ...], what: str
+) -> None:
+    done = barc(tmp_path, *words)
+    assert (done.returncode, done.stdout) == (2, '')
+    (line,) = done.stderr.splitlines()
+    assert f'{what} needs ROS 2: ' in line
+    assert 'ros-jazzy-ros-base' in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ('rule', 'sentence'),
+    [
+        ('controller:kp:=30', 'parameter kp of controller must be of type float, such as 30.0'),
+        ('kp:=-1.0', 'parameter kp of controller must lie between'),
+        ('kp', "the ROS argument 'kp' is no parameter: expected NAME:=VALUE"),
+    ],
+)
+def test_wrong_parameter_is_refused_and_no_bag_is_left(
+    tmp_path: Path, rule: str, sentence: str
+) -> None:
+    done = barc(tmp_path, 'acc', '-q', '--ros-args', '-p', rule)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert sentence in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_parameters_come_from_a_file(tmp_path: Path) -> None:
+    (tmp_path / 'car.yaml').write_text(
+        'vehicle_simulator:\n  ros__parameters:\n    distance: 2.0\n', encoding='utf-8'
+    )
+    done = barc(
+        tmp_path, 'acc', '--realtime-factor', 'max', '-q', '--ros-args', '--params-file', 'car.yaml'
+    )
+    assert done.returncode == 0, done.stderr
+    (bag,) = (tmp_path / 'bags').iterdir()
+    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
+    assert 'distance: 2.0' in text
