@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import signal
 import socket
 import subprocess
 import sys
@@ -31,6 +32,16 @@ settings.load_profile('any machine')
 _FIRST_PORT = 22119
 # Above 101, Linux hands the ports of a domain out to others; 0 is everybody's.
 _DOMAINS = range(1, 102)
+
+
+@pytest.fixture(autouse=True)
+def _signal_handlers() -> Iterator[None]:
+    """Undo what a command does in this process: at its end it ignores the signals that end it."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {number: signal.getsignal(number) for number in numbers}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @contextmanager
