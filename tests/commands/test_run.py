@@ -219,8 +219,9 @@ def test_pipe_gets_plain_lines_a_table_and_what_to_do_next(run: Run, here: Path)
     bag_line, plot_line, replay_line = lines[-3:]
     path = bag_line.removeprefix('bag').strip()
     assert_whole(here / path)
-    assert plot_line.endswith(f'bin/barc plot {path}')
-    assert replay_line.endswith(f'bin/barc replay {path}')
+    # Quoted where the path of the environment has a space.
+    assert plot_line.replace("'", '').endswith(f'bin/barc plot {path}')
+    assert replay_line.replace("'", '').endswith(f'bin/barc replay {path}')
 
 
 class Terminal:

@@ -42,7 +42,6 @@ LISTENER = """
 import json, time
 import rclpy
 from barc_interfaces.msg import ZDynBkMdl
-from command_line import acc, bag_of, messages
 heard = []
 def on_state(state):
     stamp = state.header.stamp

@@ -107,7 +107,7 @@ def test_no_descriptor_is_left(ros: Context) -> None:
     before = descriptors()
     for _ in range(5):
         use()
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_entities_created_and_destroyed_by_several_threads_under_traffic(
@@ -163,7 +163,7 @@ def test_entities_created_and_destroyed_by_several_threads_under_traffic(
 
     assert spinning.is_alive()
     assert not wrong
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_a_thousand_subscriptions(node: Node, until: Until) -> None:
