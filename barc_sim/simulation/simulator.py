@@ -48,7 +48,7 @@ def publishes_clock(values: Mapping[str, Any]) -> bool:
 
 
 def missed_deadline(state: int, missed: int) -> str:
-    """Return the warning that no command answers `state`, for the `missed`th time."""
+    """Return the warning that no command answers `state` in time; `missed` counts such states."""
     return f'missed deadline {missed}: no command answers state {state} in time; the last one holds'
 
 
