@@ -1,11 +1,11 @@
-"""What the node `vehicle_simulator` is, whatever carries its messages: parameters and warnings."""
+"""What the simulators with and without ROS share: parameters, warnings, and their counts."""
 
 from __future__ import annotations
 
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.simulation.stepper import Settings
+from barc_sim.simulation.stepper import Settings, Stepper
 from barc_sim.vehicle.bike_model import Input
 from barc_sim.vehicle.parameters import PARAMETERS, Parameter
 
@@ -14,6 +14,32 @@ if TYPE_CHECKING:
 
 #: [s] between two checks of a simulator's peers.
 CHECK_PERIOD = 1.0
+
+
+class StepperCounts:
+    """The counts and the pause of a simulator's `Stepper`."""
+
+    _stepper: Stepper
+
+    @property
+    def paused(self) -> bool:
+        """Whether simulated time stands still on request."""
+        return self._stepper.paused
+
+    @property
+    def steps(self) -> int:
+        """States published."""
+        return self._stepper.steps
+
+    @property
+    def missed(self) -> int:
+        """Commands that had not arrived when they were due."""
+        return self._stepper.missed
+
+    @property
+    def slipped(self) -> int:
+        """Periods by which simulated time has fallen behind the wall clock."""
+        return self._stepper.slipped
 
 
 def parameters(distance: float = 0.0) -> list[Parameter]:

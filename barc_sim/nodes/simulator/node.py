@@ -29,6 +29,7 @@ from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RefusedInput
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
+    StepperCounts,
     commands_lost,
     missed_deadline,
     parameters,
@@ -47,7 +48,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
 
-class VehicleSimulator(Node):
+class VehicleSimulator(StepperCounts, Node):
     """Publishes the state, and steps it with the command that answers it.
 
     State `k` is stamped `t_0 + k·T_s`. With a real-time factor the command for state `k` is due
@@ -149,26 +150,6 @@ class VehicleSimulator(Node):
     def keeps_clock(self) -> bool:
         """Whether it publishes `/clock`."""
         return self._state_publishers.keeps_clock
-
-    @property
-    def paused(self) -> bool:
-        """Whether simulated time stands still on request."""
-        return self._stepper.paused
-
-    @property
-    def steps(self) -> int:
-        """States published."""
-        return self._stepper.steps
-
-    @property
-    def missed(self) -> int:
-        """Commands that had not arrived when they were due."""
-        return self._stepper.missed
-
-    @property
-    def slipped(self) -> int:
-        """Periods by which simulated time has fallen behind the wall clock."""
-        return self._stepper.slipped
 
     @property
     def refused(self) -> int:

@@ -14,6 +14,7 @@ from barc_sim.simulation import messages
 from barc_sim.simulation.log import COMMAND, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
+    StepperCounts,
     commands_lost,
     missed_deadline,
     parameters,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
 
-class LocalSimulator:
+class LocalSimulator(StepperCounts):
     """Steps the car, and passes each state to who commands it.
 
     Attributes
@@ -88,26 +89,6 @@ class LocalSimulator:
         self._deadlines = host.loop.timer(period, stepper.pass_deadline) if period else None
         host.loop.timer(CHECK_PERIOD, self._check).reset()
         self._stamp = self._checked = 0
-
-    @property
-    def steps(self) -> int:
-        """States published."""
-        return self._stepper.steps
-
-    @property
-    def missed(self) -> int:
-        """Commands that had not arrived when they were due."""
-        return self._stepper.missed
-
-    @property
-    def slipped(self) -> int:
-        """Periods by which simulated time has fallen behind the wall clock."""
-        return self._stepper.slipped
-
-    @property
-    def paused(self) -> bool:
-        """Whether simulated time stands still on request."""
-        return self._stepper.paused
 
     def command(self, command: Input, stamp: int) -> None:
         """Take a command for the state stamped `stamp` [ns]; 0: it holds until the next."""
