@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 try:
     import fcntl
-except ModuleNotFoundError:  # Windows: there nobody can tell whether a file is being written
+except ModuleNotFoundError:  # Windows has no way to see that a file is being written
     fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:

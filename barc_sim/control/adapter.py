@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MEMBERS = ('gains', 'terms', 'output_min', 'output_max', 'saturated', 'reset')
 
 
-def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (whatever the user has)
+def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of the user's)
     """Return `controller` itself if it is a whole `Controller`, an adapter around it otherwise.
 
     The lab's `acc_calculate(speed_reference, speed_current)` is enough; a third argument receives
@@ -106,7 +106,7 @@ class Adapter:
     def _values(self) -> dict[str, float]:
         return {name: self.__dict__[name] for name in self.gains}
 
-    def _make(self, values: Mapping[str, float]) -> Any:  # noqa: ANN401 (whatever `new` makes)
+    def _make(self, values: Mapping[str, float]) -> Any:  # noqa: ANN401 (of the type that `new` returns)
         return self._new(**values)
 
     def _set(self, values: Mapping[str, float]) -> None:
@@ -120,7 +120,7 @@ class Adapter:
             return nan
 
 
-def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (whatever the user has)
+def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
     """Return the name by which a method takes dt; empty: by position; None: it takes none.
 
     Raises

@@ -1,4 +1,4 @@
-"""The states of a run for the page, as rows, whatever carries the messages."""
+"""The states of a run for the page, as rows, with ROS and without."""
 
 from __future__ import annotations
 

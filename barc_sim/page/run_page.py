@@ -1,4 +1,4 @@
-"""The live page of a run: what it shows and does, whatever carries the messages."""
+"""The live page of a run: what it shows and does, with ROS and without."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def diagnose_derivative(trials: list[Trial]) -> str:
 
 
 def remark(term: str, factor: float) -> str:
-    """Return what to say of a term that is right up to a `factor`, which the gains absorb."""
+    """Return the remark on a term that is right up to a `factor`, which the gains absorb."""
     known = {
         'P': {TS: 'P is multiplied by dt: it is kp * e'},
         'I': {1.0 / TS: 'I has no dt: add up ki * e * dt, with dt = 0.02 s'},

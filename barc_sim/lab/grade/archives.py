@@ -30,7 +30,7 @@ _UNKNOWN = ('.rar', '.7z', '.gz', '.xz', '.bz2', '.zst', '.tar.zst')
 
 
 class Unreadable(Exception):  # noqa: N818
-    """A submission that cannot be opened; the text says why, and what to hand in."""
+    """A submission that cannot be opened; the text gives the reason, and what to hand in."""
 
 
 class Member(NamedTuple):

@@ -39,7 +39,7 @@ class Absent:
     """
 
     def __init__(self, name: str, reason: str) -> None:
-        """Stand for `name`; `reason` says why it is not here."""
+        """Stand for `name`, which is missing for `reason`."""
         self._name, self._reason = name, reason
 
     def __getattr__(self, name: str) -> object:

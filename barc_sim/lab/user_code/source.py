@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _MAX_BYTES = 1_000_000
 _SHOWN = 120  #: characters of a wrong line
 _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
-#: What Python 3 says about Python 2, and what to write.
+#: Error messages of Python 3 about Python 2 code, and what to write instead.
 _PYTHON_2 = {
     'multiple exception types': 'write "except … as …:"',
     "call to 'exec'": 'write exec(…)',
