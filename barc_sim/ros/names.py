@@ -28,6 +28,7 @@ TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
 DIAGNOSTICS = '/diagnostics'
 #: the stamp of each state, where the real-time factor is not 1, and with --clock
 CLOCK = messages.CLOCK
+OF_EVERY_NODE = {'/rosout', '/parameter_events'}  #: topics that every node publishes
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.
 #: starts afresh: state, noise, and every node that commands

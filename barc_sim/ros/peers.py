@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 _HOST = slice(4)  #: the vendor and the host
 _PROCESS = slice(4, 6)  #: the lower half of the process's number
 _HALF = 1 << 16
-_PARAMETER_EVENTS = '/parameter_events'  # every node publishes it
 
 
 def claim(node: Node, topic: str) -> socket.socket:
@@ -60,7 +59,7 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
     and process, so a dead process of this machine is recognised at once.
     """
     ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    host = _host(node) if len(ends) else None
+    host = _host(node) if ends else None
     return [end for end in ends if host is None or not _is_dead(bytes(end.endpoint_gid), host)]
 
 
@@ -72,7 +71,9 @@ def is_own(end: TopicEndpointInfo) -> bool:
 def _host(node: Node) -> bytes | None:
     """Return the first bytes of this machine's identifiers; None with another DDS."""
     own = os.getpid() % _HALF
-    for end in node.get_publishers_info_by_topic(_PARAMETER_EVENTS):
+    topics = {publisher.topic_name for publisher in node.publishers}
+    # Every node publishes /parameter_events: a topic of its own has fewer publishers to look at.
+    for end in node.get_publishers_info_by_topic(min(topics, key=node.count_publishers)):
         gid = bytes(end.endpoint_gid)
         if end.node_name == node.get_name() and _process(gid) == own:
             return gid[_HOST]

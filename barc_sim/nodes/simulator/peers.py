@@ -78,9 +78,8 @@ class StartGate:
         Without a server, ROS would list the service because of the client.
         """
         new = []
-        served = {name for name, _ in self._node.get_service_names_and_types()}
         for name in (names.RESET_CONTROLLER, names.RESET_RELAY):
-            if name not in self._clients and self._node.resolve_service_name(name) in served:
+            if name not in self._clients and self._node.count_services(name):
                 new.append(self._node.create_client(Trigger, name, callback_group=self._group))
                 self._clients[name] = new[-1]
         return new
