@@ -72,15 +72,19 @@ def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return subscription.callback, taken
 
 
-def take_timer(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    """Take a timer, unless it was cancelled or reset since it was ready."""
+def take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+    """Take a timer, unless it was cancelled or reset meanwhile; faster than rclpy's way."""
+    timer, handle = entry.entity, entry.handle
     try:
-        with entry.handle:
-            return _call(executor._take_timer(entry.entity)) if entry.entity.is_ready() else None
+        with handle:
+            if not handle.is_timer_ready():
+                return None
+            handle.call_timer()
     except _rclpy.RCLError:
-        if not entry.entity.is_canceled():
+        if not timer.is_canceled():
             raise
         return None
+    return timer.callback, ()
 
 
 def take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:

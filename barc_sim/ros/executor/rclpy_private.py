@@ -49,7 +49,7 @@ LISTENERS: dict[type[Any], tuple[str, tuple[str, ...]]] = {
     ),
 }
 
-_TAKES = ('timer', 'guard_condition', 'client', 'service', 'waitable')
+_TAKES = ('guard_condition', 'client', 'service', 'waitable')
 
 #: Methods, and attributes that are set by a class's `__init__`.
 _NAMES: tuple[tuple[Any, tuple[str, ...]], ...] = (
@@ -57,7 +57,7 @@ _NAMES: tuple[tuple[Any, tuple[str, ...]], ...] = (
     (MultiThreadedExecutor, ('_executor', *(f'_take_{kind}' for kind in _TAKES))),
     (GuardCondition, ('trigger', '_executor_triggered')),
     (_rclpy.Subscription, ('take_message', 'pointer')),
-    (_rclpy.Timer, ('is_timer_ready', 'time_until_next_call', 'pointer')),
+    (_rclpy.Timer, ('is_timer_ready', 'call_timer', 'time_until_next_call', 'pointer')),
     (_rclpy.EventHandle, ('take_event', 'pointer')),
     (_rclpy.WaitSet, ('clear_entities', 'wait', 'get_ready_entities', 'is_ready')),
 )

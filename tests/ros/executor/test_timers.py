@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
-    from rclpy.timer import Timer
 
     from barc_sim.ros.executor import QuickExecutor
 
@@ -63,13 +63,13 @@ def test_a_timer_cancelled_as_it_is_taken_does_not_end_the_spin(
     node: Node, executor: QuickExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = []
-    take = executor._take_timer  # noqa: SLF001 (between its look at the timer and its call)
+    call = _rclpy.Timer.call_timer  # after the look at whether it is ready
 
-    def cancel_and_take(timer: Timer) -> object:
+    def cancel_and_call(handle: _rclpy.Timer) -> None:
         timer.cancel()  # as another thread might
-        return take(timer)
+        call(handle)
 
-    monkeypatch.setattr(executor, '_take_timer', cancel_and_take)
+    monkeypatch.setattr(_rclpy.Timer, 'call_timer', cancel_and_call)
     timer = node.create_timer(0.001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
     executor.spin_once(timeout_sec=0.05)
 
