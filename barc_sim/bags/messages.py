@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from functools import cache
-from operator import itemgetter
-from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from barc_sim.bags.cdr import HEADER, NANOSECONDS, TIME, fixed_layout
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.schemas import definition, shipped
 
@@ -17,18 +16,9 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-NANOSECONDS = 1_000_000_000
-CLOCK = '/clock'  #: outside of every namespace
 CMD_VEL = 'cmd_vel'
-_CDR_HEADER = 4  #: [B] of a serialized message; the second one is the byte order
-_CDR_TIME = (Struct('>iI'), Struct('<iI'))  #: big-endian, little-endian
-
-_HEADER, _TIME = 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'
-_LITTLE_ENDIAN = b'\0\1\0\0'
-_NO_FRAME = b'\1\0\0\0\0\0\0\0'  # its length with the end, the end, and three bytes of padding
 #: What sequences of numbers must be for rosbags.
 _ARRAYS = {'float64': np.float64, 'int64': np.int64, 'byte': np.uint8, 'bool': np.bool_}
-_PLAIN = {'float64': 'd', 'bool': '?'}
 
 #: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
 _ENDLESS = {'sec': 9_223_372_036, 'nsec': 854_775_807}
@@ -57,12 +47,6 @@ class Message(NamedTuple):
     number: int  #: the publisher's count
 
 
-def leading_time(data: bytes) -> int:
-    """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
-    sec, nanosec = _CDR_TIME[data[1] & 1].unpack_from(data, _CDR_HEADER)
-    return int(sec) * NANOSECONDS + int(nanosec)
-
-
 @cache
 def _types() -> Typestore:
     """Return the types whose definitions are shipped with barc_sim."""
@@ -81,33 +65,29 @@ def message_class(type_name: str) -> type[Any]:
     return _types().types[type_name]
 
 
-def packer(type_name: str) -> Callable[[int, int, Mapping[str, Any]], bytes]:
+def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
     """Return a function that serializes a message of a shipped type.
 
-    It takes the time with which the message may begin, seconds and nanoseconds, and the other
-    fields by name.
+    It takes the time [ns] with which the message may begin, and the other fields by name.
     """
-    names, kinds = zip(*_types().fielddefs[type_name][1], strict=True)
-    header = kinds[0][1] == _HEADER
-    codes = [_PLAIN.get(kind[1][0]) if kind[0].name == 'BASE' else None for kind in kinds[1:]]
-    # Doubles, which begin at a multiple of 8, and after them what needs no alignment.
-    if header and codes == sorted(filter(None, codes), reverse=True):
-        pack = Struct(f'<4siI8s{"".join(filter(None, codes))}').pack
-        values = itemgetter(*names[1:])
-        return lambda sec, nanosec, fields: pack(
-            _LITTLE_ENDIAN, sec, nanosec, _NO_FRAME, *values(fields)
-        )
+    fields = _types().fielddefs[type_name][1]
+    plain = {name: str(of) if kind.name == 'NAME' else of[0] for name, (kind, of) in fields}
+    if layout := fixed_layout(plain):
+        return layout.pack
+    names, kinds = zip(*fields, strict=True)
+    header = kinds[0][1] == HEADER
     arrays = {
         name: _ARRAYS[of[0][1][0]]
         for name, (kind, of) in zip(names, kinds, strict=True)
         if kind.name == 'SEQUENCE' and of[0][1][0] in _ARRAYS
     }
-    begins_with_time = header or kinds[0][1] == _TIME
+    begins_with_time = header or kinds[0][1] == TIME
 
-    def pack_any(sec: int, nanosec: int, fields: Mapping[str, Any]) -> bytes:
-        first: Any = message_class(_TIME)(sec=sec, nanosec=nanosec)
+    def pack_any(stamp: int, fields: Mapping[str, Any]) -> bytes:
+        sec, nanosec = divmod(stamp, NANOSECONDS)
+        first: Any = message_class(TIME)(sec=sec, nanosec=nanosec)
         if header:
-            first = message_class(_HEADER)(stamp=first, frame_id='')
+            first = message_class(HEADER)(stamp=first, frame_id='')
         leading = {names[0]: first} if begins_with_time else {}
         given = {
             name: np.asarray(value, arrays[name]) if name in arrays else value

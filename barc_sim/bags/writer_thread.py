@@ -9,8 +9,9 @@ from collections import Counter, deque
 from math import inf
 from typing import TYPE_CHECKING, Protocol
 
+from barc_sim.bags.cdr import leading_time
 from barc_sim.bags.directory import free_space, short_of_space
-from barc_sim.bags.messages import CLOCK, leading_time
+from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import ECU, EZDynBkMdl, PidState, ZDynBkMdl
+from barc_interfaces.msg import EZDynBkMdl, ZDynBkMdl
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from barc_sim.bags.cdr import leading_time
 from barc_sim.cli.parser import call
 from barc_sim.control.cruise_control import SPEEDS, TYPE, CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.control.types import DEFAULT_TYPE
 from barc_sim.ros import names
-from barc_sim.ros.conversions import (
-    controller_state_type,
-    to_controller_state,
-    to_ecu,
-    to_nanoseconds,
-)
-from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
+from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.fields import FieldPublisher, field_reader
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.simulation.publishers import AnswerPublishers
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
@@ -68,13 +64,12 @@ class CruiseController(Node):
         self._control.configure(declare(self, self._control.parameters(acceleration_limit)))
         self._control.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
-        self._state: ZDynBkMdl | None = None
-        self._error: EZDynBkMdl | None = None
+        self._state: bytes | None = None
+        self._error: bytes | None = None
+        self._read_speed = field_reader(ZDynBkMdl, 'v_x')
+        self._read_speed_error = field_reader(EZDynBkMdl, 'v_x')
 
-        self._ecu_pub = publisher(self, ECU, names.ECU)
-        state_type = controller_state_type(self._control.controller)
-        topic = names.PID_STATE if state_type is PidState else names.CONTROLLER_STATE
-        self._controller_state_pub = publisher(self, state_type, topic)
+        self._answers = AnswerPublishers(partial(FieldPublisher, self), self._control.controller)
         group = QuickCallbackGroup()
         for kind, topic, callback in (
             (EZDynBkMdl, names.STATE_ERROR, self._on_state_error),
@@ -127,33 +122,28 @@ class CruiseController(Node):
         self.get_logger().debug('reset')
         return response
 
-    def _on_state(self, data: bytes) -> None:
-        state = deserialize_message(data, ZDynBkMdl)
+    def _on_state(self, state: bytes) -> None:
         if self._control.values['subtract_error']:
             self._state = state
             self._join()
         else:
-            self._answer(state, state.v_x)
+            self._answer(leading_time(state), self._read_speed(state))
 
-    def _on_state_error(self, data: bytes) -> None:
+    def _on_state_error(self, error: bytes) -> None:
         if self._control.values['subtract_error']:
-            self._error = deserialize_message(data, EZDynBkMdl)
+            self._error = error
             self._join()
 
     def _join(self) -> None:
         """Answer once the state and the error of the same stamp are both there."""
         state, error = self._state, self._error
-        if state and error and state.header.stamp == error.header.stamp:
-            self._answer(state, state.v_x - error.v_x)
+        if state and error and (stamp := leading_time(state)) == leading_time(error):
+            self._answer(stamp, self._read_speed(state) - self._read_speed_error(error))
 
-    def _answer(self, state: ZDynBkMdl, speed: float) -> None:
-        answer = self._control.answer(to_nanoseconds(state.header.stamp), speed)
-        if answer is None:
-            return
-        self._ecu_pub.publish(to_ecu(Input(motor=answer.acceleration), state.header))
-        self._controller_state_pub.publish(
-            to_controller_state(self._control.controller, *answer, state.header)
-        )
+    def _answer(self, stamp: int, speed: float) -> None:
+        answer = self._control.answer(stamp, speed)
+        if answer is not None:
+            self._answers.publish(stamp, answer)
 
 
 def main(args: list[str] | None = None) -> int:

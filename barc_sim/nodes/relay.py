@@ -6,22 +6,24 @@ import sys
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from barc_interfaces.msg import ECU, ZDynBkMdl
+from barc_interfaces.msg import ZDynBkMdl
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
 from barc_sim.control.relay import PARAMETERS, RelayControl
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_driver_input, to_ecu
-from barc_sim.ros.endpoints import drained_subscription, publisher, subscription
+from barc_sim.ros.conversions import to_driver_input
+from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.fields import FieldPublisher
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
+from barc_sim.simulation import messages
+from barc_sim.simulation.log import MESSAGE_TYPES
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter as RosParameter
@@ -63,7 +65,7 @@ class Relay(Node):
         self.add_post_set_parameters_callback(self._on_parameters)
         self.refused = 0
 
-        self._ecu_pub = publisher(self, ECU, names.ECU)
+        self._ecu_pub = FieldPublisher(self, names.ECU, MESSAGE_TYPES[names.ECU])
         group = QuickCallbackGroup()
         subscription(self, ZDynBkMdl, names.STATE, self._on_state, group, qos=names.QOS_NEWEST)
         drained_subscription(self, Twist, names.CMD_VEL, self._on_twist, group)
@@ -96,7 +98,7 @@ class Relay(Node):
         return response
 
     def _on_timer(self) -> None:
-        self._ecu_pub.publish(to_ecu(self._control.command(), Header()))
+        self._ecu_pub.publish(0, messages.command(self._control.command()))
 
 
 def main(args: list[str] | None = None) -> int:

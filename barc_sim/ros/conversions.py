@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from math import atan2
-from typing import TYPE_CHECKING
 
-from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
-from barc_sim.bags.messages import NANOSECONDS
+from barc_sim.bags.cdr import NANOSECONDS
 from barc_sim.control.driver import DriverInput
-from barc_sim.simulation import messages
-from barc_sim.simulation.log import PID_STATE
-from barc_sim.vehicle.bike_model import Input, State
-
-if TYPE_CHECKING:
-    from barc_sim.control.controller import Controller
-    from barc_sim.vehicle.plant import Observation
+from barc_sim.vehicle.bike_model import State
 
 #: [m] No road leads farther.
 _FAR = 1e6
@@ -37,21 +29,6 @@ def to_nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
-def to_state(seen: Observation, header: Header) -> ZDynBkMdl:
-    """Return the state as measured."""
-    return ZDynBkMdl(header=header, **messages.state(seen))
-
-
-def to_state_error(seen: Observation, header: Header) -> EZDynBkMdl:
-    """Return the measurement's error."""
-    return EZDynBkMdl(header=header, **messages.state_error(seen))
-
-
-def to_environment(seen: Observation, header: Header) -> Environment:
-    """Return the forces of road and air, with the incline."""
-    return Environment(header=header, **messages.environment(seen))
-
-
 def to_state_at_rest(pose: Pose) -> State | None:
     """Return the state at rest at `pose`; None where that is not finite or not a rotation."""
     x, y, q = pose.position.x, pose.position.y, pose.orientation
@@ -59,16 +36,6 @@ def to_state_at_rest(pose: Pose) -> State | None:
     if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):
         return None
     return State(x, y, atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z)))
-
-
-def to_input(message: ECU) -> Input:
-    """Return the command in `message`."""
-    return Input(motor=message.motor, servo=message.servo)
-
-
-def to_ecu(command: Input, header: Header) -> ECU:
-    """Return `command` as a message."""
-    return ECU(header=header, **messages.command(command))
 
 
 def to_driver_input(twist: Twist) -> DriverInput:
@@ -81,18 +48,3 @@ def to_twist(request: DriverInput) -> Twist:
     return Twist(
         linear=Vector3(x=request.forward, z=-request.brake or 0.0), angular=Vector3(z=request.turn)
     )
-
-
-def controller_state_type(controller: Controller) -> type[PidState | ControllerState]:
-    """Return the type of the message for what `controller` computes: PIDs have one of their own."""
-    if messages.controller_topic(controller) == PID_STATE:
-        return PidState  # type: ignore[no-any-return]
-    return ControllerState  # type: ignore[no-any-return]
-
-
-def to_controller_state(
-    controller: Controller, reference: float, measurement: float, output: float, header: Header
-) -> PidState | ControllerState:
-    """Return what `controller` computed in its latest call."""
-    fields = messages.controller_state(controller, reference, measurement, output)
-    return controller_state_type(controller)(header=header, **fields)

@@ -3,10 +3,17 @@
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from barc_sim.bags import messages
+from barc_sim.simulation.log import (
+    CLOCK,
+    CONTROLLER_STATE,
+    ENVIRONMENT,
+    PID_STATE,
+    STATE,
+    STATE_ERROR,
+)
 from barc_sim.simulation.log import COMMAND as ECU
-from barc_sim.simulation.log import CONTROLLER_STATE, ENVIRONMENT, PID_STATE, STATE, STATE_ERROR
 
-__all__ = ['CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
+__all__ = ['CLOCK', 'CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
 
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
 CMD_VEL = messages.CMD_VEL
@@ -26,8 +33,6 @@ JOINT_STATES = 'joint_states'
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
 #: timing, age of the command, noise, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
-#: the stamp of each state, where the real-time factor is not 1, and with --clock
-CLOCK = messages.CLOCK
 OF_EVERY_NODE = {'/rosout', '/parameter_events'}  #: topics that every node publishes
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.

@@ -29,6 +29,8 @@ ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
 #: The message type of each topic that a log is made of, by the topic's name without namespace.
+CLOCK = '/clock'  #: outside of every namespace
+
 MESSAGE_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
     STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',

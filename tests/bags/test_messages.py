@@ -21,6 +21,7 @@ from barc_sim.bags.schemas import _share, shipped
 if TYPE_CHECKING:
     from pathlib import Path
 
+STAMP = 7_000_000_008
 HEADER = Header(stamp=Time(sec=7, nanosec=8))
 PID = {
     'reference': 8.0,
@@ -48,7 +49,7 @@ STATE = {'x': 1.0, 'y': -2.0, 'psi': 0.1, 'v_x': 8.0, 'v_y': 0.0, 'psi_dot': 1e-
 )
 def test_message_is_packed_as_ros_does(kind: type, fields: dict[str, Any]) -> None:
     message = kind(header=HEADER, **fields)
-    data = packer(f'barc_interfaces/msg/{kind.__name__}')(7, 8, fields)
+    data = packer(f'barc_interfaces/msg/{kind.__name__}')(STAMP, fields)
     # ROS leaves what was in memory before in the bytes between the fields.
     assert len(data) == len(serialize_message(message))
     assert deserialize_message(data, kind) == message
@@ -56,11 +57,11 @@ def test_message_is_packed_as_ros_does(kind: type, fields: dict[str, Any]) -> No
 
 def test_messages_without_a_header_are_packed_as_ros_does() -> None:
     clock = serialize_message(Clock(clock=Time(sec=7, nanosec=8)))
-    assert packer('rosgraph_msgs/msg/Clock')(7, 8, {}) == clock
+    assert packer('rosgraph_msgs/msg/Clock')(STAMP, {}) == clock
     vector = message_class('geometry_msgs/msg/Vector3')
     fields = {'linear': vector(x=1.0, y=0.0, z=-1.0), 'angular': vector(x=0.0, y=0.0, z=0.5)}
     twist = Twist(linear=Vector3(x=1.0, z=-1.0), angular=Vector3(z=0.5))
-    assert packer('geometry_msgs/msg/Twist')(7, 8, fields) == serialize_message(twist)
+    assert packer('geometry_msgs/msg/Twist')(STAMP, fields) == serialize_message(twist)
 
 
 @pytest.mark.parametrize(('name', 'path'), sorted(shipped()))

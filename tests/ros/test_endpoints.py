@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from barc_sim.bags.messages import leading_time
+from barc_sim.bags.cdr import leading_time
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.endpoints import (
     drained_subscription,

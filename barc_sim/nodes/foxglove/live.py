@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.bags.messages import leading_time
+from barc_sim.bags.cdr import leading_time
 from barc_sim.errors import UserError
 from barc_sim.ros import names
 

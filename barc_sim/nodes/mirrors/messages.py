@@ -10,7 +10,7 @@ from geometry_msgs.msg import AccelStamped, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import JointState
 
-from barc_sim.bags.messages import NANOSECONDS
+from barc_sim.bags.cdr import NANOSECONDS
 from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
-from barc_sim.bags.messages import NANOSECONDS
+from barc_sim.bags.cdr import NANOSECONDS
 from barc_sim.cli.parser import call
 from barc_sim.nodes.mirrors.diagnosis import Facts, Measured, diagnose
 from barc_sim.nodes.mirrors.kinds import MIRRORS

@@ -10,23 +10,23 @@ from barc_interfaces.msg import ECU
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
-from barc_sim.bags.messages import leading_time
+from barc_sim.bags.cdr import leading_time
 from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.simulator.peers import PeerWatch, StartGate
-from barc_sim.nodes.simulator.publishers import StatePublishers
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_input, to_state_at_rest
+from barc_sim.ros.conversions import to_state_at_rest
 from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.fields import FieldPublisher, field_reader
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.peers import claim, living_publishers, taken
 from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RefusedInput
+from barc_sim.simulation.publishers import StatePublishers
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
     StepperCounts,
@@ -37,7 +37,7 @@ from barc_sim.simulation.simulator import (
     settings,
 )
 from barc_sim.simulation.stepper import Stepper
-from barc_sim.vehicle.bike_model import bikeFE
+from barc_sim.vehicle.bike_model import Input, bikeFE
 from barc_sim.vehicle.parameters import plant
 from barc_sim.vehicle.road import Road
 
@@ -114,8 +114,9 @@ class VehicleSimulator(StepperCounts, Node):
         self._refused = RefusedInput(self)
 
         self._state_publishers = StatePublishers(
-            self, clock=keeps_clock and publishes_clock(values)
+            partial(FieldPublisher, self), clock=keeps_clock and publishes_clock(values)
         )
+        self._read_command = field_reader(ECU, 'motor', 'servo')
         self._peers = PeerWatch(self, self._state_publishers)
         group = QuickCallbackGroup()
         self._drain = drained_subscription(self, ECU, names.ECU, self._on_command, group)
@@ -205,13 +206,14 @@ class VehicleSimulator(StepperCounts, Node):
 
     def _begin(self) -> None:
         if len(living_publishers(self, names.STATE)) > 1:
-            raise UserError(taken(self._state_publishers.topic, self.context.get_domain_id()))
+            topic = self.resolve_topic_name(names.STATE)
+            raise UserError(taken(topic, self.context.get_domain_id()))
         self._stepper.start()
 
     def _on_command(self, data: bytes) -> None:
         stamp = leading_time(data)
         why = self._stepper.refusal(stamp) or self._stepper.take_command(
-            to_input(deserialize_message(data, ECU)), stamp
+            Input(*self._read_command(data)), stamp
         )
         if why:
             self._refused.add(lambda: why)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.task import Future
 
-    from barc_sim.nodes.simulator.publishers import StatePublishers
+    from barc_sim.simulation.publishers import StatePublishers
 
 _POLL_PERIOD = 0.01  #: [s]
 #: Polls from the first that finds a controller to the first state. The controller may discover this

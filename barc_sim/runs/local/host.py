@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.bags.messages import NANOSECONDS, message_class
+from barc_sim.bags.cdr import NANOSECONDS
+from barc_sim.bags.messages import message_class
 from barc_sim.runs.local.loop import Loop
 from barc_sim.runs.local.parameters import EVERY_NODES, RosArguments, checked
 from barc_sim.runs.local.topics import Publisher, Topics

@@ -6,12 +6,10 @@ from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.bags.messages import CLOCK
 from barc_sim.control.cruise_control import TYPE, CruiseControl
 from barc_sim.control.types import DEFAULT_TYPE
 from barc_sim.errors import UserError
-from barc_sim.simulation import messages
-from barc_sim.simulation.log import COMMAND, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
+from barc_sim.simulation.publishers import AnswerPublishers, StatePublishers
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
     StepperCounts,
@@ -22,7 +20,6 @@ from barc_sim.simulation.simulator import (
     settings,
 )
 from barc_sim.simulation.stepper import Phase, Stepper
-from barc_sim.vehicle.bike_model import Input
 from barc_sim.vehicle.parameters import plant
 from barc_sim.vehicle.road import Road
 
@@ -31,7 +28,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.runs.local.host import LocalHost
-    from barc_sim.vehicle.bike_model import Model
+    from barc_sim.vehicle.bike_model import Input, Model
     from barc_sim.vehicle.plant import Observation
 
 
@@ -80,15 +77,11 @@ class LocalSimulator(StepperCounts):
         self.on_state: Callable[[int, Observation], Input | None] = lambda *_: None
         self.on_reset: Callable[[], None] = lambda: None
         self.keeps_clock = publishes_clock(values)
-        self._clock = node.publisher(CLOCK, 'rosgraph_msgs/msg/Clock') if self.keeps_clock else None
-        self._environment, self._state_error, self._state = (
-            node.publisher(topic, MESSAGE_TYPES[topic])
-            for topic in (ENVIRONMENT, STATE_ERROR, STATE)
-        )
+        self._publishers = StatePublishers(node.publisher, clock=self.keeps_clock)
         period = stepper.deadline_period
         self._deadlines = host.loop.timer(period, stepper.pass_deadline) if period else None
         host.loop.timer(CHECK_PERIOD, self._check).reset()
-        self._stamp = self._checked = 0
+        self._checked = 0
 
     def command(self, command: Input, stamp: int) -> None:
         """Take a command for the state stamped `stamp` [ns]; 0: it holds until the next."""
@@ -109,15 +102,7 @@ class LocalSimulator(StepperCounts):
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns], and have it answered."""
-        self._stamp = stamp_ns
-        if self._clock and self._clock.wanted:
-            self._clock.publish(stamp_ns, {})
-        if self._environment.wanted:
-            self._environment.publish(stamp_ns, messages.environment(seen))
-        if self._state_error.wanted:
-            self._state_error.publish(stamp_ns, messages.state_error(seen))
-        if self._state.wanted:
-            self._state.publish(stamp_ns, messages.state(seen))
+        self._publishers.publish(seen, stamp_ns)
         self._on_step(t, seen)
         # Later, as an answer steps to the next state, which is answered again.
         self._host.loop.soon(partial(self._answer, stamp_ns, seen))
@@ -166,8 +151,8 @@ class LocalSimulator(StepperCounts):
     def _check(self) -> None:
         self._stepper.check()
         # As the node does: a tick a second while time stands still.
-        if self._clock and self._stepper.phase is Phase.PAUSED and self.steps == self._checked:
-            self._clock.publish(self._stamp, {})
+        if self._stepper.phase is Phase.PAUSED and self.steps == self._checked:
+            self._publishers.publish_clock()
         self._checked = self.steps
 
 
@@ -202,10 +187,7 @@ class LocalController:
         self._changed: deque[tuple[str, float]] = deque()
         self.reset = self._control.reset
         self.reset()
-        topic = messages.controller_topic(self._control.controller)
-        self._command, self._state = (
-            node.publisher(name, MESSAGE_TYPES[name]) for name in (COMMAND, topic)
-        )
+        self._publishers = AnswerPublishers(node.publisher, self._control.controller)
 
     @property
     def acceleration_limit(self) -> float:
@@ -242,11 +224,4 @@ class LocalController:
         subtract = self._control.values['subtract_error']
         speed = seen.measured.v_x - (seen.error.v_x if subtract else 0.0)
         answer = self._control.answer(stamp, speed)
-        if answer is None:
-            return None
-        command = Input(motor=answer.acceleration)
-        if self._command.wanted:
-            self._command.publish(stamp, messages.command(command))
-        if self._state.wanted:
-            self._state.publish(stamp, messages.controller_state(self._control.controller, *answer))
-        return command
+        return None if answer is None else self._publishers.publish(stamp, answer)

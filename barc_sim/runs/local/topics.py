@@ -6,7 +6,7 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.bags.messages import NANOSECONDS, Message, packer, topic
+from barc_sim.bags.messages import Message, packer, topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -50,7 +50,7 @@ class Publisher:
         if self._queue is not None:
             self.number += 1
             now = time.time_ns()
-            data = self._pack(*divmod(stamp, NANOSECONDS), fields)
+            data = self._pack(stamp, fields)
             self._queue.append(Message(self._topic, data, now, now, self.number))
         for callback in self._subscriptions:
             callback(stamp, fields)

@@ -1,0 +1,90 @@
+"""What a simulator and a controller publish, on the topics that ROS or a call carries."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+from barc_sim.simulation import messages
+from barc_sim.simulation.log import CLOCK, COMMAND, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
+from barc_sim.vehicle.bike_model import Input
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from barc_sim.control.controller import Controller
+    from barc_sim.control.cruise_control import Answer
+    from barc_sim.vehicle.plant import Observation
+
+
+class Publisher(Protocol):
+    """Publishes the messages of one topic; none need be made where they are not `wanted`."""
+
+    wanted: bool
+
+    def publish(self, stamp: int, fields: Mapping[str, Any]) -> None:
+        """Publish the message stamped `stamp` [ns] with `fields`, by name."""
+
+
+if TYPE_CHECKING:
+    #: Returns a publisher on a topic, given its name and type.
+    Publishers = Callable[[str, str], Publisher]
+
+
+class StatePublishers:
+    """Publishes each state on its topics: `/clock` first, and `z_vhcl`, to be answered, last.
+
+    Attributes
+    ----------
+    keeps_clock
+        Whether `/clock` is published.
+    """
+
+    def __init__(self, publisher: Publishers, *, clock: bool) -> None:
+        """Create the publishers, with that of `/clock` if `clock` is true."""
+        self._state_error, self._environment, self._state = (
+            publisher(topic, MESSAGE_TYPES[topic]) for topic in (STATE_ERROR, ENVIRONMENT, STATE)
+        )
+        # Reliable, so that no bag lacks a tick; best-effort subscriptions receive it as well.
+        self._clock = publisher(CLOCK, 'rosgraph_msgs/msg/Clock') if clock else None
+        self.keeps_clock = clock
+
+    def publish(self, seen: Observation, stamp: int) -> None:
+        """Publish what was observed at the time `stamp` [ns]."""
+        self._seen, self._stamp = seen, stamp
+        self.publish_clock()
+        if self._environment.wanted:
+            self._environment.publish(stamp, messages.environment(seen))
+        self.republish()
+
+    def republish(self) -> None:
+        """Publish the latest state again, for a controller that has started since."""
+        if self._state_error.wanted:
+            self._state_error.publish(self._stamp, messages.state_error(self._seen))
+        if self._state.wanted:
+            self._state.publish(self._stamp, messages.state(self._seen))
+
+    def publish_clock(self) -> None:
+        """Publish the time of the latest state on `/clock`."""
+        if self._clock and self._clock.wanted:
+            self._clock.publish(self._stamp, {})
+
+
+class AnswerPublishers:
+    """Publishes a controller's commands, and what it has computed for each."""
+
+    def __init__(self, publisher: Publishers, controller: Controller) -> None:
+        """Create the publishers for `controller`."""
+        self._controller = controller
+        topic = messages.controller_topic(controller)
+        self._command, self._state = (
+            publisher(topic, MESSAGE_TYPES[topic]) for topic in (COMMAND, topic)
+        )
+
+    def publish(self, stamp: int, answer: Answer) -> Input:
+        """Publish and return the command that answers the state stamped `stamp` [ns]."""
+        command = Input(motor=answer.acceleration)
+        if self._command.wanted:
+            self._command.publish(stamp, messages.command(command))
+        if self._state.wanted:
+            self._state.publish(stamp, messages.controller_state(self._controller, *answer))
+        return command
