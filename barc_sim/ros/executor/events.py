@@ -5,8 +5,6 @@
 from __future__ import annotations
 
 import os
-import resource
-import select
 import time
 import warnings
 from collections import deque
@@ -22,6 +20,7 @@ from rclpy.timer import Timer
 from rclpy.waitable import Waitable
 
 from barc_sim.ros.executor.callback_groups import PolledCallbackGroup, QuickCallbackGroup
+from barc_sim.ros.executor.descriptors import Descriptors, eventfd
 from barc_sim.ros.executor.entities import KINDS, Entity, Entry, take_of, take_waitable
 from barc_sim.ros.executor.rclpy_private import (
     handle_of,
@@ -41,8 +40,6 @@ if TYPE_CHECKING:
 #: [s] The longest wait. Then the context is checked, as a signal ends it without an event, and
 #: action servers, whose results expire without one.
 _CHECK_PERIOD = 0.1
-_POLL_RESOLUTION = 1e-3  # s
-_FLAGS = os.EFD_NONBLOCK | os.EFD_CLOEXEC
 
 
 class Events:
@@ -62,19 +59,19 @@ class Events:
         self._signalled: deque[Entry] = deque()  # by other threads
         self._jumped = False
         self._next_check = 0.0
-        self._wakeup = os.eventfd(0, _FLAGS)
+        self._wakeup = eventfd()
         self._wakeup_lock = Lock()
         self._wakeup_is_set = False  # also once it is closed
         self._timers = Timers(self.queue, self._on_jump)
         self._waiter = WaitSetThread(context, self._signal, on_failure)
-        self._epoll = select.epoll()
+        self._descriptors = Descriptors()
         self._special = {
             self._wakeup: self._on_wake,
             self._timers.descriptor: self._timers.expire,
             self._timers.resets: self._on_reset,
         }
         for descriptor in self._special:
-            self._epoll.register(descriptor, select.EPOLLIN)
+            self._descriptors.add(descriptor)
 
     def wake(self) -> None:
         """End a wait, from any thread, also when this is closed."""
@@ -94,22 +91,13 @@ class Events:
     def poll(self, deadline: float) -> float:
         """Wait until something arrives, `wake` is called or the deadline [s]; return the time."""
         now = time.monotonic()
-        seconds = deadline - now
-        if seconds > _CHECK_PERIOD:
-            seconds = _CHECK_PERIOD
-        elif 0 < seconds < _POLL_RESOLUTION:
-            with suppress(ValueError):  # it has a descriptor above 1023
-                select.select((self._epoll,), (), (), seconds)
-                seconds = 0.0
-        for descriptor, _ in self._epoll.poll(max(0, seconds), 64):
+        seconds = min(deadline - now, _CHECK_PERIOD)
+        for descriptor in self._descriptors.poll(seconds):
             entry = self._by_descriptor.get(descriptor)
             if entry is None:
                 self._special[descriptor]()
             else:
-                entry.pending += os.eventfd_read(descriptor)
-                if not entry.queued:
-                    entry.queued = True
-                    self.ready.append(entry)
+                self.queue(entry, self._descriptors.take_count(descriptor))
         if now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
             self.woken = True
@@ -128,7 +116,7 @@ class Events:
 
     def _on_wake(self) -> None:
         with self._wakeup_lock:
-            os.eventfd_read(self._wakeup)
+            self._descriptors.take_count(self._wakeup)
             self._wakeup_is_set = False
         while self._signalled:
             entry = self._signalled.popleft()
@@ -139,7 +127,7 @@ class Events:
             self._timers.schedule_all()
 
     def _on_reset(self) -> None:
-        os.eventfd_read(self._timers.resets)
+        self._descriptors.take_count(self._timers.resets)
         self._timers.schedule_all()
 
     def refresh(self, nodes: Iterable[Node]) -> None:
@@ -192,13 +180,13 @@ class Events:
             self._waiter.add(entry)
 
     def _listen(self, entry: Entry) -> bool:
-        descriptor = _eventfd()
+        descriptor = eventfd()
         if not set_listener(entry.entity, descriptor):
             os.close(descriptor)
             return False
         entry.descriptor = descriptor
         self._by_descriptor[descriptor] = entry
-        self._epoll.register(descriptor, select.EPOLLIN)
+        self._descriptors.add(descriptor)
         if left := getattr(entry.entity, '_arrived', 0):  # counted, but not taken before
             self.queue(entry, left)
         return True
@@ -218,11 +206,9 @@ class Events:
             self._waiter.remove(entry)
         else:
             set_listener(entity, None)
-            with suppress(BlockingIOError):
-                entry.pending += os.eventfd_read(entry.descriptor)
-            entity._arrived = entry.pending
+            entity._arrived = entry.pending + self._descriptors.take_count(entry.descriptor)
             del self._by_descriptor[entry.descriptor]
-            self._epoll.unregister(entry.descriptor)
+            self._descriptors.remove(entry.descriptor)
             os.close(entry.descriptor)
         entry.pending = 0
         entry.status = None
@@ -230,20 +216,11 @@ class Events:
 
     def close(self) -> None:
         """Listen to nothing; a second call does nothing."""
-        if not self._epoll.closed:
+        if not self._descriptors.closed:
             self.refresh([])
             self._waiter.close()
             self._timers.close()
             with self._wakeup_lock:
                 self._wakeup_is_set = True
                 os.close(self._wakeup)
-            self._epoll.close()
-
-
-def _eventfd() -> int:
-    try:
-        return os.eventfd(0, _FLAGS)
-    except OSError:  # the process may have more, if it asks
-        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-        return os.eventfd(0, _FLAGS)
+            self._descriptors.close()

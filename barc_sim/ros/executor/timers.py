@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import time
 from math import inf
-from struct import pack
 from typing import TYPE_CHECKING
 
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 
+from barc_sim.ros.executor.descriptors import eventfd, set_time, timerfd
 from barc_sim.ros.executor.rclpy_private import set_listener
 
 if TYPE_CHECKING:
@@ -22,12 +21,9 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Entry
 
-_MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
-_LIBC = ctypes.PyDLL(None)
-_LIBC.timerfd_settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
 
 
 class Timers:
@@ -44,8 +40,8 @@ class Timers:
     """
 
     def __init__(self, is_ready: Callable[[Entry], None], on_jump: Callable[[], None]) -> None:
-        self.descriptor: int = _LIBC.timerfd_create(_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)
-        self.resets = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.descriptor = timerfd()
+        self.resets = eventfd()
         self._is_ready = is_ready
         self._on_jump = on_jump
         self._armed: float = inf
@@ -100,8 +96,7 @@ class Timers:
 
     def _arm(self, due: float) -> None:
         self._armed = due
-        first = divmod(int(due), 1_000_000_000) if due < inf else (0, 0)  # disarmed
-        _LIBC.timerfd_settime(self.descriptor, _ABSOLUTE, pack('4l', 0, 0, *first), None)
+        set_time(self.descriptor, due)
 
     def close(self) -> None:
         """Close the descriptors, when all timers were removed."""
