@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import add_bag_arguments
-from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Mapping
 
     from barc_sim.cli.parser import Parser
 
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
-_SHOWN = 120  # characters of a setting
 
 
 def add_arguments(parser: Parser) -> None:
@@ -56,7 +52,7 @@ def run(options: Namespace) -> None:
             'tkinter; use --save FILE'
         )
     figure = run_figures.speed_figure(
-        log, title=title, settings=settings(reader.info(source)), figure=window
+        log, title=title, settings=run_figures.settings(reader.info(source)), figure=window
     )
     if not window:
         path = path or directory / 'speed.png'
@@ -66,12 +62,3 @@ def run(options: Namespace) -> None:
         print(path)  # noqa: T201
     if window:
         output.show()
-
-
-def settings(info: Mapping[str, str]) -> str:
-    """Return the road and the gains in a run's metadata, in one line."""
-    return ' · '.join(
-        f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
-        for key in ('road', *GAINS)
-        if key in info
-    )

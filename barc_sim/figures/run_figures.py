@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from functools import partial
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -12,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
+from barc_sim.control.types import GAINS
 from barc_sim.figures.palette import COLOURS, term_colours
 from barc_sim.figures.style import (
     BLUE,
@@ -30,11 +32,14 @@ from barc_sim.figures.style import (
 from barc_sim.simulation import metrics
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from matplotlib.axes import Axes
 
     from barc_sim.simulation.log import Log
 
 SIZE = (9.6, 7.2)  #: [inch]
+_SHOWN = 120  # characters of a setting
 
 
 class NotebookFigure(Figure):
@@ -95,6 +100,15 @@ def speed_figure(
     figure.align_ylabels()
     figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
     return figure
+
+
+def settings(info: Mapping[str, str]) -> str:
+    """Return the road and the gains in a run's metadata, in one line."""
+    return ' · '.join(
+        f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
+        for key in ('road', *GAINS)
+        if key in info
+    )
 
 
 @style.context(STYLE)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-_MAX_ARCHIVE = 256 << 20  # bytes
+MAX_ARCHIVE = 256 << 20  # bytes
 _MAX_UNPACKED = 256 << 20  # bytes of a .tar
 _MAX_MEMBERS = 10_000
 _TARS: dict[str, Callable[[Path], Any]] = {
@@ -58,8 +58,8 @@ def members(path: Path) -> Iterator[Member]:
 
     A damaged archive can raise any exception, here and where a file is read.
     """
-    if path.stat().st_size > _MAX_ARCHIVE:
-        raise Unreadable(f'it has more than {_MAX_ARCHIVE >> 20} MiB')
+    if path.stat().st_size > MAX_ARCHIVE:
+        raise Unreadable(f'it has more than {MAX_ARCHIVE >> 20} MiB')
     return _zipped(path) if path.name.lower().endswith('.zip') else _tarred(path)
 
 

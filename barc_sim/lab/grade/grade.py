@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.lab.check.judging import gains_used, judge
 from barc_sim.lab.grade.code import ConfinedCode
-from barc_sim.lab.grade.submissions import GRADED
+from barc_sim.lab.grade.submissions import PARTS, graded
 from barc_sim.lab.grade.text import printable
+from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
     from barc_sim.lab.check.findings import Comparison, Trajectory
@@ -62,8 +63,10 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     A criterion's points are its greatest points times the finding's score, rounded to hundredths.
     """
     notes = submission.notes
-    if not any(name in submission.files for name in GRADED):
-        notes = (f'it has neither {" nor ".join(GRADED)} at its top', *notes)
+    files = graded(submission.files)
+    if not files:
+        wanted = ' nor '.join(FILES[part] for part in PARTS)
+        notes = (f'it has neither {wanted} at its top', *notes)
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
         with ConfinedCode(Path(folder), limits, sandbox=sandbox) as code:
@@ -85,9 +88,5 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         gains=printable(gains),
         tolerated=tuple(map(printable, tolerated)),
         printed=printable(code.printed),
-        hashes=tuple(
-            (name, hashlib.sha256(submission.files[name]).hexdigest())
-            for name in GRADED
-            if name in submission.files
-        ),
+        hashes=tuple((name, hashlib.sha256(submission.files[name]).hexdigest()) for name in files),
     )

@@ -12,14 +12,21 @@ from barc_sim.errors import UserError
 from barc_sim.lab.grade import archives
 from barc_sim.lab.grade.archives import Unreadable
 from barc_sim.lab.grade.text import printable
+from barc_sim.lab.user_code.loading import FILES, find_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
     from barc_sim.lab.grade.archives import Member
 
-#: The graded files; a submission has at least one of them.
-GRADED = ('bike_model.py', 'controller.py')
+#: The graded parts; a submission has at least one of them.
+PARTS = ('model', 'controller')
+_NAMES = tuple(FILES[part] for part in PARTS)
+#: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
+_EVIDENCE = (
+    *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
+    *('.mcap', '.db3', '.bag', '.zip', '.tar.gz'),
+)
 MAX_FILE = 1 << 20  #: bytes
 MAX_FILES = 200
 MAX_TOTAL = 8 << 20  #: bytes
@@ -45,6 +52,11 @@ class Submission:
             path.write_bytes(data)
 
 
+def graded(names: Collection[str]) -> list[str]:
+    """Return the names of the graded files among those of a folder."""
+    return [name for part in PARTS if (name := find_name(names, part))]
+
+
 def find(path: Path) -> list[Path]:
     """Return the submissions at `path`: itself, or each entry of the folder, by name.
 
@@ -62,12 +74,14 @@ def find(path: Path) -> list[Path]:
         raise UserError(
             f'there is no folder {str(path)!r}: name one submission, or a folder of them'
         )
-    if any((path / name).exists() for name in GRADED):
-        return [path.resolve()]
     found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
-    if not any(entry.is_dir() or archives.is_archive(entry) for entry in found):
+    several = any(entry.is_dir() or archives.is_archive(entry) for entry in found)
+    names = [entry.name for entry in found]
+    if graded(names) if not several else any(name in names for name in _NAMES):
+        return [path.resolve()]
+    if not several:
         raise UserError(
-            f'{str(path)!r} is no submission and holds none: expected {" or ".join(GRADED)} in it, '
+            f'{str(path)!r} is no submission and holds none: expected {" or ".join(_NAMES)} in it, '
             'or a folder for each submission'
         )
     return found
@@ -94,7 +108,7 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
         notes.append('it is a link, which is not followed: hand in the files themselves')
         return
     if path.is_dir():
-        members = _listed(path)
+        members = listed(path)
     elif archives.is_archive(path):
         members = _from_the_graded(list(archives.members(path)), notes)
     else:
@@ -106,11 +120,13 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
 def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -> int:
     """Add the members that a folder can hold to `files`, and notes on the others.
 
-    Return how many were looked at.
+    Return how many there are. Plots, films and bags are left out, of any size.
     """
     seen = 0
     folders = {str(parent) for name in files for parent in PurePosixPath(name).parents}
     for seen, member in enumerate(members, 1):  # noqa: B007 (counted)
+        if is_evidence(member.path):
+            continue
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
             break
@@ -130,6 +146,11 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
         files[member.path] = data
         folders.update(parents)
     return seen
+
+
+def is_evidence(path: str) -> bool:
+    """Return whether a file is no part of the code, by its name."""
+    return path.lower().endswith(_EVIDENCE) or PurePosixPath(path).name == 'metadata.yaml'
 
 
 def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: list[str]) -> str:
@@ -155,7 +176,7 @@ def _reason(error: Exception) -> str:
     return printable(getattr(error, 'strerror', None) or str(error) or type(error).__name__)
 
 
-def _listed(folder: Path) -> Iterator[Member]:
+def listed(folder: Path) -> Iterator[Member]:
     """Yield the files of a folder, those at its top first."""
     for directory, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not _of_tools(name))
@@ -185,15 +206,18 @@ def _data(path: Path, size: int) -> bytes:
 
 
 def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member]:
-    """Yield the files in the folder of the first `GRADED` file, and below."""
+    """Yield the files in the folder of the first graded file, and below."""
     paths = [PurePosixPath(member.path) for member in members]
-    copies = [path for path in paths if path.name in GRADED and not any(map(_of_tools, path.parts))]
-    top = min((path.parent for path in copies), key=lambda path: len(path.parts), default=None)
-    top = top or PurePosixPath()
-    for path in copies:
-        if path.parent != top:
-            graded = printable(str(top / path.name))
-            notes.append(f'{printable(str(path))} is not graded: {graded} comes first')
+    folders: dict[PurePosixPath, list[str]] = {}
+    for path in paths:
+        if not any(map(_of_tools, path.parts)):
+            folders.setdefault(path.parent, []).append(path.name)
+    copies = {folder: names for folder, all_ in folders.items() if (names := graded(all_))}
+    top = min(copies, key=lambda folder: len(folder.parts), default=PurePosixPath())
+    for folder, names in copies.items():
+        for name in names if folder != top else ():
+            first = printable(str(top / (name if name in copies[top] else copies[top][0])))
+            notes.append(f'{printable(str(folder / name))} is not graded: {first} comes first')
     for member, path in zip(members, paths, strict=True):
         if '..' in path.parts or path.is_absolute():
             yield member

@@ -118,15 +118,22 @@ def find_files(folder: Path | str, parts: Collection[str] = tuple(FILES)) -> dic
 
 
 def find_file(folder: Path, part: str) -> Path | None:
-    """Return the file of a part in `folder`: of its name, or the only one of a similar name.
+    """Return the file of a part in `folder`, see `find_name`."""
+    name = find_name([file.name for file in folder.glob('*.py') if file.exists()], part)
+    return folder / name if name else None
+
+
+def find_name(names: Collection[str], part: str) -> str | None:
+    """Return the name of a part's file among `names`: its own, or the only one of a similar name.
 
     Similar are `Bike_Model.py` and `bike_model_final(1).py`.
     """
-    exact = folder / FILES[part]
-    if exact.exists():
-        return exact
-    stem = _letters(exact.stem)
-    similar = [file for file in sorted(folder.glob('*.py')) if _letters(file.stem).startswith(stem)]
+    if FILES[part] in names:
+        return FILES[part]
+    stem = _letters(Path(FILES[part]).stem)
+    similar = [
+        name for name in names if name.endswith('.py') and _letters(name[:-3]).startswith(stem)
+    ]
     return similar[0] if len(similar) == 1 else None
 
 

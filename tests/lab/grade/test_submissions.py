@@ -29,6 +29,25 @@ def test_a_folder_with_a_graded_file_is_one_submission(folder: Callable[..., Pat
     assert find(path) == [path]
 
 
+def test_a_file_of_a_similar_name_is_found_as_it_is_by_check(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = folder(controller_final='')
+    archive = zipped(tmp_path / 'eve.zip', **{'lab/Bike_Model.py': b'1', 'controller/a.py': b''})
+
+    assert find(path) == [path]
+    assert read(archive).files == {'Bike_Model.py': b'1'}
+
+
+def test_a_class_with_a_loose_file_of_a_similar_name_is_a_class(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    paths = [folder('ada', controller=''), tmp_path / 'controller_bob.py']
+    paths[1].touch()
+
+    assert find(tmp_path) == paths
+
+
 def test_a_link_that_the_grader_names_is_followed(
     folder: Callable[..., Path], tmp_path: Path
 ) -> None:
@@ -125,10 +144,20 @@ def test_a_file_that_may_not_be_read_is_told_of(
 
 def test_a_file_that_is_too_large_is_left_out(folder: Callable[..., Path]) -> None:
     path = folder(controller='')
-    (path / 'run.mcap').write_bytes(bytes(MAX_FILE + 1))
+    (path / 'table.csv').write_bytes(bytes(MAX_FILE + 1))
 
     assert [*read(path).files] == ['controller.py']
-    assert read(path).notes == ('run.mcap has more than 1 MiB',)
+    assert read(path).notes == ('table.csv has more than 1 MiB',)
+
+
+def test_plots_videos_and_bags_are_no_code(folder: Callable[..., Path]) -> None:
+    path = folder(controller='')
+    (path / 'course').mkdir()
+    for name in ('course/run.mcap', 'course/metadata.yaml', 'speed.PNG', 'teleop.mp4'):
+        (path / name).write_bytes(bytes(MAX_FILE + 1))
+
+    assert [*read(path).files] == ['controller.py']
+    assert read(path).notes == ()
 
 
 def test_of_too_many_files_those_at_the_top_are_taken(folder: Callable[..., Path]) -> None:

@@ -1,0 +1,253 @@
+"""What a student hands in: code, gains, bags, figures, video and description, in one zip."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from matplotlib.figure import Figure
+
+from barc_sim.bags import reader, records
+from barc_sim.control.pid import PID
+from barc_sim.errors import UserError
+from barc_sim.figures.graph_figure import GraphDrawing
+from barc_sim.figures.run_figures import settings, speed_figure
+from barc_sim.lab.grade.archives import MAX_ARCHIVE
+from barc_sim.lab.grade.submissions import listed, take
+from barc_sim.lab.report.facts import Facts, read
+from barc_sim.lab.report.page import page
+from barc_sim.lab.user_code import source
+from barc_sim.lab.user_code.gains import find_gains
+from barc_sim.lab.user_code.loading import FILES, find_file, find_name
+from barc_sim.simulation.metrics import RUN_UP
+
+if TYPE_CHECKING:
+    import ast
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from barc_sim.bags.node_graph import NodeGraph
+    from barc_sim.lab.user_code.gains import ChosenGains
+
+#: The text of the printed lines, in the zip.
+SUMMARY = 'summary.txt'
+_VIDEOS = ('.mp4', '.gif', '.webm', '.mkv', '.mov')
+_DESCRIPTIONS = ('description', 'readme', 'report')
+_TEXTS = ('.md', '.txt', '.rst', '.pdf')
+#: The lab's third task hands in a file that a run does not load.
+_COMPOSE = 'compose.py'
+
+
+class Part(NamedTuple):
+    """One line of what is handed in."""
+
+    name: str
+    text: str  #: what there is, or what is missing and how to make it
+    files: Mapping[str, bytes | Path] = {}  #: by their names in the zip
+    missing: bool = False
+
+    def __str__(self) -> str:
+        """Return the line."""
+        return f'{self.name:12}  {"missing: " if self.missing else ""}{self.text}'
+
+
+def collect(
+    folder: Path, course: Path | None, why: str, teleop: Path | None, video: Path | None
+) -> Iterator[Part]:
+    """Yield the parts of a student's `folder`, with the bags and the video of the drives.
+
+    `why` is the sentence of a course that has no bag, or did not end well.
+    """
+    facts, fault = _facts(course)
+    yield from _code(folder)
+    yield _gains(folder, facts.info if facts else {})
+    if text := why or fault:
+        yield Part('course', f'its end: {text}' if facts else text, missing=True)
+    if course and facts:
+        yield _course(course, facts, folder)
+        yield _plot(facts)
+        yield from _graph(facts.graph, 'graph')
+    yield from _teleop(teleop)
+    yield _video(video)
+    yield _description(folder)
+
+
+def write(path: Path, parts: Iterable[Part]) -> None:
+    """Write the files of `parts`, and their lines, as a zip."""
+    parts = [*parts]
+    files = {name: data for part in parts for name, data in part.files.items()}
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
+        for name, data in files.items():
+            archive.writestr(name, data.read_bytes() if isinstance(data, Path) else data)
+        archive.writestr(SUMMARY, ''.join(f'{part}\n' for part in parts))
+
+
+def size(path: Path) -> str:
+    """Return the size of the zip at `path`, and whether `grade` opens it."""
+    bytes_ = path.stat().st_size
+    limit = f', and barc grade opens {MAX_ARCHIVE >> 20} MiB at most: leave the video out'
+    return f'{bytes_ / 2**20:.1f} MiB{limit if bytes_ > MAX_ARCHIVE else ""}'
+
+
+def newest_drive(folders: Sequence[Path], command: str) -> Path | None:
+    """Return the newest bag of a run of `barc COMMAND` in one of `folders`."""
+    files = {file for folder in folders for file in folder.glob('*/*.mcap')}
+    newest_first = sorted(files, key=lambda file: file.stat().st_mtime_ns, reverse=True)
+    return next((f.parent for f in newest_first if _command(f.parent) == command), None)
+
+
+def _command(bag: Path) -> str:
+    """Return `acc` or `teleop`, where the bag is of such a run."""
+    try:
+        _, command, *_ = [*reader.info(bag).get('command', '').split(), '', '']
+    except UserError:
+        return ''
+    return command
+
+
+def newest_video(folders: Iterable[Path]) -> Path | None:
+    """Return the newest video in one of `folders`."""
+    videos = [
+        file for folder in folders for file in folder.glob('*') if file.suffix.lower() in _VIDEOS
+    ]
+    return max(videos, key=lambda file: file.stat().st_mtime_ns, default=None)
+
+
+def _facts(bag: Path | None) -> tuple[Facts | None, str]:
+    """Return the facts of a bag; without any, the reason."""
+    if bag is None:
+        return None, ''
+    try:
+        return read(bag), ''
+    except UserError as error:
+        return None, str(error)
+
+
+def _code(folder: Path) -> Iterator[Part]:
+    """Yield what `grade` reads of the folder, and a line for each file that is not written."""
+    files: dict[str, bytes] = {}
+    notes: list[str] = []
+    take(listed(folder), files, notes)
+    names = [name for name in files if name.endswith('.py')]
+    others = len(files) - len(names)
+    text = ', '.join(names) + (f', other files: {others}' if others else '')
+    yield Part('code', text or 'no file', dict(files), missing=not files)
+    for note in notes:
+        yield Part('code', f'{note}: it is left out')
+    for part, name in (*((part, name) for part, name in FILES.items()), ('', _COMPOSE)):
+        found = find_name([*files], part) if part else name if name in files else None
+        if found is None:
+            yield Part('code', name, missing=True)
+        elif files[found] == _template(name):
+            yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
+
+
+def _template(name: str) -> bytes:
+    file = resources.files('barc_sim.lab') / 'templates' / name
+    return file.read_bytes() if file.is_file() else b''
+
+
+def chosen_gains(folder: Path) -> ChosenGains | None:
+    """Return the gains that the folder's controller chooses; none of its code is run."""
+    path = find_file(folder, 'controller')
+    files = ([path] if path else []) + sorted(folder.glob('*.py'))
+    trees = {file.name: tree for file in files if (tree := _tree(file))}
+    return find_gains(trees, path.name) if path and path.name in trees else None
+
+
+def _tree(file: Path) -> ast.Module | None:
+    try:
+        return source.compiled(source.read(file, file.name)).tree
+    except UserError:
+        return None
+
+
+def _gains(folder: Path, info: Mapping[str, str]) -> Part:
+    chosen = chosen_gains(folder)
+    driven = [float(info[name]) for name in PID.gains if name in info]
+    if chosen and driven in ([], [*chosen[:3]]):
+        return Part('gains', str(chosen))
+    text = 'controller.py chooses none: write pid = PID(kp=…, ki=…, kd=…) below its class'
+    if chosen:
+        text = f'barc grade drives with {chosen}'
+    if driven and any(f'--{name}' in info.get('command', '') for name in PID.gains):
+        kp, ki, kd = driven
+        return Part('gains', f'kp {kp:g}, ki {ki:g}, kd {kd:g} ({info["command"]}); {text}')
+    return Part('gains', text, missing=chosen is None)
+
+
+def _course(bag: Path, facts: Facts, folder: Path) -> Part:
+    result, log = facts.summary, facts.log
+    text = f'{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s'
+    if result.max_error_after_run_up >= 0.0:
+        text += (
+            f'; after the first {RUN_UP:g} m the RMS error is {result.rms_error_after_run_up:.3f} '
+            f'm/s, the greatest {result.max_error_after_run_up:.3f} m/s'
+        )
+    own = {name: text for name, text in facts.sources.items() if (folder / name).is_file()}
+    if changed := [name for name, text in own.items() if _differs(folder / name, text)]:
+        text += f'; since then {", ".join(changed)} changed: drive again'
+    elif not own:
+        text += "; the code that drove is not this folder's: drive with --lab"
+    return Part('course', text, _bag(bag, 'course') | {'report.html': page(facts).encode()})
+
+
+def _differs(file: Path, text: str) -> bool:
+    return file.read_bytes().decode(errors='replace') != text
+
+
+def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
+    """Return the files of a bag, in the folder `name` of the zip."""
+    directory = bag if bag.is_dir() else bag.parent
+    files = [*records.files(bag), directory / 'metadata.yaml']
+    return {f'{name}/{file.name}': file for file in files if file.is_file()}
+
+
+def _plot(facts: Facts) -> Part:
+    figure = speed_figure(facts.log, title='The course', settings=settings(facts.info))
+    return Part('plot', 'speed.png', {'speed.png': _png(figure)})
+
+
+def _graph(graph: NodeGraph | None, name: str) -> Iterator[Part]:
+    if graph:
+        drawing = GraphDrawing(graph)
+        figure = Figure(figsize=drawing.size)
+        drawing.draw(figure)
+        yield Part('graph', f'{name}.png', {f'{name}.png': _png(figure)})
+
+
+def _png(figure: Figure) -> bytes:
+    data = io.BytesIO()
+    figure.savefig(data, format='png', dpi=150)
+    return data.getvalue()
+
+
+def _teleop(bag: Path | None) -> Iterator[Part]:
+    facts, fault = _facts(bag)
+    if bag and facts:
+        text = f'{facts.log.t[-1]:.1f} s by hand ({facts.info.get("command", "no command known")})'
+        yield Part('teleop', text, _bag(bag, 'teleop'))
+        yield from _graph(facts.graph, 'teleop_graph')
+    else:
+        yield Part(
+            'teleop', fault or 'drive with barc teleop, or name a bag: --teleop', missing=True
+        )
+
+
+def _video(video: Path | None) -> Part:
+    if video and video.is_file():
+        return Part('video', str(video), {f'teleop{video.suffix.lower()}': video})
+    advice = 'save one with barc replay BAG --save drive.mp4, or name one: --video'
+    return Part('video', f'there is no {str(video)!r}' if video else advice, missing=True)
+
+
+def _description(folder: Path) -> Part:
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _TEXTS)
+    for stem in _DESCRIPTIONS:
+        for file in files:
+            same = file.stem.lower() == stem and file.is_file()
+            if same and file.read_bytes() not in (b'', _template(file.name)):
+                return Part('description', file.name, {file.name: file})
+    return Part('description', 'write what you did, and why, in description.md', missing=True)

@@ -1,0 +1,161 @@
+"""The command `barc submit`: what a student hands in, as one zip that `grade` takes."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from typing import TYPE_CHECKING
+
+import pytest
+from command_line import barc
+from made_bags import make
+from student_code import CONTROLLER, MODEL
+
+from barc_sim.control.driver import DriverInput
+from barc_sim.lab.grade.submissions import read
+from barc_sim.simulation.closed_loop import drive
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+OWN = {
+    'bike_model.py': MODEL,
+    'controller.py': CONTROLLER,
+    'relay.py': 'def relay(linear_x, angular_z):\n    return [4.0 * linear_x, 0.3 * angular_z]\n',
+    'description.md': 'I tuned it by hand.\n',
+    'gains.csv': '10,0.5,0.4\n',
+}
+LOCAL = ('--engine', 'local')
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a student's folder, in the current one."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / 'lab'
+    folder.mkdir()
+    for name, text in OWN.items():
+        (folder / name).write_text(text)
+    return folder
+
+
+def teleop_bag(path: Path) -> Path:
+    log = drive([(0.0, DriverInput(1.0, 0.3))], 1.0)
+    return make(path, log, {'command': 'barc teleop --lab lab'})
+
+
+def test_everything_is_in_the_zip(lab: Path) -> None:
+    (lab / 'bags').mkdir()
+    teleop_bag(lab / 'bags' / 'drive')
+    (lab / 'bags' / 'drive' / 'drive.mp4').write_bytes(bytes(2 << 20))
+
+    done = barc('submit', 'lab', *LOCAL)
+
+    assert (done.returncode, done.stderr) == (0, '')
+    with zipfile.ZipFile('lab.zip') as archive:
+        names = archive.namelist()
+        summary = archive.read('summary.txt').decode()
+        assert archive.read('controller.py') == CONTROLLER.encode()
+    wanted = {
+        *OWN, 'report.html', 'speed.png', 'graph.png', 'summary.txt', 'teleop.mp4',
+        'course/metadata.yaml',
+    }  # fmt: skip
+    assert wanted <= {*names}
+    assert [name for name in names if name.startswith('teleop/') and name.endswith('.mcap')]
+    assert done.stdout.startswith(summary)
+    assert 'gains         kp 10, ki 0.5, kd 0.4 (controller.py, line 38)\n' in summary
+    assert 'the RMS error is 0.101 m/s, the greatest 0.367 m/s' in summary
+    assert 'teleop        1.0 s by hand (barc teleop --lab lab)' in summary
+    assert [line for line in summary.splitlines() if 'missing' in line] == [
+        'code          missing: compose.py'
+    ]
+
+
+def test_what_is_missing_is_a_line_each_and_nothing_is_refused(lab: Path) -> None:
+    for name in OWN:
+        (lab / name).unlink()
+
+    done = barc('submit', 'lab', '--save', 'mine.zip', *LOCAL)
+
+    assert done.returncode == 0
+    missing = [line for line in done.stdout.splitlines() if 'missing: ' in line]
+    parts = ['code'] * 5 + ['gains', 'course', 'teleop', 'video', 'description']
+    assert [line.split()[0] for line in missing] == parts
+    assert zipfile.ZipFile('mine.zip').namelist() == ['summary.txt']
+
+
+def test_code_that_fails_is_packed_with_its_bag_and_the_sentence(lab: Path) -> None:
+    text = CONTROLLER.replace('return acc', 'return acc if error > 1.0 else missing')
+    (lab / 'controller.py').write_text(text)
+
+    done = barc('submit', 'lab', *LOCAL)
+
+    assert done.returncode == 0
+    assert 'course        missing: its end: controller.py, line' in done.stdout
+    assert "NameError: name 'missing' is not defined" in done.stdout
+    assert [name for name in zipfile.ZipFile('lab.zip').namelist() if name.endswith('.mcap')]
+
+
+def test_a_drive_of_your_own_is_taken_and_its_differences_named(lab: Path) -> None:
+    line = ('acc', '--lab', 'lab', '--realtime-factor', 'max', '-q', '--kp', '20', *LOCAL)
+    bag = barc(*line).stdout.strip()
+    (lab / 'bike_model.py').write_text(MODEL + '\n# better\n')
+
+    done = barc('submit', 'lab', '--course', bag, *LOCAL)
+
+    assert 'gains         kp 20, ki 0.5, kd 0.4 (barc acc --lab lab' in done.stdout
+    assert 'barc grade drives with kp 10, ki 0.5, kd 0.4 (controller.py, line 38)' in done.stdout
+    assert 'since then bike_model.py changed: drive again' in done.stdout
+
+
+@pytest.mark.usefixtures('lab')
+def test_templates_and_foreign_bags_are_named() -> None:
+    assert barc('new', 'fresh').returncode == 0
+    bag = barc('acc', '--realtime-factor', 'max', '-q', *LOCAL).stdout.strip()
+
+    done = barc('submit', 'fresh', '--course', bag, '--teleop', 'nowhere', '--video', 'no.mp4')
+
+    assert 'missing: relay.py is the template: nothing is written in it' in done.stdout
+    assert "the code that drove is not this folder's: drive with --lab" in done.stdout
+    assert "teleop        missing: there is no bag 'nowhere'" in done.stdout
+    assert "video         missing: there is no 'no.mp4'" in done.stdout
+    assert 'description   missing: ' in done.stdout
+
+
+def test_grade_reads_the_code_and_nothing_else(lab: Path, tmp_path: Path) -> None:
+    (lab / 'drive.mp4').write_bytes(bytes(2 << 20))
+    assert barc('submit', 'lab', *LOCAL).returncode == 0
+
+    submission = read(tmp_path / 'lab.zip')
+
+    assert submission.notes == ()
+    assert {*submission.files} == {*OWN, 'summary.txt'}
+
+
+@pytest.mark.parametrize(
+    ('words', 'sentence'),
+    [
+        (['nowhere'], "there is no folder 'nowhere': name the one with your files; barc new"),
+        (['lab', '--save', 'lab.rar'], "cannot save 'lab.rar': the name must end in .zip"),
+        (['lab', '--save', 'no/lab.zip'], "cannot save 'no/lab.zip': No such file or directory"),
+    ],
+)
+@pytest.mark.usefixtures('lab')
+def test_a_mistake_is_a_sentence(words: list[str], sentence: str) -> None:
+    done = barc('submit', *words, *LOCAL)
+
+    assert done.returncode == 2
+    assert sentence in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('lab', 'ros_domain')
+def test_a_course_driven_over_ros_is_the_same() -> None:
+    summaries = []
+    for engine in ('ros', 'local'):
+        assert barc('submit', 'lab', '--engine', engine).returncode == 0
+        with zipfile.ZipFile('lab.zip') as archive:
+            summaries.append(archive.read('summary.txt'))
+            assert json.dumps(archive.namelist()).count('.mcap') == 1
+
+    assert summaries[0] == summaries[1]
