@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
@@ -19,6 +20,7 @@ from barc_sim.runs.terminal.display import (
     print_summary,
 )
 from barc_sim.simulation.metrics import SpeedErrors
+from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -74,6 +76,8 @@ class CruiseControl(Run):
         namespaces = [f'car{k + 1}' for k in range(options.cars)] if options.cars > 1 else ['']
         self._tolerated = setup.user_code.tolerated
         self.cars = [self._car(setup, name, number) for number, name in enumerate(namespaces)]
+        for car in self.cars:
+            car.distance = car.simulator.values['distance'] or inf
         first = self.cars[0]
         distance = first.simulator.values['distance']
         self.display = display(quiet=options.quiet, distance=distance)
@@ -130,6 +134,17 @@ class CruiseControl(Run):
             self._driven_with = f'{gains}, {limited}'
         return lambda: controller.speed_reference
 
+    def spin(self, stop: StopSignals) -> None:
+        """Spin until the run is finished or `stop` is requested; a car can fail to arrive."""
+        super().spin(stop)
+        failures = [
+            f'{car.name}: {car.failure}' if car.name else car.failure
+            for car in self.cars
+            if car.failure
+        ]
+        if failures:
+            self.fail(f'{"; ".join(failures)}: the run has ended')
+
     def print_result(self) -> None:
         """Print the table of speed errors, and what a user's code drove with."""
         if self._driven_with:
@@ -178,25 +193,38 @@ def _check_no_options_for_controller(options: Namespace) -> None:
 
 
 class Car:
-    """A simulator, and the speed errors of its car."""
+    """A simulator, the speed errors of its car, and whether that still gets on."""
 
     simulator: Simulator
+    distance = inf  #: [m] of the run's end
 
     def __init__(self, name: str, reference: Callable[[], float]) -> None:
         """Begin without a state; `reference` returns the speed to hold [m/s]."""
         self.name = name
         self._reference = reference
         self._errors = SpeedErrors()
+        self._progress = Progress(inf)
         self.show: Callable[[Status], None] | None = None  #: shows a state in the terminal
 
     def on_step(self, t: float, seen: Observation) -> None:
-        """Add the state's speed error, since the start or the latest reset, and show the state."""
+        """Add the state's speed error, since the start or the latest reset, and show the state.
+
+        The run of a car that does not get on ends.
+        """
         if t == 0.0:
             self._errors = SpeedErrors()
+            self._progress = Progress(self.distance)
         x, speed, reference = seen.true.x, seen.true.v_x, self._reference()
         self._errors.add(t, x, speed, reference, seen.theta_deg)
+        if self._progress.add(t, x, speed, reference):
+            self.simulator.end()
         if self.show:
             self.show(CruiseStatus(t, x, speed, reference - speed, seen.theta_deg))
+
+    @property
+    def failure(self) -> str:
+        """What the car did that never arrives; empty for others."""
+        return self._progress.failure
 
     def summary(self) -> Summary:
         """Return the summary of the speed errors."""

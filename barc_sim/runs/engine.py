@@ -53,6 +53,9 @@ class Simulator(Protocol):
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock."""
 
+    def end(self) -> None:
+        """End the run once the present state is answered; call it in `on_step` only."""
+
     def finish(self) -> None:
         """End the run; may be called from any thread."""
 

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.control.driver import DriverInput
+    from barc_sim.simulation.progress import Progress
     from barc_sim.vehicle.bike_model import Model, Vehicle
     from barc_sim.vehicle.lateral_dynamics import LateralParameters
     from barc_sim.vehicle.plant import Observation
@@ -147,16 +148,18 @@ def closed_loop(
     speed_reference: float = SPEED_REFERENCE,
     distance: float = DISTANCE,
     max_duration: float = MAX_DURATION,
+    progress: Progress | None = None,
 ) -> Log:
     """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
 
+    With `progress` the drive of a car that never arrives ends, too, as a run does.
     `plant` and `controller`, those of a run unless given, are left as the run left them. The last
     row is the first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
     steps = round(max_duration / plant.ts)
-    if type(controller) is PID and plant.is_straight:
+    if type(controller) is PID and plant.is_straight and progress is None:
         log = straight_loop.log_of(plant, controller, speed_reference, distance, steps)
         if log is not None:
             return log
@@ -165,12 +168,14 @@ def closed_loop(
     read = attrgetter('saturated', *terms) if terms else lambda each: (each.saturated,)
     rows = _Rows(plant.period_ns)
     dt = FIRST_DT
-    for _ in range(steps + 1):
+    for k in range(steps + 1):
         seen = plant.observe()
         motor = controller.acc_calculate(speed_reference, seen.measured.v_x, dt)
         command = Input(motor, 0.0)
         rows.add((seen, command, read(controller)))
         if plant.state.x >= distance:
+            break
+        if progress and progress.add(k * plant.ts, seen.true.x, seen.true.v_x, speed_reference):
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps

@@ -17,7 +17,7 @@ CHECK_PERIOD = 1.0
 
 
 class StepperCounts:
-    """The counts and the pause of a simulator's `Stepper`."""
+    """What a simulator passes on to and from its `Stepper`: counts, pause and end."""
 
     _stepper: Stepper
 
@@ -40,6 +40,10 @@ class StepperCounts:
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock."""
         return self._stepper.slipped
+
+    def end(self) -> None:
+        """End the run once the present state is answered; call it in `on_step` only."""
+        self._stepper.end()
 
 
 def parameters(distance: float = 0.0) -> list[Parameter]:

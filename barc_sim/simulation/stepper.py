@@ -104,7 +104,8 @@ class Stepper:
     FINISHED   reset                                        STARTING
     =========  ===================  ======================  =====================================
 
-    A step publishes the next state; from a state at or beyond `distance` it leads to FINISHED.
+    A step publishes the next state; from a state at or beyond `distance`, or after `end`, it leads
+    to FINISHED.
     If a place is stored, the step puts the car there; if commands are lost, it brakes. STARTING
     begins with a new plant and no command. Stamps continue after a reset. Other events change
     nothing in a phase, except that a command or a place is stored for the next step.
@@ -144,6 +145,7 @@ class Stepper:
         self._first_step = self._stamp = 0
         self._request: _Request | None = None
         self._place: State | None = None
+        self._ends = False
 
     @property
     def slipped(self) -> int:
@@ -243,6 +245,10 @@ class Stepper:
         else:
             self._request = _Request.RESET
 
+    def end(self) -> None:
+        """End the run as if the car were at `distance`: once the present state is answered."""
+        self._ends = True
+
     def check(self) -> None:
         """Reset now if a reset waits for an answer; to be called about once a second."""
         if self._request is _Request.RESET:
@@ -262,14 +268,14 @@ class Stepper:
             self._restart()
             return
         settings, plant = self._settings, self._plant
-        if plant.state.x >= settings.distance and self._place is None:
+        if (self._ends or plant.state.x >= settings.distance) and self._place is None:
             self.phase = Phase.FINISHED
             self._outputs.stop_deadlines()
             self._outputs.finish()
             return
         if self._place is not None:
             plant.place(self._place)
-            self._place = None
+            self._place, self._ends = None, False
         elif self._commands.timed_out(self._clock()):
             self._outputs.warn_timeout(settings.command_timeout)
             plant.brake(settings.timeout_braking)
@@ -287,6 +293,7 @@ class Stepper:
     def _restart(self) -> None:
         self.phase = Phase.STARTING
         self._request = self._place = None
+        self._ends = False
         self._outputs.stop_deadlines()
         self._plant = self._new_plant()
         self._commands = Commands(self._settings.command_timeout)

@@ -16,6 +16,7 @@ from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
+from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
@@ -85,16 +86,12 @@ class Conditions:
         return f'with {self.gains}, {limit}'
 
 
-#: [s] of simulated time: three times as long as the reference needs for the lab's road.
-_LONGEST = 70.0
-
-
 class Drive(NamedTuple):
     """A drive over one road."""
 
     road: Road
     log: Log
-    arrived: bool
+    failure: str  #: what the car does that never arrives
 
 
 class _Limited(PID):
@@ -186,12 +183,13 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
     except UserError as error:
         raise _DriveError(str(error)) from error
     pid = _Limited(controller, conditions.limit)
+    progress = Progress(distance)
     try:
-        log = closed_loop(plant, pid, distance=distance, max_duration=_LONGEST)
+        log = closed_loop(plant, pid, distance=distance, progress=progress)
     except UserError as error:
         time = (pid.calls - 1) * plant.ts
         raise _DriveError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
-    return Drive(road, log, bool(plant.state.x >= distance))
+    return Drive(road, log, progress.failure)
 
 
 def _errors(drive: Drive) -> tuple[float, float]:
@@ -201,7 +199,7 @@ def _errors(drive: Drive) -> tuple[float, float]:
 
 
 def _score(drive: Drive, thresholds: Thresholds) -> float:
-    if not drive.arrived:
+    if drive.failure:
         return 0.0
     rms, greatest = _errors(drive)
     shares = (
@@ -213,12 +211,8 @@ def _score(drive: Drive, thresholds: Thresholds) -> float:
 
 
 def _describe(drive: Drive, thresholds: Thresholds) -> str:
-    log = drive.log
-    if not drive.arrived:
-        return (
-            f'the car is at {log.distance[-1]:.1f} m after {log.t[-1]:.0f} s, at '
-            f'{log.speed[-1]:.2f} m/s: it does not reach the end of the road'
-        )
+    if drive.failure:
+        return drive.failure
     rms, greatest = _errors(drive)
     return (
         f'RMS error {rms:.3f} m/s after the first 10 m, at most {greatest:.3f} m/s '

@@ -84,7 +84,9 @@ def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: 
     code, gains = lab(controller=controller), conditions((0.0, 0.0, 0.0))
     finding = judge_lab_road(code, gains) if judge == 'lab' else judge_random_roads(code, gains, 0)
     assert finding.score == 0.0
-    assert 'it does not reach the end of the road' in finding.message
+    assert 'the car stands at 0.0 m: the commands do not move it; it got no further for 20 s' in (
+        finding.message
+    )
 
 
 @pytest.mark.parametrize('judge', ['lab', 'random'])

@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.cdr import leading_time
+from barc_sim.bags.reader import info
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,6 +54,17 @@ def topics(bags: Path) -> dict[str, Topic]:
     return found
 
 
+#: Puts the speed where the position is wanted.
+STUCK = """
+from barc_sim.vehicle import bike_model
+
+
+def bikeFE(*state_and_input):
+    x, y, psi, v = bike_model.bikeFE(*state_and_input)
+    return [v, y, psi, v]
+"""
+
+
 @pytest.mark.usefixtures('ros_domain')
 @pytest.mark.parametrize(
     ('local_factor', 'options'),
@@ -74,3 +86,20 @@ def test_bags_are_equal(tmp_path: Path, local_factor: str, options: tuple[str, .
     assert found['local'].keys() == found['ros'].keys() >= {'/z_vhcl', '/ecu', '/rosout'}
     for name, topic in found['ros'].items():
         assert found['local'][name] == topic, name
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_car_that_never_arrives_ends_both_in_the_same_state(tmp_path: Path) -> None:
+    (tmp_path / 'bike_model.py').write_text(STUCK)
+    found = []
+    for engine in ('ros', 'local'):
+        bags = tmp_path / engine
+        words = ('--engine', engine, '--realtime-factor', 'max', '--bag-dir', str(bags))
+        done = call('acc', *words, '--model', str(tmp_path / 'bike_model.py'))
+        sentence = 'the car stands at 8.0 m: the model returns the speed in place of x; it got no'
+        assert (done.returncode, sentence in done.stderr) == (1, True)
+        (bag,) = bags.iterdir()
+        assert info(bag)['failure'] in done.stderr
+        found.append(topics(bags)['/z_vhcl'])
+    assert found[0] == found[1]
+    assert len(found[0].messages) > 1000
