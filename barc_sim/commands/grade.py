@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,13 +15,16 @@ from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.batch import Failure
     from barc_sim.lab.grade.report import Report
 
+    _Outcome = tuple[Path, Report | Failure]
+
 _CLASS = 'class.csv'
+_EVERY = 10.0  # [s] between two lines on the progress
 # Submissions in progress on a cluster: enough for all workers, few enough for the memory.
 _ON_A_CLUSTER = 64
 
@@ -80,7 +84,7 @@ def run(options: Namespace) -> int:
     """
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
 
-    from barc_sim.lab.grade import batch, rubric, submissions, summary  # noqa: PLC0415
+    from barc_sim.lab.grade import batch, rubric, similarity, submissions, summary  # noqa: PLC0415
     from barc_sim.lab.grade.process import check  # noqa: PLC0415
     from barc_sim.lab.grade.start import Limits  # noqa: PLC0415
 
@@ -107,8 +111,14 @@ def run(options: Namespace) -> int:
         alone = paths == [options.submissions.resolve()]
         folders = {path: out if alone else _folder(out, path) for path in paths}
         reports, failures, interrupted = _collect(outcomes, folders)
-    _write(out / _CLASS, summary.as_csv(reports, failures, points).encode())
-    Console().print(summary.as_table(reports, points))
+    alike = similarity.alike({report.name: report.passages for report in reports})
+    _write(out / _CLASS, summary.as_csv(reports, failures, points, alike).encode())
+    console = Console()
+    console.print(summary.as_table(reports, points))
+    if len(folders) > 1:
+        for table in summary.overview(reports, failures, points, alike):
+            console.print()
+            console.print(table)
     print(out)  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
@@ -124,31 +134,48 @@ def _folder(out: Path, submission: Path) -> Path:
 
 
 def _collect(
-    outcomes: Iterable[tuple[Path, Report | Failure]], folders: dict[Path, Path]
+    outcomes: Iterable[_Outcome], folders: dict[Path, Path]
 ) -> tuple[list[Report], dict[str, Failure], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn  # noqa: PLC0415
-
     from barc_sim.lab.grade.report import Report  # noqa: PLC0415
 
     reports: list[Report] = []
     failures: dict[str, Failure] = {}
-    columns = ('Grading', BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task('', total=len(folders))
-        try:
-            for path, outcome in outcomes:
-                if isinstance(outcome, Report):
-                    for name, data in outcome.files.items():
-                        _write(folders[path] / name, data)
-                    reports.append(outcome)
-                else:
-                    failures[path.name] = outcome
-                progress.advance(task)
-        except KeyboardInterrupt:
-            return reports, failures, True
+    try:
+        for path, outcome in with_progress(outcomes, len(folders)):
+            if isinstance(outcome, Report):
+                for name, data in outcome.files.items():
+                    _write(folders[path] / name, data)
+                reports.append(outcome._replace(files={}))
+            else:
+                failures[path.name] = outcome
+    except KeyboardInterrupt:
+        return reports, failures, True
     return reports, failures, False
+
+
+def with_progress(outcomes: Iterable[_Outcome], total: int) -> Iterator[_Outcome]:
+    """Yield the outcomes; show on stderr how many there are, and the time left.
+
+    That is a bar in a terminal, and a line every `_EVERY` seconds elsewhere.
+    """
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    if console.is_terminal:
+        columns = ('Grading', BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console, transient=True) as progress:
+            yield from progress.track(outcomes, total=total)
+        return
+    began = printed = time.monotonic()
+    for count, outcome in enumerate(outcomes, 1):
+        yield outcome
+        now = time.monotonic()
+        if now - printed >= _EVERY and count < total:
+            printed = now
+            left = (now - began) / count * (total - count)
+            print(f'graded {count} of {total}, {left:.0f} s left', file=sys.stderr, flush=True)  # noqa: T201
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -20,6 +20,7 @@ import pytest
 from user_files import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main as barc
+from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.process import check
 
@@ -208,6 +209,24 @@ def test_what_cannot_be_graded_has_a_row_with_a_remark(
 
     assert float(row['score']) == 0.0
     assert remark in row['remark']
+
+
+def test_submissions_that_are_alike_are_named(graded: tuple[Path, Path, int]) -> None:
+    rows = csv.DictReader(io.StringIO((graded[1] / 'class.csv').read_text()))
+    alike = {row['name']: row['alike'] for row in rows}
+
+    assert alike['packed.zip'] == 'loops 100%, reference 100%'
+    assert alike['latin'] == ''
+
+
+def test_time_left_is_a_line_where_there_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds = iter(range(0, 1000, 6))
+    monkeypatch.setattr(grade.time, 'monotonic', lambda: next(seconds))
+
+    assert [*grade.with_progress(range(5), 5)] == [*range(5)]  # type: ignore[arg-type]
+    assert capsys.readouterr().err == 'graded 2 of 5, 18 s left\ngraded 4 of 5, 6 s left\n'
 
 
 def test_a_submission_with_the_name_of_the_class_list_is_graded(tmp_path: Path) -> None:

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.lab.grade import sheet
 from barc_sim.lab.grade.grade import grade
+from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.text import label
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from barc_sim.lab.grade.grade import Grade
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.start import Limits
@@ -26,6 +29,9 @@ class Report(NamedTuple):
     points: dict[str, float]  #: by criterion
     remark: str  #: notes, and the message of the criterion that lost most points
     files: dict[str, bytes]
+    notes: tuple[str, ...] = ()  #: on files that were left out
+    mistakes: Mapping[str, str] = {}  #: message of each criterion that lost points
+    passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
 
 
 def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
@@ -33,7 +39,9 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
     result = grade(submission, rubric, limits, sandbox=sandbox)
     drawn, figures = sheet.draw(result)
     worst = max(result.items, key=lambda item: item.max_points - item.points)
-    lost = worst.max_points - worst.points
+    mistakes = {
+        item.criterion: item.message for item in result.items if item.points < item.max_points
+    }
     return Report(
         name=result.name,
         score=result.score,
@@ -42,7 +50,7 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         remark='; '.join(
             (
                 *result.notes,
-                *([f'{label(worst.criterion)}: {worst.message}'] if lost > 0.0 else ()),
+                *([f'{label(worst.criterion)}: {worst.message}'] if mistakes else ()),
             )
         ),
         files={
@@ -50,6 +58,9 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
             'report.html': page(result, figures).encode(),
             'report.png': drawn,
         },
+        notes=result.notes,
+        mistakes=mistakes,
+        passages=passages(submission.files),
     )
 
 

@@ -135,21 +135,24 @@ def test_the_class_is_listed_by_name() -> None:
     reports = [report_of('eve', 3.0), report_of('ada', 1.5, 'x is wrong')]
     failures = {'bob': Failure('no memory')}
 
-    rows = [*csv.reader(io.StringIO(summary.as_csv(reports, failures, RUBRIC)))]
+    alike = {'ada': [('eve', 0.96), ('the reference', 0.7)]}
+    rows = [*csv.reader(io.StringIO(summary.as_csv(reports, failures, RUBRIC, alike)))]
 
     assert rows == [
-        ['name', 'score', 'max_score', 'model.x', 'loop.lab_road', 'remark'],
-        ['ada', '8.5', '10.0', '1.5', '7.0', 'x is wrong'],
-        ['bob', '', '10.0', '', '', 'not graded: no memory'],
-        ['eve', '10.0', '10.0', '3.0', '7.0', ''],
+        ['name', 'score', 'max_score', 'model.x', 'loop.lab_road', 'alike', 'remark'],
+        ['ada', '8.5', '10.0', '1.5', '7.0', 'eve 96%, the reference 70%', 'x is wrong'],
+        ['bob', '', '10.0', '', '', '', 'not graded: no memory'],
+        ['eve', '10.0', '10.0', '3.0', '7.0', '', ''],
     ]
 
 
 def test_no_cell_of_the_class_is_a_formula() -> None:
-    text = summary.as_csv([report_of('=1+1', 3.0, '@SUM(A1)\nnext')], {}, RUBRIC)
+    text = summary.as_csv(
+        [report_of('=1+1', 3.0, '@SUM(A1)\nnext')], {}, RUBRIC, {'=1+1': [('-x', 1.0)]}
+    )
 
     assert [*csv.reader(io.StringIO(text))][1] == [
-        "'=1+1", '10.0', '10.0', '3.0', '7.0', "'@SUM(A1) next",
+        "'=1+1", '10.0', '10.0', '3.0', '7.0', "'-x 100%", "'@SUM(A1) next",
     ]  # fmt: skip
 
 
@@ -177,3 +180,45 @@ def test_the_table_of_one_has_its_points() -> None:
 
 def test_the_table_of_none_is_empty() -> None:
     assert printed()
+
+
+def overview(*reports: Report, **failures: Failure) -> str:
+    console = Console(width=100, file=io.StringIO(), record=True)
+    alike = {'ada': [('eve', 0.96)], 'eve': [('ada', 0.96)]}
+    for table in summary.overview(reports, failures, RUBRIC, alike):
+        console.print(table)
+    return ' '.join(console.export_text().split())
+
+
+def test_the_overview_has_distribution_mistakes_and_who_needs_a_look() -> None:
+    missing = 'controller.py, line {}: I has no {}: add it'
+    reports = [
+        report_of('ada', 1.0)._replace(mistakes={'loop.lab_road': missing.format(7, 'dt')}),
+        report_of('eve', 2.0)._replace(mistakes={'loop.lab_road': missing.format(9, 'dt')}),
+        report_of('gus', -7.0, 'no PID')._replace(mistakes={'model.x': 'wrong in 3 states'}),
+        report_of('hal', 3.0)._replace(notes=('a.csv has more than 1 MiB',)),
+        report_of('[bold]', 3.0),
+    ]
+
+    text = overview(*reports, bob=Failure('no memory'))
+
+    assert '0 to 1 1 █' in text
+    assert '9 to 10 3 ███' in text
+    assert '2 ' + "Cruise control: the lab's road I has no dt" in text
+    assert '1 Model: position x wrong in … states' in text
+    looks = text[text.index('Who needs a look') :]
+    assert 'bob not graded: no memory' in looks
+    assert 'gus no points: no PID' in looks
+    assert 'ada alike: eve 96%' in looks
+    assert 'hal a.csv has more than 1 MiB' in looks
+    assert 'bold' not in looks
+
+
+def test_the_overview_of_many_names_those_with_the_fewest_points() -> None:
+    reports = [report_of(f's{k}', k / 10)._replace(notes=('a link',)) for k in range(30)]
+
+    text = overview(*reports)
+
+    assert 's0 a link' in text
+    assert 'and 10 more see class.csv' in text
+    assert 's29' not in text
