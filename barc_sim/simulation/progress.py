@@ -10,7 +10,7 @@ PATIENCE = 20.0
 TIMES = 10.0
 _ADVANCE = 0.01  #: [m] that counts as progress
 _STANDS = 0.05  #: [m/s] below which a car stands
-_JUMP = 1.0  #: [m] in one step, to rest: the car was put elsewhere
+_JUMP = 1.0  #: [m] beyond a second's drive, in one step to rest: the car was put elsewhere
 
 
 class Progress:
@@ -37,7 +37,7 @@ class Progress:
 
         While a reference that was positive is not, no time counts as lost.
         """
-        placed = v == 0.0 and abs(x - self._x) > _JUMP
+        placed = v == 0.0 and abs(x - self._x) > _JUMP + abs(self._v)
         if placed:
             self._start, self._best = t, x
         if placed or x > self._best + _ADVANCE or (self._may_stand and reference <= 0.0):
@@ -64,13 +64,10 @@ class Progress:
         x, v = self._x, self._v
         if self._as_speed > 1 and abs(v) > _STANDS:
             return f'stands at {x:.1f} m: the model returns the speed in place of x'
+        if x < -_JUMP and self._best < _JUMP:
+            return f'drives backwards, to {x:.4g} m: is the error speed_reference - speed_current?'
         if not moved and abs(v) > _STANDS:
             return f'stands at {x:.1f} m, and its speed is {v:.2f} m/s: the model does not change x'
         if abs(v) <= _STANDS:
             return f'stands at {x:.1f} m: the commands do not move it'
-        if v < 0.0 and self._best < _JUMP:
-            return (
-                f'drives backwards, {x:.1f} m at {v:.2f} m/s: is the error '
-                'speed_reference - speed_current?'
-            )
         return f'is at {x:.1f} m, at {v:.2f} m/s, and was at {self._best:.1f} m'

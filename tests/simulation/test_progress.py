@@ -40,7 +40,7 @@ def follow(
         (lambda _: (8.0, 8.0), 20.0, 'stands at 8.0 m: the model returns the speed in place of x'),
         (lambda t: (3.0, t), 20.0, 'stands at 3.0 m, and its speed is 20.02 m/s: the model does'),
         (lambda _: (0.0, 0.0), 20.0, 'stands at 0.0 m: the commands do not move it'),
-        (lambda t: (-t, -1.0), 20.0, 'drives backwards, -20.0 m at -1.00 m/s: is the error'),
+        (lambda t: (-t, -1.0), 20.0, 'drives backwards, to -20.02 m: is the error'),
         (
             lambda t: (5.0 - abs(5.0 - t), -1.0),
             25.0,
@@ -50,6 +50,12 @@ def follow(
             lambda t: (0.1 * t, 0.1),
             225.0,
             'is at 22.5 m, at 0.10 m/s, and was at 22.5 m; 180 m need 22 s, and 225 s have passed',
+        ),
+        # It diverges, and is at rest in every other step.
+        (
+            lambda t: (-(1.1 ** (t / TS)), -(1.1 ** (t / TS)) if round(t / TS) % 2 else 0.0),
+            20.0,
+            'drives backwards, to -',
         ),
         (lambda _: (nan, 1.0), 20.0, 'is at nan m, at 1.00 m/s, and was at -inf m; it got no'),
     ],
