@@ -14,7 +14,7 @@ pytest.importorskip('rclpy')
 from rclpy.node import Node
 
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import claim
+from barc_sim.ros.peers import claim, others_here
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -29,6 +29,19 @@ held = claim(node, 'z_vhcl')
 print('held', flush=True)
 input()
 """
+
+
+def test_participants_of_other_processes_are_known_at_once(ros: Context, ros_domain: int) -> None:
+    Node('car', context=ros)
+    assert not others_here(ros_domain)
+    with subprocess.Popen(
+        [sys.executable, '-c', HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout
+        assert holder.stdout.readline() == 'held\n'
+        assert others_here(ros_domain)
+        holder.kill()
+    assert not others_here(ros_domain)
 
 
 def test_topic_is_claimed_once_until_it_is_closed(ros: Context) -> None:

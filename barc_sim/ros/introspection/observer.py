@@ -16,6 +16,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
+from barc_sim.ros.peers import others_here
 from barc_sim.ros.process import ros
 
 if TYPE_CHECKING:
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
 #: [s] to wait for something that is not there.
 PATIENCE = 3.0
 #: [s] to wait for the first other node: discovery on a busy machine can take this long.
-_ALONE = 8.0
+_BUSY = 8.0
+#: [s] the same where no other process of this machine takes part: others are on the network.
+_ALONE = 1.2
 #: [s] without a change, after which the system counts as stable.
 _STEADY = 0.5
 _POLL_PERIOD = 0.02  #: [s]
@@ -78,8 +81,8 @@ class GraphObserver:
         """Call `read` until its result is not empty and no longer changes; return that."""
         seen, begin = read(), time.monotonic()
         changed = begin
-        while (now := time.monotonic()) - changed < (_STEADY if seen else _ALONE):
-            if now - begin > _ALONE:
+        while (now := time.monotonic()) - changed < (_STEADY if seen else self._patience()):
+            if now - begin > _BUSY:
                 break
             self.pause(_POLL_PERIOD)
             new = read()
@@ -109,7 +112,9 @@ class GraphObserver:
         except (InvalidTopicNameException, ValueError) as error:
             raise UserError(f'{name!r} cannot be a topic: {_first_words(error)}') from None
         if not self._wait_to_find(lambda: full in self.topics(hidden=True)):
-            raise UserError(f'there is no topic {full}{self._alternatives(full, self.topics())}')
+            # Without another node, the topics are this one's own.
+            known = self.topics() if self.nodes() else ()
+            raise UserError(f'there is no topic {full}{self._alternatives(full, known)}')
         return str(full)
 
     def endpoints(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
@@ -170,8 +175,16 @@ class GraphObserver:
 
     def _wait_to_find(self, condition: Callable[[], object]) -> bool:
         """Wait for `condition`; wait longer while no other node is discovered."""
-        self.wait_for(lambda: condition() or self.nodes(hidden=True), _ALONE)
+        begin = time.monotonic()
+        while not (condition() or self.nodes(hidden=True)):
+            if time.monotonic() - begin > self._patience():
+                return False
+            self.pause(_POLL_PERIOD)
         return self.wait_for(condition)
+
+    def _patience(self) -> float:
+        """Return how long to wait for the first other node [s]."""
+        return _BUSY if others_here(self.domain) else _ALONE
 
     def _alternatives(self, name: str, names: Iterable[str]) -> str:
         """Return the end of a sentence: the names that exist in place of `name`."""
