@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
-_PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
+PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
 _DELIMITER = '=' * 80
 # The definitions that runs without ROS need, as `<package>/<name>.msg`.
@@ -73,7 +73,7 @@ def _text(name: str) -> str:
     package, _, base = name.replace('/msg/', '/').partition('/')
     brought = dict(shipped()).get(f'{package}/msg/{base}')
     try:
-        path = _share(package) / 'msg' / f'{base}.msg'
+        path = share(package) / 'msg' / f'{base}.msg'
     except LookupError:
         if brought is None:
             raise
@@ -93,7 +93,7 @@ def _parts(type_name: str) -> tuple[str, str, str]:
 
 def _described(package: str, kind: str, base: str) -> str:
     """Return the schema of a type such as `std_srvs/srv/SetBool_Event`, from `SetBool.json`."""
-    file = _share(package) / kind / f'{base.partition("_")[0]}.json'
+    file = share(package) / kind / f'{base.partition("_")[0]}.json'
     if not file.is_file():
         raise LookupError(f'{package}/{kind}/{base} has no description at {str(file)!r}')
     content = json.loads(file.read_text(encoding='utf-8'))['type_description_msg']
@@ -105,12 +105,12 @@ def _described(package: str, kind: str, base: str) -> str:
 
 def _dependencies(text: str, package: str) -> set[str]:
     """Return the message types among a definition's fields, as in `std_msgs/Header`."""
-    names = set(_FIELD_TYPE.findall(text)) - _PRIMITIVES
+    names = set(_FIELD_TYPE.findall(text)) - PRIMITIVES
     return {name if '/' in name else f'{package}/{name}' for name in names}
 
 
 @cache
-def _share(package: str) -> Path:
+def share(package: str) -> Path:
     """Return a package's share folder: `share/<package>` in a folder above its Python module.
 
     This works without AMENT_PREFIX_PATH, which ROS from wheels does not set: in a virtual

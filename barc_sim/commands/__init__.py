@@ -32,6 +32,7 @@ GROUPS = {
         'topics': 'list topics, their publishers, subscribers and rates',
         'echo': 'print the messages of a topic',
         'param': 'list, read and set the parameters of running nodes',
+        'show': 'print the definition of a message or service',
         'graph': 'draw nodes and topics, running or in a bag',
         'node': 'run one node alone in this process',
     },

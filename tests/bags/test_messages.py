@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.bags.messages import message_class, packer
-from barc_sim.bags.schemas import _share, shipped
+from barc_sim.bags.schemas import share, shipped
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,5 +67,5 @@ def test_messages_without_a_header_are_packed_as_ros_does() -> None:
 @pytest.mark.parametrize(('name', 'path'), sorted(shipped()))
 def test_definition_is_that_of_ros(name: str, path: Path) -> None:
     package, _, base = name.split('/')
-    installed = _share(package) / 'msg' / f'{base}.msg'
+    installed = share(package) / 'msg' / f'{base}.msg'
     assert path.read_text(encoding='utf-8') == installed.read_text(encoding='utf-8')

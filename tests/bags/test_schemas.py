@@ -8,7 +8,7 @@ import re
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.schemas import _share, definition
+from barc_sim.bags.schemas import definition, share
 
 TYPES = [
     'barc_interfaces/msg/ECU',
@@ -25,7 +25,7 @@ TYPES = [
 
 def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> None:
     text = definition('nav_msgs/msg/Odometry')
-    assert text.startswith((_share('nav_msgs') / 'msg' / 'Odometry.msg').read_text())
+    assert text.startswith((share('nav_msgs') / 'msg' / 'Odometry.msg').read_text())
     assert re.findall(r'\n={80}\nMSG: (\S+)\n', text) == [
         'geometry_msgs/PoseWithCovariance',
         'geometry_msgs/Pose',
@@ -42,7 +42,7 @@ def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> N
 @pytest.mark.parametrize('name', TYPES)
 def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
     package, _, base = name.split('/')
-    installed = json.loads((_share(package) / 'msg' / f'{base}.json').read_text())
+    installed = json.loads((share(package) / 'msg' / f'{base}.json').read_text())
     expected = {entry['type_name']: entry['hash_string'] for entry in installed['type_hashes']}
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition(name), name))

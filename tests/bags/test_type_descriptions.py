@@ -8,13 +8,13 @@ from typing import Any
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.schemas import _share, definition
+from barc_sim.bags.schemas import definition, share
 from barc_sim.bags.type_descriptions import definition as described
 
 
 def installed(package: str, kind: str, base: str) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Return the descriptions of a type and of those it refers to, and their hashes."""
-    content = json.loads((_share(package) / kind / f'{base}.json').read_text())
+    content = json.loads((share(package) / kind / f'{base}.json').read_text())
     found = content['type_description_msg']
     hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
     return [found['type_description'], *found['referenced_type_descriptions']], hashes
