@@ -120,6 +120,10 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
         for car in sorted(samples, key=_in_order)
         if STATE in samples[car] and wanted in (None, car)
     ]
+    if not cars and not sum(counts(path).values()):
+        raise UserError(
+            f'{str(path)!r} is empty: it has no states, nor any other message; name another'
+        )
     if not cars:
         whose = 'of a car' if wanted is None else f'of the car {wanted}'
         raise UserError(

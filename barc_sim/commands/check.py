@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.option_types import number
+from barc_sim.control.pid import NO_LIMIT, PID
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,16 +36,16 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         '--seed', type=int, metavar='N', help="of the random states and roads (the rubric's)"
     )
-    for name in ('kp', 'ki', 'kd'):
+    for name, gain in PID.gains.items():
         parser.add_argument(
             f'--{name}',
-            type=float,
+            type=number(*gain.between),
             metavar='GAIN',
             help='for the drives over the roads (the one in controller.py)',
         )
     parser.add_argument(
         '--acceleration-limit',
-        type=float,
+        type=number(0.01, NO_LIMIT),
         metavar='A',
         help="of the controller on the roads [m/s²] (the rubric's: none)",
     )
@@ -95,13 +96,6 @@ def _settings(settings: Settings, options: Namespace) -> Settings:
         for name in ('seed', 'kp', 'ki', 'kd', 'acceleration_limit')
         if (value := getattr(options, name)) is not None
     }
-    for name, value in given.items():
-        if not isfinite(value):
-            raise UserError(f'--{name.replace("_", "-")} is {value}: expected a finite number')
-    if given.get('acceleration_limit', 1.0) <= 0.0:
-        raise UserError(
-            f'--acceleration-limit is {options.acceleration_limit:g}: expected a number above 0'
-        )
     return replace(settings, **given)
 
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 #: The run's gains. On the lab's road: 0.021 m/s RMS and 0.126 m/s at most after the first 10 m.
 KP, KI, KD = 30.0, 200.0, 0.1
+#: Of a gain: a user's controller may have its error the other way round.
+_EITHER_SIGN = (-1e6, 1e6)
 SPEED_REFERENCE = 8.0
 ACCELERATION_LIMIT = 8.0
 #: [m/s²] Stands for none: the lab's car has no limit.
@@ -103,9 +105,9 @@ class PID:
     """
 
     gains: Mapping[str, Gain] = {
-        'kp': Gain(KP, '1/s', 'proportional gain', 100.0),
-        'ki': Gain(KI, '1/s²', 'integral gain', 400.0),
-        'kd': Gain(KD, '-', 'derivative gain', 5.0),
+        'kp': Gain(KP, '1/s', 'proportional gain', 100.0, _EITHER_SIGN),
+        'ki': Gain(KI, '1/s²', 'integral gain', 400.0, _EITHER_SIGN),
+        'kd': Gain(KD, '-', 'derivative gain', 5.0, _EITHER_SIGN),
     }
     terms: Mapping[str, str] = {
         'proportional': 'kp times the error',

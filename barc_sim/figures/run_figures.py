@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from functools import partial
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import style
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from barc_sim.simulation.log import Log
 
-SIZE = (9.6, 7.2)  #: [inch]
+SIZE = (9.6, 8.4)  #: [inch]
 _SHOWN = 120  # characters of a setting
 
 
@@ -67,12 +67,13 @@ def plot(log: Log) -> Figure:
 def speed_figure(
     log: Log, *, title: str = '', settings: str = '', figure: Figure | None = None
 ) -> Figure:
-    """Draw speed, grade and command against the position along the road.
+    """Draw speed, its error, grade and command against the position along the road.
 
     Parameters
     ----------
     log
-        At least one state. Without a controller's reference (NaN) only the speed is drawn.
+        At least one state. The error is that after the run-up; without a controller's reference
+        (NaN), and in a shorter run, there is none.
     title, settings
         The two lines of the heading.
     figure
@@ -86,8 +87,13 @@ def speed_figure(
     log = use_measurement(log)
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
-    speed, grade, command = figure.subplots(3, 1, sharex=True, height_ratios=[4, 1.4, 1.6])
+    heights = [4, 1.8, 1.4, 1.6] if has_error(log) else [4, 1.4, 1.6]
+    speed, *error, grade, command = figure.subplots(
+        len(heights), 1, sharex=True, height_ratios=heights
+    )
     _draw_speed(speed, log)
+    for axes in error:
+        draw_error(axes, log, color=BLUE, lw=1.4)
     _draw_grade(grade, log)
     _draw_command(command, log)
     speed.set_xlim(*limits(log.distance, share=0.01, least=0.5))
@@ -170,6 +176,20 @@ def _draw_speed(axes: Axes, log: Log) -> None:
     if np.min(log.speed) < 0.0:
         axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_ylabel('Speed [m/s]')
+
+
+def has_error(log: Log) -> bool:
+    """Return whether there is a speed error after the run-up."""
+    return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
+
+
+def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
+    """Draw the speed error after the run-up, whose own would hide the rest."""
+    axes.plot(
+        log.distance, np.where(log.distance >= metrics.RUN_UP, log.speed_error, np.nan), **line
+    )
+    axes.axhline(0.0, color=GREY, lw=0.8)
+    axes.set_ylabel('Error [m/s]')
 
 
 def _draw_grade(axes: Axes, log: Log) -> None:

@@ -123,7 +123,6 @@ def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path, name: str) -
         (['.'], "the folder '.' has no bike_model.py and no controller.py"),
         (['my_lab', '--save', 'a.jpeg'], "'a.jpeg': the name must end in"),
         (['my_lab', '--save', 'a.png', '--no-plot'], 'contradict each other'),
-        (['my_lab', '--kp', 'nan'], 'expected a finite number'),
     ],
 )
 def test_misuse_is_one_line_and_exit_code_2(
@@ -140,6 +139,30 @@ def test_misuse_is_one_line_and_exit_code_2(
     assert captured.err.startswith('barc check: error: ')
     assert complaint in captured.err
     assert captured.err.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('option', 'text'), [('--kp', 'nan'), ('--ki', 'much'), ('--acceleration-limit', '0')]
+)
+def test_numbers_out_of_range_are_refused_as_by_a_run(
+    capsys: pytest.CaptureFixture[str], option: str, text: str
+) -> None:
+    errors = []
+    for command in (['check', 'my_lab'], ['acc']):
+        with pytest.raises(SystemExit) as end:
+            barc([*command, option, text])
+        assert end.value.code == 2
+        errors.append(capsys.readouterr().err.partition(':')[2])
+    assert f'argument {option}: {text!r} is not a number from' in errors[0]
+    assert errors[0] == errors[1]
+
+
+def test_where_nothing_is_valid_no_figure_is_drawn(folder: Path) -> None:
+    (folder / 'bike_model.py').write_text('def bikeFE(*a): return None\n')
+    (folder / 'controller.py').write_text('class PID: pass\n')
+
+    assert barc(['check', str(folder)]) == 1
+    assert not (folder / 'check.png').exists()
 
 
 def test_the_module_is_a_command(folder: Path) -> None:

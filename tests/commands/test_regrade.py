@@ -10,6 +10,7 @@ from made_bags import make, parameters
 from user_files import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main as barc
+from barc_sim.bags.writer import BagWriter
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.adapters import UserController
@@ -52,6 +53,18 @@ def bag_of(tmp_path: Path, lab: UserCode, **changed: bytes) -> Path:
     changes = {f'student/{name}.py': data for name, data in changed.items()}
     attachments = adapters.attachments(lab) | changes
     return make(tmp_path / 'bag', log, adapters.describe(lab), attachments)
+
+
+def test_an_empty_bag_is_named_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'bag'
+    path.mkdir()
+    BagWriter(path, metadata={'parameters': parameters()}).close()
+
+    assert barc(['regrade', str(path)]) == 2
+    assert (
+        f'{str(path)!r} is empty: it has no states, nor any other message'
+        in capsys.readouterr().err
+    )
 
 
 def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

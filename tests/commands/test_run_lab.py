@@ -235,3 +235,14 @@ def test_a_relay_drives(start: Start, tmp_path: Path) -> None:
     log = bag.read(bag.newest(tmp_path / 'bags'))
     assert code == 0
     assert {2.5, 0.25} <= {*log.motor.tolist(), *log.servo.tolist()}
+
+
+def test_gains_of_either_sign_drive_as_in_check(tmp_path: Path) -> None:
+    right, reversed_ = 'speed_reference - speed_current', 'speed_current - speed_reference'
+    text = PID.format(line='').replace(right, reversed_)
+    folder = lab(tmp_path / 'lab', controller=f'{text}\n\npid = PID(-3, 0, 0)\n')
+
+    done = barc('acc', *MAX, '--no-bag', '--engine', 'local', '--lab', str(folder))
+
+    assert (done.returncode, done.stderr) == (0, '')
+    assert 'controller  kp -3, ki 0, kd 0 (controller.py, line ' in done.stdout

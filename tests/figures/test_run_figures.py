@@ -69,18 +69,29 @@ def test_speed_and_reference_are_drawn_against_the_position(log: Log) -> None:
 
 
 def test_grade_and_command_stand_below_on_the_same_axis(log: Log) -> None:
-    speed, grade, command = speed_figure(log).axes
+    speed, error, grade, command = speed_figure(log).axes
     assert np.array_equal(grade.lines[0].get_ydata(), log.theta_deg)
     assert np.array_equal(command.lines[0].get_ydata(), log.motor)
-    assert speed.get_xlim() == grade.get_xlim() == command.get_xlim()
-    tops = [axes.get_position().y1 for axes in (speed, grade, command)]
+    assert speed.get_xlim() == error.get_xlim() == grade.get_xlim() == command.get_xlim()
+    tops = [axes.get_position().y1 for axes in (speed, error, grade, command)]
     assert tops == sorted(tops, reverse=True)
+
+
+def test_the_error_after_the_run_up_has_an_axis_of_its_own(log: Log) -> None:
+    error = speed_figure(log).axes[1]
+    beyond = log.distance >= 10.0
+    assert np.array_equal(error.lines[0].get_ydata()[beyond], log.speed_error[beyond])
+    assert np.isnan(error.lines[0].get_ydata()[~beyond]).all()
+    low, high = error.get_ylim()
+    assert high - low < 1.0
+    assert len(speed_figure(log.map(lambda column: column[:10])).axes) == 3
 
 
 def test_every_axis_has_its_unit(log: Log) -> None:
     figure = speed_figure(log)
     assert [axes.get_ylabel() for axes in figure.axes] == [
         'Speed [m/s]',
+        'Error [m/s]',
         'Grade [°]',
         'Command [m/s²]',
     ]
@@ -118,7 +129,7 @@ def test_the_caption_has_the_error_after_the_run_up_and_over_all(log: Log) -> No
 def test_a_figure_that_is_given_is_drawn_on(log: Log) -> None:
     figure = Figure()
     assert speed_figure(log, figure=figure) is figure
-    assert len(figure.axes) == 3
+    assert len(figure.axes) == 4
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,9 @@ from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from barc_sim.figures.run_figures import draw_error
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, INK, MUTED, STYLE, VERMILLION, limits
+from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.findings import Comparison, Trajectory
 
 WIDTH = 9.6  #: [inch]
-_RUN, _MODEL = 5.2, 2.6  #: [inch] heights of the two parts
+_RUN, _MODEL = 6.4, 2.6  #: [inch] heights of the two parts
 _THRESHOLD = 1e-4  #: Below, the errors' axis is linear.
 _MAX_SPEED = 40.0  #: [m/s] The speed axis ends there.
 
@@ -47,7 +49,7 @@ def check_figure(
     ValueError
         if both are None.
     """
-    heights = [4.0, 1.2, 2.0] if comparison else []
+    heights = [4.0, 1.6, 1.2, 2.0] if comparison else []
     heights += [2.2] if trajectory else []
     if not heights:
         raise ValueError('there is no run and no trajectory to draw')
@@ -56,24 +58,27 @@ def check_figure(
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
     axes = np.atleast_1d(figure.subplots(len(heights), 1, height_ratios=heights))
     if comparison:
-        _draw_run(comparison, *axes[:3])
+        _draw_run(comparison, *axes[:4])
     if trajectory:
         _draw_model(axes[-1], trajectory)
-    axes[0].set_title(title, loc='left', pad=26.0, fontsize=14, fontweight='bold')
+    # The legend is above the axes, then the heading's second line, then the title.
+    axes[0].set_title(title, loc='left', pad=44.0, fontsize=14, fontweight='bold')
     axes[0].annotate(
-        settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED
+        settings, (0.0, 1.0), (0.0, 27.0), 'axes fraction', 'offset points', color=MUTED
     )
     figure.align_ylabels()
     return figure
 
 
-def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -> None:
+def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, command: Axes) -> None:
     own, reference = comparison.user, comparison.reference
     speed.plot(reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, zorder=3)
     speed.plot(own.distance, own.speed, color=BLUE, lw=2.0)
     low, high = limits(np.clip(own.speed, -_MAX_SPEED, _MAX_SPEED), share=0.06, least=0.5)
     speed.set_ylim(low, max(high, 1.06 * float(reference.speed.max())))
     speed.set_ylabel('Speed [m/s]')
+    draw_error(error, reference, color=INK, lw=1.2, ls=DASHES)
+    draw_error(error, own, color=BLUE, lw=1.6)
     grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
     grade.step(reference.distance, reference.theta_deg, where='post', color=MUTED, lw=1.2)
     grade.set_ylim(*limits(reference.theta_deg, share=0.15, least=5.0))
@@ -88,13 +93,15 @@ def _draw_run(comparison: Comparison, speed: Axes, grade: Axes, command: Axes) -
         ls=DASHES,
         label='the reference',
     )
-    command.set_ylim(*limits(np.append(own.motor, reference.motor), share=0.12, least=1.0))
+    # The commands of the run-up can be so large that they would hide the rest.
+    rest = [run.motor[run.distance >= RUN_UP] for run in (own, reference)]
+    command.set_ylim(*limits(np.concatenate(rest), share=0.5, least=1.0))
     command.set_ylabel('Command [m/s²]')
     command.set_xlabel('Position along the road [m]')
-    for axes in (speed, grade, command):
+    for axes in (speed, error, grade, command):
         axes.set_xlim(-1.0, float(reference.distance[-1]) + 1.0)
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
-    for axes in (speed, grade):
+    for axes in (speed, error, grade):
         axes.tick_params(labelbottom=False)
     handles, labels = command.get_legend_handles_labels()
     _legend(speed, handles, labels)

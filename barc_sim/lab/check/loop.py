@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import PID
+from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
@@ -135,13 +135,13 @@ def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Finding:
             'gains': list(conditions.gains[:3]),
             'stretches': [stretch._asdict() for stretch in stretches],
         },
-        Comparison(drive.log, _reference()),
+        Comparison(drive.log, _reference(conditions.limit)),
     )
 
 
 @cache
-def _reference() -> Log:
-    return closed_loop(distance=LAB_DISTANCE)
+def _reference(limit: float) -> Log:
+    return closed_loop(controller=speed_controller(limit=limit), distance=LAB_DISTANCE)
 
 
 @IGNORE_FLOAT_ERRORS

@@ -52,7 +52,8 @@ def judge_trajectory(code: JudgedCode) -> Finding:
         message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
     else:
         message = _away(t, off, int(np.flatnonzero(~within)[0]))
-    return Finding('model.trajectory', score, message, evidence=Trajectory(t, own, reference))
+    drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
+    return Finding('model.trajectory', score, message, evidence=drawn)
 
 
 @cache

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from barc_sim.control.pid import speed_controller
@@ -49,7 +52,7 @@ def test_all_axes_have_units(comparison: Comparison, trajectory: Trajectory) -> 
 
 
 def test_only_what_there_is_is_drawn(comparison: Comparison, trajectory: Trajectory) -> None:
-    assert len(check_figure(comparison, None).axes) == 3
+    assert len(check_figure(comparison, None).axes) == 4
     assert len(check_figure(None, trajectory).axes) == 1
     with pytest.raises(ValueError, match='no run and no trajectory'):
         check_figure(None, None)
@@ -61,6 +64,25 @@ def test_both_runs_are_in_sight_however_fast_one_is(comparison: Comparison) -> N
     assert low < 0.0
     assert high > comparison.reference.speed.max()
     assert len(speed.lines) == 2
+
+
+def test_the_heading_is_clear_of_the_legend(comparison: Comparison, trajectory: Trajectory) -> None:
+    for shown in ((comparison, trajectory), (None, trajectory)):
+        figure = check_figure(*shown, title='my_lab', settings='kp 2 (controller.py, line 3) ' * 3)
+        FigureCanvasAgg(figure).draw()
+        legend = figure.axes[0].get_legend()
+        assert legend
+        box = legend.get_window_extent()
+        texts = [text for text in figure.axes[0].texts if text.get_text()]
+        assert texts
+        assert not any(box.overlaps(text.get_window_extent()) for text in texts)
+
+
+def test_the_largest_commands_do_not_hide_the_rest(comparison: Comparison) -> None:
+    free = closed_loop(controller=speed_controller(limit=inf))
+    command = check_figure(Comparison(comparison.user, free), None).axes[-1]
+    assert free.motor.max() > 200.0
+    assert command.get_ylim()[1] < 20.0
 
 
 def test_a_model_that_failed_is_drawn_as_far_as_it_went(trajectory: Trajectory) -> None:
