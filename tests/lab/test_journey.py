@@ -1,0 +1,120 @@
+"""A student's way through the lab, from the templates to the grade."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import zipfile
+from typing import TYPE_CHECKING
+
+import pytest
+from command_line import barc
+from made_bags import make
+from user_files import MODEL
+
+from barc_sim.control.driver import DriverInput
+from barc_sim.errors import UserError
+from barc_sim.lab.grade.process import check
+from barc_sim.lab.user_code.adapters import UserDriver
+from barc_sim.lab.user_code.loading import load_folder
+from barc_sim.simulation.closed_loop import drive
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+CONTROLLER = """\
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.kp, self.ki, self.kd = kp, ki, kd
+        self.sum = 0.0
+        self.before = None
+
+    def acc_calculate(self, speed_reference, speed_current):
+        error = speed_reference - speed_current
+        self.sum += error * 0.02
+        rate = 0.0 if self.before is None else (speed_current - self.before) / 0.02
+        self.before = speed_current
+        return self.kp * error + self.ki * self.sum - self.kd * rate
+"""
+CALL = '\n\npid = PID(kp=10, ki=20, kd=0.1)\n'
+RELAY = 'def relay(linear_x, angular_z):\n    return [8.0 * linear_x, 0.3 * angular_z]\n'
+FAST = ('--engine', 'local', '--realtime-factor', 'max')
+
+
+def done(*words: str) -> str:
+    """Run a command, which must succeed, and return its output."""
+    ended = barc(*words)
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+@pytest.mark.slow
+def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    try:
+        check(sandbox=True)
+    except UserError as error:
+        pytest.skip(str(error))
+    monkeypatch.chdir(tmp_path)
+    lab = tmp_path / 'my_lab'
+
+    # The templates: all is still to be written, and each command names it.
+    assert 'write bike_model.py' in done('new', 'my_lab')
+    fresh = barc('check', 'my_lab')
+    assert (fresh.returncode, 'is not written yet (TODO)' in fresh.stdout) == (1, True)
+    failed = barc('acc', '--lab', 'my_lab', *FAST)
+    assert (failed.returncode, 'is not written yet (TODO)' in failed.stderr) == (1, True)
+
+    # Task 1: the model.
+    (lab / 'bike_model.py').write_text(MODEL)
+    assert 'model.v                 16 / 16' in barc('check', 'my_lab').stdout
+    done('acc', '--model', 'my_lab/bike_model.py', *FAST)
+
+    # Task 2: the controller, first without the call that chooses the gains.
+    (lab / 'controller.py').write_text(CONTROLLER)
+    assert "barc_sim's own, because controller.py chooses none" in done('check', 'my_lab')
+    (lab / 'controller.py').write_text(CONTROLLER + CALL)
+    assert '9 of 9 criteria are met in full: 100 of 100 points' in done('check', 'my_lab')
+    assert 'kp 10, ki 20, kd 0.1 (controller.py, line 15), without a limit' in done(
+        'acc', '--lab', 'my_lab', *FAST
+    )
+    assert done('plot').strip().endswith('speed.png')
+    assert done('report').strip().endswith('report.html')
+    assert 'The bag could have come from bike_model.py and controller.py.' in done('regrade')
+
+    # Task 3: the drive by hand.
+    (lab / 'relay.py').write_text(RELAY)
+    relay = load_folder(lab, ['relay']).relay
+    assert relay
+    log = drive([(0.0, DriverInput(1.0, 0.3))], 2.0, driver=UserDriver(relay))
+    teleop = str(make(tmp_path / 'bags' / 'teleop', log, {'command': 'barc teleop --lab my_lab'}))
+    done('replay', teleop, '--save', 'my_lab/drive.gif')
+
+    # What is handed in.
+    (lab / 'description.md').write_text('A PID with gains by trial.\n')
+    summary = done('submit', 'my_lab', '--engine', 'local')
+    assert [line for line in summary.splitlines() if 'missing' in line] == [
+        'code          missing: compose.py'
+    ]
+    with zipfile.ZipFile('my_lab.zip') as archive:
+        assert archive.testzip() is None
+        assert {'report.html', 'speed.png', 'graph.png', 'teleop.gif', 'teleop_graph.png'} <= {
+            *archive.namelist()
+        }
+
+    # The instructor.
+    (tmp_path / 'class').mkdir()
+    (tmp_path / 'my_lab.zip').rename(tmp_path / 'class' / 'ada.zip')
+    (tmp_path / 'class' / 'bob').mkdir()
+    assert '100.00' not in done('grade', 'class', '--jobs', '2')
+    rows = csv.DictReader(io.StringIO((tmp_path / 'grades' / 'class.csv').read_text()))
+    ada, bob = rows
+    assert (ada['name'], ada['score'], ada['alike'], ada['remark']) == ('ada.zip', '100.0', '', '')
+    assert (bob['score'], bob['remark'].endswith('there is no controller.py')) == ('0.0', True)
+    results = json.loads((tmp_path / 'grades' / 'ada.zip' / 'results.json').read_text())
+    assert 'gains: kp 10, ki 20, kd 0.1 (controller.py, line 15)' in results['output']
+
+    # The bag in the zip is that of the code in it.
+    with zipfile.ZipFile(tmp_path / 'class' / 'ada.zip') as archive:
+        archive.extractall(tmp_path / 'ada')
+    assert 'could have come from' in done('regrade', str(tmp_path / 'ada' / 'course'))
