@@ -1,6 +1,6 @@
 """Publishes and reads messages by their fields, as bytes where their layout is fixed.
 
-To make a message object and serialize it takes 9 µs, to pack its bytes 3 µs; a run in lock-step
+To make a message object and serialize it takes 9 us, to pack its bytes 3 us; a run in lock-step
 does little else.
 """
 

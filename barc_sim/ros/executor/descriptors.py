@@ -1,7 +1,7 @@
 """Linux's descriptors that an executor waits for: epoll, eventfd, timerfd.
 
 What is there at once is found and read without giving up the interpreter's lock. Otherwise an
-executor that is never idle gives it up every 20 µs and has it back before another thread wakes up:
+executor that is never idle gives it up every 20 us and has it back before another thread wakes up:
 that thread then starves, as it only insists where nobody gives up the lock for a switch interval.
 """
 
