@@ -79,7 +79,7 @@ def test_with_a_display_the_figure_is_shown(
     monkeypatch.setattr(output, 'window', lambda *_: window)
     monkeypatch.setattr(output, 'show', lambda: shown.append(len(window.axes)))
     assert barc(['plot', str(directory), *args]) == 0
-    assert shown == [3]
+    assert shown == [4]
     assert Path('a.png').exists() == saved
     assert not list(directory.iterdir())
 
