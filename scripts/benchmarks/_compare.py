@@ -27,6 +27,9 @@ EXECUTORS = {
 EVENTS_EXECUTORS = {'events': "Jazzy's EventsExecutor", 'kilted': "Kilted's EventsExecutor"}
 TITLES = {**EXECUTORS, **EVENTS_EXECUTORS}
 
+#: [s] for one measurement. Beside a busy thread, a stock executor may need for ever.
+_LIMIT = 60.0
+
 #: By case and executor, the figures of each repetition.
 Found = dict[str, dict[str, list[dict[str, float]]]]
 
@@ -64,14 +67,18 @@ def interleaved(
                 arguments = json.dumps(
                     {'case': case, 'executor': name, 'spawned': time.time(), **task}
                 )
-                done = subprocess.run(  # noqa: S603 (our own)
-                    [python, program, arguments],
-                    env=environment if python != sys.executable else None,
-                    capture_output=True,
-                    text=True,
-                    check=False,
-                    timeout=120.0,
-                )
+                try:
+                    done = subprocess.run(  # noqa: S603 (our own)
+                        [python, program, arguments],
+                        env=environment if python != sys.executable else None,
+                        capture_output=True,
+                        text=True,
+                        check=False,
+                        timeout=_LIMIT,
+                    )
+                except subprocess.TimeoutExpired:
+                    print(f'{case} with {TITLES[name]}: no end in {_LIMIT:g} s', file=sys.stderr)
+                    continue
                 if done.returncode:
                     raise UserError(f'{case} with {TITLES[name]} failed: {done.stderr}')
                 found[case][name].append(json.loads(done.stdout))
@@ -87,6 +94,9 @@ def table(found: Found) -> str:
         rows = [[f'{case}: medians of {runs} runs', *keys, f'{keys[0]}, ratio']]
         ours = median(run[keys[0]] for run in by_executor['ours'])
         for name, figures in by_executor.items():
+            if not figures:
+                rows.append([TITLES[name], f'no end in {_LIMIT:g} s', *[''] * len(keys)])
+                continue
             cells = [_cell([run[key] for run in figures]) for key in keys]
             ratio = ours / median(run[keys[0]] for run in figures)
             rows.append([TITLES[name], *cells, f'{ratio:.2f}'])

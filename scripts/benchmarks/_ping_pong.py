@@ -86,11 +86,14 @@ class Rounds:
 
     def _figures(self, took: float) -> dict[str, float]:
         times = self._times
-        rounds = quantiles([(b - a) * 1e6 for a, b in zip(times, times[1:])], n=100)  # noqa: B905, RUF007
+        rounds = [(b - a) * 1e6 for a, b in zip(times, times[1:])]  # noqa: B905, RUF007
+        while len(rounds) < 2:  # noqa: PLR2004 (of so few, one took all the time)
+            rounds.append(took * 1e6)
+        shares = quantiles(rounds, n=100)
         return {
             'round trips/s': len(times) / took,
-            'p50, us': rounds[49],
-            'p99, us': rounds[98],
+            'p50, us': shares[49],
+            'p99, us': shares[98],
             'core, %': (time.process_time() - self._processor) / took * 100.0,
             'other thread, 1/s': (self._counting - self._counted) / took,
         }

@@ -67,9 +67,9 @@ def measure(options: argparse.Namespace) -> Found:
 def _kilted() -> str | None:
     """Return the Python of an environment with Kilted's rclpy; None where there is none."""
     python = _KILTED / 'bin' / 'python'
-    base = shutil.which('python3.12') or next(
-        map(str, Path('~/.pyenv/versions').expanduser().glob('3.12.*/bin/python')), None
-    )
+    # pyenv's command is there for versions that are not chosen, too, and does not work then.
+    installed = Path('~/.pyenv/versions').expanduser().glob('3.12.*/bin/python')
+    base = next(map(str, installed), None) or shutil.which('python3.12')
     if not python.exists() and base:
         print("making an environment with Kilted's rclpy", file=sys.stderr)
         made = subprocess.run([base, '-m', 'venv', str(_KILTED)], check=False)  # noqa: S603
@@ -94,7 +94,8 @@ def plot(found: Found) -> Figure:
     ):
         key = next(iter(by_executor['ours'][0]))
         for place, (name, runs) in enumerate(by_executor.items()):
-            values = [run[key] for run in runs]
+            if not (values := [run[key] for run in runs]):
+                continue
             color = 'tab:blue' if name == 'ours' else 'dimgray'
             axes.vlines(place, min(values), max(values), color=color)
             axes.plot(place, median(values), 'o', color=color)

@@ -14,7 +14,7 @@ import resource
 import select
 from contextlib import suppress
 from math import inf
-from struct import Struct, pack
+from struct import pack
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -22,16 +22,15 @@ if TYPE_CHECKING:
 
 _POLL_RESOLUTION = 1e-3  # s
 _MOST = 64  # descriptors in one poll
-#: struct epoll_event: events, descriptor. It is packed on x86-64 alone.
-_EVENT = Struct('=4xi4x') if platform.machine() == 'x86_64' else Struct('=8xi4x')
-_COUNT = Struct('=Q')
+#: In a struct epoll_event, which is packed on x86-64 alone: its length in integers of four bytes,
+#: and the place of the descriptor.
+_LENGTH, _PLACE = (3, 1) if platform.machine() == 'x86_64' else (4, 2)
+_COUNT_SIZE = 8  # of an eventfd
 _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
 _LIBC.timerfd_settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
-_epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read
-_epoll_wait.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_int, ctypes.c_int)
-_read.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_size_t)
+_epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
 
 
 class Descriptors:
@@ -41,9 +40,9 @@ class Descriptors:
         """Wait for none yet."""
         self._epoll = select.epoll()
         self._number = self._epoll.fileno()
-        self._events = bytearray(_EVENT.size * _MOST)
-        self._count = bytearray(_COUNT.size)
-        self._events_at, self._count_at = map(_address, (self._events, self._count))
+        self._events, self._count = (ctypes.c_int32 * (_LENGTH * _MOST))(), ctypes.c_uint64()
+        self._at_events, self._at_count = ctypes.byref(self._events), ctypes.byref(self._count)
+        self._integers = memoryview(self._events).cast('B').cast('i')
 
     def add(self, descriptor: int) -> None:
         """Wait for a descriptor, too."""
@@ -55,22 +54,19 @@ class Descriptors:
 
     def poll(self, seconds: float) -> Iterable[int]:
         """Return the descriptors that are readable, after waiting for one for so long at most."""
-        found = _epoll_wait(self._number, self._events_at, _MOST, 0)
+        found = _epoll_wait(self._number, self._at_events, _MOST, 0)
         if found <= 0 < seconds:
             if seconds < _POLL_RESOLUTION:
                 with suppress(ValueError):  # it has a descriptor above 1023
                     select.select((self._epoll,), (), (), seconds)
                     seconds = 0.0
             return [descriptor for descriptor, _ in self._epoll.poll(seconds, _MOST)]
-        unpack, size = _EVENT.unpack_from, _EVENT.size
-        return [unpack(self._events, place * size)[0] for place in range(found)]
+        return self._integers[_PLACE : max(0, found) * _LENGTH : _LENGTH].tolist()
 
     def take_count(self, descriptor: int) -> int:
         """Return what was counted in an eventfd, and count from 0 again."""
-        if _read(descriptor, self._count_at, _COUNT.size) != _COUNT.size:
-            return 0
-        (count,) = _COUNT.unpack(self._count)
-        return int(count)
+        read = _read(descriptor, self._at_count, _COUNT_SIZE)
+        return self._count.value if read == _COUNT_SIZE else 0
 
     @property
     def closed(self) -> bool:
@@ -101,7 +97,3 @@ def set_time(descriptor: int, due: float) -> None:
     """Set a timerfd's time [ns] of the monotonic clock; inf: never."""
     first = divmod(int(due), 1_000_000_000) if due < inf else (0, 0)
     _LIBC.timerfd_settime(descriptor, _ABSOLUTE, pack('4l', 0, 0, *first), None)
-
-
-def _address(buffer: bytearray) -> int:
-    return ctypes.addressof((ctypes.c_char * len(buffer)).from_buffer(buffer))
