@@ -136,7 +136,9 @@ def _tokens(text: str) -> Iterator[str]:
 @cache
 def _of_templates() -> Passages:
     folder = resources.files('barc_sim.lab') / 'templates'
-    return _passages({file.name: file.read_bytes() for file in folder.iterdir()})
+    # Beside them, pip puts the folder of what it compiles.
+    files = [file for file in folder.iterdir() if file.name.endswith('.py')]
+    return _passages({file.name: file.read_bytes() for file in files})
 
 
 @cache

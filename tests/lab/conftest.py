@@ -1,0 +1,17 @@
+"""The kernel's leave to confine submissions."""
+
+from __future__ import annotations
+
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.lab.grade.process import check
+
+
+@pytest.fixture(scope='session')
+def confinement() -> None:
+    """Skip where the kernel confines nothing."""
+    try:
+        check(sandbox=True)
+    except UserError as error:
+        pytest.skip(str(error))
