@@ -430,7 +430,7 @@ def test_refused_value_is_explained_and_replaced(
     tab = open_(view.url)
     tab.until("document.querySelector('#kd').value === '0.1'")
     tab.run(
-        "(() => { const n = document.querySelector('#kd'); n.value = -1;"
+        "(() => { const n = document.querySelector('#kd'); n.value = -2e6;"
         "n.dispatchEvent(new Event('change')); })()"
     )
     tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd was refused')")

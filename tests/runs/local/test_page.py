@@ -100,7 +100,7 @@ def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
         wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
         socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
         wait(socket, lambda m: m.get('tuning', {}).get('kp') == 20.0)
-        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': -1.0}))
+        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': -2e6}))
         refused = wait(socket, lambda m: m.get('type') == 'refused')
         assert 'kp of controller must lie between' in refused['why']
         socket.send(json.dumps({'type': 'pause', 'on': True}))
