@@ -1,11 +1,15 @@
 # Sets this checkout up. The scripts beside it source this file and then run `$python`.
 #
-# Without ROS, Jazzy's wheels go into .venv. With ROS 2 Jazzy sourced, its own packages are used:
-# colcon builds into .setup/jazzy; only packages missing from ROS come from PyPI, into a venv there.
-# BARC_PYTHON names the Python to use; default: the first suitable one on the PATH.
+# With ROS 2 Jazzy sourced, its own packages are used: colcon builds into .setup/jazzy; only packages
+# missing from ROS come from PyPI, into a venv there. Else Jazzy's wheels go into .venv, where PyPI has
+# them: on x86-64 Linux with glibc. On other systems, and with BARC_ROS=none, barc_sim goes there alone
+# and drives without ROS. BARC_PYTHON names the Python to use; default: the first suitable one on the
+# PATH.
 #
-# Each part has a stamp with the hashes of its inputs and is rebuilt when they change. A set-up that
+# Each part has a stamp with the checksums of its inputs and is rebuilt when they change. A set-up that
 # was interrupted leaves `busy` behind: then everything is rebuilt.
+#
+# For a Mac, bash 3.2 and POSIX's programs are enough; for Git Bash, a venv's programs may be in Scripts.
 
 root=${BASH_SOURCE[0]%/*/*} # sourced by its absolute path
 log=$root/.setup/log
@@ -13,30 +17,42 @@ log=$root/.setup/log
 message() { printf '%s\n' "$*" >&2; }
 die() { message "barc_sim: $*"; exit 1; }
 
-# set_up [EXTRA]: bring everything, with an extra of setup.cfg, up to date; set `python`.
+# set_up [EXTRA]: bring everything, with an extra of setup.cfg, up to date; set `python` and `source`,
+# where ROS comes from: sourced, wheels or none.
 set_up() {
-  local extra=${1-} place venv stamps base version part
-  local -A inputs
+  local extra=${1-} place venv stamps base version has_wheels part parts
+  local input_venv input_interfaces input_package input_test
   choose_place
   choose_python
-  inputs[venv]="Python $version, $root, ${ros:-wheels}"$'\n'$(sha256sum "$root/scripts/setup.bash")
-  inputs[interfaces]=$(cd "$root/barc_interfaces" &&
-    sha256sum package.xml pyproject.toml CMakeLists.txt cmake/*.cmake msg/*.msg)
-  inputs[package]=$(sha256sum "$root"/{setup.cfg,setup.py,package.xml,pyproject.toml} \
+  input_venv="Python $version, $root, ${ros:-$source}"$'\n'$(cksum "$root/scripts/setup.bash")
+  input_interfaces=$(cd "$root/barc_interfaces" &&
+    cksum package.xml pyproject.toml CMakeLists.txt cmake/*.cmake msg/*.msg)
+  input_package=$(cksum "$root"/{setup.cfg,setup.py,package.xml,pyproject.toml} \
     "$root"/barc_sim/commands/__init__.py)
-  [[ -z $extra ]] || inputs[$extra]=${inputs[package]}
+  input_test=$input_package
+  parts="venv interfaces package $extra"
   up_to_date || bring_up_to_date
   use_place
-  python=$venv/bin/python
+  python=$(programs)/python
 }
 
+# The folder of the environment's programs.
+programs() { if [[ -d $venv/Scripts ]]; then echo "$venv/Scripts"; else echo "$venv/bin"; fi; }
+
 choose_place() {
+  ros=
+  place=$root/.venv venv=$root/.venv
+  stamps=$place/.stamps
+  case ${BARC_ROS-} in
+    '') ;;
+    none) return ;;
+    *) die "BARC_ROS can be none, to set up without ROS, and not '$BARC_ROS': unset it." ;;
+  esac
   case ${ROS_DISTRO-} in
     '' | jazzy) ;;
     *) die "ROS 2 Jazzy is needed, but '$ROS_DISTRO' is sourced: open a terminal that sources" \
       "Jazzy, or no ROS at all." ;;
   esac
-  ros=
   if [[ -n ${ROS_DISTRO-} && -n ${AMENT_PREFIX_PATH-} ]]; then
     local prefixes
     IFS=: read -ra prefixes <<<"$AMENT_PREFIX_PATH"
@@ -46,47 +62,75 @@ choose_place() {
     [[ -n $ros ]] || die "ROS 2 Jazzy is sourced, but holds no rclpy:" \
       "install it (sudo apt install ros-jazzy-ros-base)."
     place=$root/.setup/jazzy venv=$root/.setup/jazzy/venv
-  else
-    place=$root/.venv venv=$root/.venv
+    stamps=$place/.stamps
   fi
-  stamps=$place/.stamps
 }
 
-# Set `base`, the interpreter to make the environment from, and its `version`.
+# Prints the version of a Python, whether PyPI has ROS for it (wheels or none), and its path.
+about_python='import os, sys, sysconfig
+try:
+    glibc = [int(part) for part in os.confstr("CS_GNU_LIBC_VERSION").split()[1].split(".")]
+except Exception:  # on a Mac, on Windows, and with musl
+    glibc = []
+name = "cpython-{}{}-x86_64-linux-gnu".format(*sys.version_info)
+has_wheels = glibc >= [2, 28] and sysconfig.get_config_var("SOABI") == name
+print("{}.{} {} {}".format(*sys.version_info[:2],
+    "wheels" if has_wheels else "none", os.path.realpath(sys.executable)))'
+
+# Set `base`, the interpreter to make the environment from, its `version`, and `source`.
 choose_python() {
-  local candidates=(python3 python3.13 python3.12 python3.11 python3.10) candidate
+  local candidates=(python3 python3.13 python3.12 python3.11 python3.10 python) candidate
   local found="${BARC_PYTHON:-python3} is not there"
   [[ -z ${BARC_PYTHON-} ]] || candidates=("$BARC_PYTHON")
   for candidate in "${candidates[@]}"; do
     base=$(type -P "$candidate") || continue
     if [[ $venv/bin/python -ef $base && -e $stamps/version ]]; then
-      version=$(<"$stamps/version") # the same file: no need to start it
-      return
+      read -r version source <"$stamps/version" # the same file: no need to start it
+    else
+      read -r version source base \
+        < <(cd "$root" && "$base" -ISc "$about_python" 2>/dev/null) || continue
+      base=${base%$'\r'}
     fi
-    read -r version base < <(cd "$root" && "$base" -ISc 'import os, sys
-print("{}.{}".format(*sys.version_info), os.path.realpath(sys.executable))' 2>/dev/null) || continue
-    case $version in 3.1[0-3]) return ;; esac
+    case $version in 3.1[0-3])
+      choose_source
+      return
+      ;;
+    esac
     [[ $found != *' not there' ]] || found="$candidate is Python $version"
   done
   die "Python 3.10, 3.11, 3.12 or 3.13 is needed, but $found: install one of them, or set" \
     "BARC_PYTHON to the path of one."
 }
 
+choose_source() {
+  has_wheels=$source
+  if [[ -n $ros ]]; then
+    source=sourced
+  elif [[ -n ${BARC_ROS-} ]]; then
+    source=$BARC_ROS
+  fi
+}
+
 up_to_date() {
-  [[ ! -e $stamps/busy && -x $venv/bin/python ]] || return
-  for part in "${!inputs[@]}"; do
+  [[ ! -e $stamps/busy && -x $(programs)/python ]] || return
+  for part in $parts; do
     is_current "$part" || return
   done
 }
 
-is_current() { [[ -e $stamps/$1 && $(<"$stamps/$1") == "${inputs[$1]}" ]]; }
+is_current() {
+  local input=input_$1
+  [[ -e $stamps/$1 && $(<"$stamps/$1") == "${!input}" ]]
+}
 
 bring_up_to_date() {
   { mkdir -p "$root/.setup" && : >>"$root/.setup/lock"; } 2>/dev/null ||
     die "$root cannot be written to: copy the checkout to a directory of your own."
   # The programs started below inherit the lock, and keep it if the set-up is killed.
   exec 9<"$root/.setup/lock"
-  flock -n 9 || { message 'Waiting for another set-up of this checkout to end.' && flock 9; }
+  if type -P flock >/dev/null; then # not on a Mac, nor in Git Bash
+    flock -n 9 || { message 'Waiting for another set-up of this checkout to end.' && flock 9; }
+  fi
   if ! up_to_date; then
     check_machine
     (make_parts) || exit
@@ -101,18 +145,18 @@ check_machine() {
   if [[ -n $ros ]]; then
     "$base" -c 'import rclpy' 2>/dev/null || die "Python $version ($base) cannot import the rclpy" \
       "of $ros: set BARC_PYTHON to the Python that it was built for (usually /usr/bin/python3)."
-  elif [[ $(uname -sm) != 'Linux x86_64' ]]; then
-    die "ROS 2 comes from PyPI for x86-64 Linux only, and this is $(uname -sm): source a ROS 2" \
-      "Jazzy of its own."
   fi
-  { have_one_of "${CXX:-c++}" g++ clang++ && have_one_of "${CC:-cc}" gcc clang; } ||
+  [[ $source == none ]] ||
+    { have_one_of "${CXX:-c++}" g++ clang++ && have_one_of "${CC:-cc}" gcc clang; } ||
     lack 'a C++ compiler' g++
   "$base" -Ic 'import ensurepip, venv' 2>/dev/null ||
     lack "Python $version's venv module" "python$version-venv"
-  [[ -e $("$base" -Ic 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h ]] ||
+  [[ $source == none ||
+    -e $("$base" -Ic 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h ]] ||
     lack "Python $version's header files" "python$version-dev"
   [[ -z $lacking ]] ||
-    die "$lacking must be installed first (on Debian and Ubuntu: sudo apt install$packages)."
+    die "$lacking must be installed first (on Debian and Ubuntu: sudo apt install$packages)$(
+      [[ $source != wheels ]] || echo ', or drive without ROS (export BARC_ROS=none)')."
   [[ $(df -Pk "$root" | awk 'END { print $4 }') -gt 1000000 ]] ||
     die "the disk that holds $root has less than 1 GB left: free some space."
 }
@@ -132,17 +176,29 @@ make_parts() {
   cd "$root" || fail
   unset PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
   export PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_RETRIES="${PIP_RETRIES:-2}"
-  message "Setting up barc_sim with Python $version and ${ros:-ROS 2 Jazzy from PyPI} (a minute, once):"
-  if [[ -e $stamps/busy || ! -x $venv/bin/python ]] || ! is_current venv; then
+  message "Setting up barc_sim with Python $version $(with_what):"
+  if [[ -e $stamps/busy || ! -x $(programs)/python ]] || ! is_current venv; then
     make_venv
   fi
   : >"$stamps/busy" || fail
-  if [[ -n $ros ]]; then make_with_ros; else make_with_wheels; fi
-  for part in "${!inputs[@]}"; do
-    printf '%s\n' "${inputs[$part]}" >"$stamps/$part" || fail
+  "make_$source"
+  for part in $parts; do
+    input=input_$part
+    printf '%s\n' "${!input}" >"$stamps/$part" || fail
   done
   rm "$stamps/busy"
   message "Done in $SECONDS s."
+}
+
+with_what() {
+  if [[ $source != none ]]; then
+    echo "and ${ros:-ROS 2 Jazzy from PyPI} (a minute, once)"
+  elif [[ $has_wheels == none ]]; then
+    echo "and without ROS, which PyPI has for x86-64 Linux alone, and this is $(uname -sm);" \
+      "barc drives all the same (half a minute, once)"
+  else
+    echo 'and without ROS, as BARC_ROS=none asks for (half a minute, once)'
+  fi
 }
 
 make_venv() {
@@ -154,10 +210,17 @@ make_venv() {
   logged find "$place/" -mindepth 1 -maxdepth 1 ! -name .stamps -exec rm -rf {} +
   logged find "$stamps" -type f ! -name busy -delete
   logged "$base" -Im venv --prompt barc_sim ${ros:+--system-site-packages} "$venv"
-  printf '%s\n' "$version" >"$stamps/version" || fail
+  printf '%s\n' "$version $has_wheels" >"$stamps/version" || fail
 }
 
-make_with_wheels() {
+make_none() {
+  unset PYTHONPATH
+  # A package without a wheel for this system would have to be compiled.
+  export PIP_ONLY_BINARY=contourpy,kiwisolver,lz4,matplotlib,numpy,pillow,zstandard
+  install_package
+}
+
+make_wheels() {
   # Of another environment or an enclosing run.
   unset PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
   if ! is_current interfaces; then
@@ -167,7 +230,7 @@ make_with_wheels() {
   install_package
 }
 
-make_with_ros() {
+make_sourced() {
   # ROS is compiled for the NumPy that it came with.
   "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' \
     >"$place/constraints" 2>>"$log" || fail
@@ -186,29 +249,35 @@ install_package() {
   if ! is_current package || { [[ -n $extra ]] && ! is_current "$extra"; }; then
     message '  barc_sim and the Python packages that it needs'
     local extras=$extra
-    [[ $extra != test || -n $ros ]] || extras+=,testwheels
+    [[ $extra != test || $source != wheels ]] || extras+=,testwheels
     # compat: a path, and not an import hook that every start would have to load.
     pip_install "$@" --config-settings editable_mode=compat -e ".${extras:+[$extras]}"
   fi
 }
 
-pip_install() { logged "$venv/bin/python" -Im pip install "$@"; }
+pip_install() { logged "$(programs)/python" -Im pip install "$@"; }
 
 logged() { "$@" >>"$log" 2>&1 || fail; }
 
 fail() {
   if grep -qE 'No space left on device|Disk quota exceeded' "$log"; then
     die "the disk is full (the set-up needs 1 GB in $root and in ${TMPDIR:-/tmp}): free some space."
-  elif grep -qE 'NewConnectionError|ConnectTimeout|ReadTimeout|ProxyError|SSLError|from versions: none' "$log"; then
+  elif grep -qE 'NewConnectionError|ConnectTimeout|ReadTimeout|ProxyError|SSLError' "$log" ||
+    { [[ $source != none ]] && grep -q 'from versions: none' "$log"; }; then
     die "PyPI cannot be reached: connect this machine to the network, or name a mirror in" \
       "PIP_INDEX_URL (log: $log)."
+  fi
+  if [[ $source == none ]] && grep -q 'No matching distribution' "$log"; then
+    die "PyPI lacks a package for Python $version on $(uname -sm): use a 64-bit Python 3.12 (log: $log)."
   fi
   die "the set-up failed: the reason is at the end of $log."
 }
 
 # The variables of a sourced setup.bash. Without them the wheels would start Python twice.
 use_place() {
-  if [[ -n $ros ]]; then
+  if [[ $source == none ]]; then
+    return
+  elif [[ -n $ros ]]; then
     local install=$place/install
     prepend PYTHONPATH "$install"/lib/python3*/site-packages
     prepend PYTHONPATH "$root"

@@ -11,7 +11,6 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rclpy.executors import SingleThreadedExecutor
 from rosbags.highlevel import AnyReader
 
 import barc_sim
@@ -99,6 +98,8 @@ def started(command: str, *options: str) -> Iterator[subprocess.Popen[str]]:
 @contextmanager
 def spinning(context: Context, *nodes: Node) -> Iterator[None]:
     """Spin the nodes in a thread, and destroy them afterwards."""
+    from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415 (most tests need no ROS)
+
     executor = SingleThreadedExecutor(context=context)
     for node in nodes:
         executor.add_node(node)

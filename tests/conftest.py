@@ -16,12 +16,16 @@ import pytest
 from hypothesis import settings
 
 import barc_sim
+from barc_sim.cli.ros_hint import has_ros
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from rclpy.context import Context
     from rclpy.executors import Executor
+
+# Without ROS its tests are left out.
+collect_ignore = [] if has_ros() else ['ros/executor']
 
 # How long an example takes is the machine's affair.
 settings.register_profile('any machine', deadline=None)

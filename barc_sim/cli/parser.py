@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from barc_sim.cli.ros_hint import ROS_PACKAGES, needs_ros
+from barc_sim.cli.ros_hint import ROS_PACKAGES, has_ros, needs_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -95,9 +95,8 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     except UserError as error:
         report(prog, str(error))
         return USAGE_ERROR
-    except ModuleNotFoundError as error:
-        package = (error.name or '').partition('.')[0]
-        missing = str(needs_ros(prog)) if package in ROS_PACKAGES else _missing(package)
+    except ImportError as error:
+        missing = _missing(error, prog)
         if missing is None:
             raise
         report(prog, missing)
@@ -116,10 +115,16 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
         return USAGE_ERROR
 
 
-def _missing(package: str) -> str | None:
+def _missing(error: ImportError, prog: str) -> str | None:
     """Return the sentence for a package that cannot be imported; None if we do not require it."""
     from importlib import metadata  # noqa: PLC0415 (only for an error)
 
+    package = (error.name or '').partition('.')[0]
+    absent = isinstance(error, ModuleNotFoundError)
+    if package in ROS_PACKAGES and (absent or not has_ros()):
+        return str(needs_ros(prog))
+    if not absent:
+        return None
     name = re.compile(
         re.escape(_DISTRIBUTIONS.get(package, package).replace('_', '-')) + r'\b(?!-)'
     )

@@ -21,9 +21,11 @@ _HOW_ON_LINUX = (
 
 def _is_installed(package: str) -> bool:
     try:
-        return find_spec(package) is not None
+        spec = find_spec(package)
     except ImportError:
         return False
+    # Without an origin it is no more than a folder of that name, as a checkout has.
+    return spec is not None and spec.origin is not None
 
 
 def has_ros() -> bool:

@@ -6,6 +6,9 @@ import json
 from typing import Any
 
 import pytest
+
+pytest.importorskip('rclpy')
+
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.schemas import definition, share

@@ -10,8 +10,11 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import mcap_doctor
 import pytest
+
+pytest.importorskip('rclpy')
+
+import mcap_doctor
 import yaml
 from rclpy.duration import Duration
 from rclpy.node import Node

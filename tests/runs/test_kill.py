@@ -14,8 +14,11 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
-import mcap_doctor
 import pytest
+
+pytest.importorskip('rclpy')
+
+import mcap_doctor
 from mcap.records import Channel, Message
 
 from barc_sim.bags import reader as bag

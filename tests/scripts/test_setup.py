@@ -19,7 +19,7 @@ SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), ROOT / '.ci' / 'run']
 SHELL_SCRIPTS = [
     path for path in SCRIPTS if path.is_file() and b'bash' in path.read_bytes().split(b'\n', 1)[0]
 ]
-TOOLS = ('awk', 'bash', 'df', 'flock', 'mkdir', 'readlink', 'sha256sum', 'uname')
+TOOLS = ('awk', 'bash', 'cksum', 'df', 'flock', 'mkdir', 'readlink', 'uname')
 COMPILERS = ('c++', 'cc')
 
 
@@ -81,7 +81,9 @@ def test_script_is_bash_that_parses(script: Path) -> None:
 
 def test_missing_compiler_is_named(checkout: Path, tmp_path: Path) -> None:
     path = programs(tmp_path / 'bin', *TOOLS)
-    assert 'a C++ compiler must be installed' in sentence(run(checkout, path))
+    line = sentence(run(checkout, path))
+    assert 'a C++ compiler must be installed' in line
+    assert 'or drive without ROS (export BARC_ROS=none)' in line
     assert not (checkout / '.venv').exists()
 
 
@@ -90,7 +92,8 @@ def test_all_that_is_missing_is_named_at_once(checkout: Path, tmp_path: Path) ->
     no_venv = f'[[ $* == *ensurepip* ]] && exit 1; exec "{sys.executable}" "$@"'
     path = programs(tmp_path / 'bin', *TOOLS, python=no_venv)
     # The script asks the interpreter where it lies, and uses that one from then on.
-    answer = f'[[ $* != *realpath* ]] || {{ echo {version} {path / "python"}; exit; }}; {no_venv}'
+    about = f'echo {version} wheels {path / "python"}'
+    answer = f'[[ $* != *realpath* ]] || {{ {about}; exit; }}; {no_venv}'
     (path / 'python').write_text(f'#!{shutil.which("bash")}\n{answer}\n')
     line = sentence(run(checkout, path, BARC_PYTHON=str(path / 'python')))
     assert f"a C++ compiler and Python {version}'s venv module must be installed" in line
@@ -99,7 +102,8 @@ def test_all_that_is_missing_is_named_at_once(checkout: Path, tmp_path: Path) ->
 
 @pytest.mark.parametrize('version', ['2.7', '3.9', '3.14'])
 def test_unsupported_python_is_named(checkout: Path, tmp_path: Path, version: str) -> None:
-    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS, python3=f'echo {version} /bin/python')
+    python = f'echo {version} wheels /bin/python'
+    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS, python3=python)
     line = sentence(run(checkout, path, BARC_PYTHON=''))
     assert f'3.10, 3.11, 3.12 or 3.13 is needed, but python3 is Python {version}' in line
 
@@ -114,6 +118,54 @@ def test_another_ros_distribution_is_refused(checkout: Path, tmp_path: Path) -> 
     path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS)
     process = run(checkout, path, ROS_DISTRO='humble', AMENT_PREFIX_PATH='/opt/ros/humble')
     assert "ROS 2 Jazzy is needed, but 'humble' is sourced" in sentence(process)
+
+
+#: A Python for which PyPI has no ROS: as on a Mac, or in Git Bash, where lines end with CR LF.
+ELSEWHERE = """
+case "$*" in
+  *realpath*) printf '3.12 none %s\\r\\n' "$0" ;;
+  *'-Im venv'*)
+    mkdir -p "${@: -1}/FOLDER"
+    cp "$0" "${@: -1}/FOLDER/python"
+    ;;
+  *'pip install'*) [[ $PIP_ONLY_BINARY == *numpy* ]] && printf '%s\\n' "$*" ;;
+  *barc_sim.run*) printf 'drives: %s\\n' "$*" ;;
+esac
+"""
+#: What a Mac has, and Git Bash.
+POSIX = ('awk', 'bash', 'cksum', 'cp', 'df', 'env', 'find', 'grep', 'mkdir', 'readlink', 'rm')
+
+
+@pytest.mark.parametrize(
+    ('system', 'folder'), [('Darwin arm64', 'bin'), ('MINGW64_NT-10.0 x86_64', 'Scripts')]
+)
+def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
+    checkout: Path, tmp_path: Path, system: str, folder: str
+) -> None:
+    scripts = {'python3': ELSEWHERE.replace('FOLDER', folder), 'uname': f'echo {system}'}
+    path = programs(tmp_path / 'bin', *POSIX, **scripts)
+    first = run(checkout, path, BARC_PYTHON='')
+    assert (first.returncode, first.stdout) == (0, 'drives: -m barc_sim.run acc\n'), first.stderr
+    assert (
+        f'without ROS, which PyPI has for x86-64 Linux alone, and this is {system}'
+        in (first.stderr.splitlines()[0])
+    )
+    installed = (checkout / '.setup' / 'log').read_text()
+    assert 'install' in installed
+    assert 'barc_interfaces' not in installed
+    again = run(checkout, path, BARC_PYTHON='')
+    assert (again.returncode, again.stdout, again.stderr) == (0, first.stdout, '')
+
+
+def test_barc_ros_none_needs_no_compiler(checkout: Path, tmp_path: Path) -> None:
+    path = programs(tmp_path / 'bin', *POSIX, 'uname', python3=ELSEWHERE.replace('FOLDER', 'bin'))
+    process = run(checkout, path, BARC_PYTHON='', BARC_ROS='none', ROS_DISTRO='humble')
+    assert process.returncode == 0, process.stderr
+
+
+def test_another_value_of_barc_ros_is_named(checkout: Path, tmp_path: Path) -> None:
+    path = programs(tmp_path / 'bin', *TOOLS)
+    assert "and not 'no': unset it" in sentence(run(checkout, path, BARC_ROS='no'))
 
 
 def test_foreign_environment_is_left_alone(checkout: Path) -> None:

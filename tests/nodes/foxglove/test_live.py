@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+pytest.importorskip('rclpy')
+
 from barc_sim.errors import UserError
 from barc_sim.nodes.foxglove import live
 

@@ -10,8 +10,11 @@ import sys
 import time
 from typing import TYPE_CHECKING, Any
 
-import mcap_doctor
 import pytest
+
+pytest.importorskip('rclpy')
+
+import mcap_doctor
 import yaml
 from barc_interfaces.msg import ECU
 from mcap.reader import SeekingReader

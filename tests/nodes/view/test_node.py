@@ -9,8 +9,11 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-import numpy as np
 import pytest
+
+pytest.importorskip('rclpy')
+
+import numpy as np
 from barc_interfaces.msg import ECU, Environment, PidState, ZDynBkMdl
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import Parameter as ParameterMessage

@@ -13,6 +13,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import pytest
+
+pytest.importorskip('rclpy')
+
 from barc_interfaces.msg import ECU, Environment, ZDynBkMdl
 from browser import AXE, CHROMIUM, Browser, wait_until
 from geometry_msgs.msg import Twist

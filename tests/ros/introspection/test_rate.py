@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+pytest.importorskip('rclpy')
+
 from barc_sim.ros.introspection.messages import describe_rate
 
 
