@@ -254,7 +254,7 @@ class Tab:
 
     def violations(self, axe: Path) -> list[str]:
         """Return what the checker axe-core, in the file `axe`, finds wrong on the page."""
-        self.run(axe.read_text() + '; 0')
+        self.run(axe.read_text(encoding='utf-8') + '; 0')
         return list(
             self.run(
                 'axe.run().then((r) => r.violations.map((v) =>'

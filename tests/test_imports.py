@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+from elsewhere import ELSEWHERE
 
 import barc_sim
 
@@ -148,6 +150,20 @@ def import_without_ros(*names: str) -> subprocess.CompletedProcess[str]:
 def test_rooms_up_to_lab_can_be_imported_without_ros() -> None:
     done = import_without_ros(*map(module_name, modules(*WITHOUT_ROS)))
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
+
+
+def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
+    rooms = (*WITHOUT_ROS, 'commands', 'runs/local', 'runs/terminal')
+    code = 'import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)'
+    done = subprocess.run(
+        [sys.executable, '-c', code, *map(module_name, modules(*rooms))],
+        env=os.environ | ELSEWHERE,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+    assert (done.returncode, done.stdout) == (0, ''), done.stderr
 
 
 def test_an_import_of_ros_is_seen() -> None:

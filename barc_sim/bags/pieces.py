@@ -88,7 +88,7 @@ class Pieces:
     def _put(self, data: memoryview) -> None:
         offset = self._size
         while data:
-            written = os.pwrite(self._descriptor, data, offset)
+            written = write_at(self._descriptor, data, offset)
             data = data[written:]
             offset += written
 
@@ -113,8 +113,9 @@ class Pieces:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         removed, self._descriptor = self._descriptor, self._open()
         size, self._size = self._size, 0
+        os.lseek(removed, 0, os.SEEK_SET)
         while self._size < size:
-            part = os.pread(removed, min(_COPIED_AT_ONCE, size - self._size), self._size)
+            part = os.read(removed, min(_COPIED_AT_ONCE, size - self._size))
             self._put(memoryview(part))
             self._size += len(part)
         os.close(removed)
@@ -124,6 +125,12 @@ class Pieces:
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
+
+
+def write_at(descriptor: int, data: memoryview, offset: int) -> int:
+    """Do what `os.pwrite` does, which Windows lacks."""
+    os.lseek(descriptor, offset, os.SEEK_SET)
+    return os.write(descriptor, data)
 
 
 def is_being_written(path: Path) -> bool:

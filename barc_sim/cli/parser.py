@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import re
 import shlex
@@ -83,15 +84,11 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     """Run `main` and return the command's exit code.
 
     A UserError becomes one line on stderr and code 2, so does a Python without ROS; Ctrl-C becomes
-    code 130. A closed pipe (`| head`) ends the command silently.
+    code 130. A closed pipe (`| head`) ends the command silently. What stdout's encoding lacks is
+    printed as `?`.
     """
     try:
-        try:
-            return main() or 0
-        finally:
-            # Flush here, where a failure can still be caught.
-            if sys.stdout:
-                sys.stdout.flush()
+        return _print_all(main)
     except UserError as error:
         report(prog, str(error))
         return USAGE_ERROR
@@ -113,6 +110,17 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
             return 0
         report(prog, f'the output cannot be written: {error.strerror}')
         return USAGE_ERROR
+
+
+def _print_all(main: Callable[[], int | None]) -> int:
+    """Run `main`, with any text on stdout, and flush it here, where a failure can be caught."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors='replace')
+    try:
+        return main() or 0
+    finally:
+        if sys.stdout:
+            sys.stdout.flush()
 
 
 def _missing(error: ImportError, prog: str) -> str | None:

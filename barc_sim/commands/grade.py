@@ -67,10 +67,10 @@ def add_arguments(parser: Parser) -> None:
         '--scheduler', metavar='ADDRESS', help='grade on the Dask cluster of this scheduler'
     )
     parser.add_argument(
-        '--no-sandbox',
+        '--unconfined',
         action='store_true',
-        help='run the code unconfined, for a kernel without Landlock: only in a container that '
-        'holds a single submission',
+        help='run the code unconfined, where the system cannot confine it (not Linux, or a kernel '
+        'without Landlock): it can do all that you can; the reports say so',
     )
 
 
@@ -87,6 +87,7 @@ def run(options: Namespace) -> int:
     from barc_sim.lab.grade import batch, rubric, similarity, submissions, summary  # noqa: PLC0415
     from barc_sim.lab.grade.process import check  # noqa: PLC0415
     from barc_sim.lab.grade.start import Limits  # noqa: PLC0415
+    from barc_sim.tuning.workers import cores  # noqa: PLC0415
 
     points = rubric.load(options.rubric)
     if options.seed is not None:
@@ -94,8 +95,8 @@ def run(options: Namespace) -> int:
     out = options.out.absolute()
     paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
     if not options.scheduler:
-        check(sandbox=not options.no_sandbox)
-    jobs = options.jobs or len(os.sched_getaffinity(0))
+        check(sandbox=not options.unconfined)
+    jobs = options.jobs or cores()
     with (
         batch.dask(options.scheduler) if options.scheduler else batch.local(jobs) as executor,
         batch.run(
@@ -104,7 +105,7 @@ def run(options: Namespace) -> int:
             points,
             Limits(total=options.time_limit),
             at_once=_ON_A_CLUSTER if options.scheduler else jobs + 1,
-            sandbox=not options.no_sandbox,
+            sandbox=not options.unconfined,
         ) as outcomes,
     ):
         # Gradescope looks for the files of a single submission in the folder itself.

@@ -34,10 +34,10 @@ def add_arguments(parser: Parser) -> None:
         help='for all calls of each attached file, sleeps included (%(default)g s)',
     )
     parser.add_argument(
-        '--no-sandbox',
-        dest='sandbox',
-        action='store_false',
-        help='limit only time and memory of the attached code: it can read and write your files',
+        '--unconfined',
+        action='store_true',
+        help='run the attached code unconfined, where the system cannot confine it: it can do all '
+        'that you can',
     )
 
 
@@ -83,7 +83,7 @@ def run(options: Namespace) -> int:
 
     source = options.bag or reader.newest()
     limits = Limits(total=options.time_limit)
-    judgement = judge(source, options.namespace, limits, sandbox=options.sandbox)
+    judgement = judge(source, options.namespace, limits, sandbox=not options.unconfined)
     if options.json:
         whole = asdict(judgement) | {'possible': judgement.possible}
         print(json.dumps(whole, indent=2))  # noqa: T201

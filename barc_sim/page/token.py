@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import os
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from secrets import token_bytes
 
@@ -35,13 +36,19 @@ def _secret(directory: Path) -> bytes | None:
     path = directory / 'page_secret'
     with suppress(OSError, RuntimeError):
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with suppress(FileExistsError):
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
-            with os.fdopen(os.open(path, flags, 0o600), 'wb') as file:
-                file.write(token_bytes(_LENGTH))
+        with (
+            suppress(FileExistsError),
+            open(path, 'xb', opener=partial(os.open, mode=0o600)) as file,
+        ):
+            file.write(token_bytes(_LENGTH))
         secret = path.read_bytes()
-        # Another user's file, or one that others can read, is no secret.
-        status = path.stat()
-        if len(secret) == _LENGTH and status.st_uid == os.getuid() and not status.st_mode & 0o077:
+        if len(secret) == _LENGTH and _is_private(path.stat()):
             return secret
     return None
+
+
+def _is_private(status: os.stat_result) -> bool:
+    """Return whether a file is the user's own, and no other user can read it."""
+    if not hasattr(os, 'getuid'):  # on Windows the user's folder is closed to others
+        return True
+    return status.st_uid == os.getuid() and not status.st_mode & 0o077

@@ -6,6 +6,7 @@ import sys
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
+from barc_sim.control.keyboard.console import open_terminal
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.runs.composition import Run, given
@@ -44,13 +45,7 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
 def _terminal() -> Terminal | None:
     """Return the terminal; None, with a sentence, where its keys cannot be read."""
     try:
-        from barc_sim.control.keyboard.terminal import Terminal  # noqa: PLC0415 (not on Windows)
-
-        return Terminal()
-    except ModuleNotFoundError as error:
-        if error.name != 'termios':
-            raise
-        print('no keys of the terminal are read on this system: drive in the page', file=sys.stderr)  # noqa: T201
+        return open_terminal()
     except UserError as error:
         print(error, file=sys.stderr)  # noqa: T201
     return None

@@ -30,23 +30,31 @@ _PARTS = 3
 _BATCH = 2048
 
 
+def cores() -> int:
+    """Return the number of cores that this process may use, where the system limits that."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 @contextmanager
 def processes(cost: Costs) -> Iterator[Costs]:
     """Share the loops of `cost` among processes, one for each core of this machine.
 
     The processes ignore Ctrl-C: the process that started them ends them.
     """
-    cores = len(os.sched_getaffinity(0))
-    # Not forked: a copy of a process with threads may hold their locks for ever.
-    pool = ProcessPoolExecutor(cores, multiprocessing.get_context('spawn'))
+    workers = cores()
+    pool = ProcessPoolExecutor(
+        workers,
+        # Not forked: a copy of a process with threads may hold their locks for ever.
+        multiprocessing.get_context('spawn'),
+        initializer=signal.signal,
+        initargs=(signal.SIGINT, signal.SIG_IGN),
+    )
 
     def shared(gains: Floats) -> Floats:
-        # Blocked before a process starts, which inherits it: it would end with a traceback.
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
-            futures = [pool.submit(cost, part) for part in _parts(gains, cores)]
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        with _interrupts_blocked():
+            futures = [pool.submit(cost, part) for part in _parts(gains, workers)]
         try:
             return np.concatenate([future.result() for future in futures])
         except BrokenProcessPool:
@@ -59,6 +67,22 @@ def processes(cost: Costs) -> Iterator[Costs]:
         yield shared
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C, where processes that start meanwhile inherit that.
+
+    Until it ignores the signal itself, a process would end with a traceback.
+    """
+    if not hasattr(signal, 'pthread_sigmask'):
+        yield
+        return
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 
 
 @contextmanager
@@ -76,10 +100,10 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
     """
     batched = isinstance(cost, Goal) and not cost.new_controller
     with cluster_client(address) as client:
-        cores = sum(client.ncores().values())
+        workers = sum(client.ncores().values())
 
         def shared(gains: Floats) -> Floats:
-            parts = _parts(gains, cores, _BATCH if batched else 1)
+            parts = _parts(gains, workers, _BATCH if batched else 1)
             if len(parts) == 1:
                 return cost(gains)
             try:

@@ -55,7 +55,7 @@ def main(args: list[str] | None = None) -> None:
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text)
+        path.write_text(text, encoding='utf-8')
     except OSError as error:
         raise UserError(
             f'the figures cannot be written to {str(path)!r}: {error.strerror}'
@@ -66,7 +66,7 @@ def _machine() -> dict[str, str]:
     cpu = next(
         (
             line.partition(':')[2].strip()
-            for line in Path('/proc/cpuinfo').read_text().splitlines()
+            for line in Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
             if line.startswith('model name')
         ),
         platform.machine(),

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
+from barc_sim.bags import pieces as module
 from barc_sim.bags.pieces import Pieces
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def test_piece_that_does_not_fit_changes_nothing_and_can_be_tried_again(
 ) -> None:
     pieces.write(b'abc')
     pieces.commit()
-    write = os.pwrite
+    write = module.write_at
     room = [4]
 
     def short(descriptor: int, data: memoryview, offset: int) -> int:
@@ -51,7 +51,7 @@ def test_piece_that_does_not_fit_changes_nothing_and_can_be_tried_again(
         room[0] -= written
         return written
 
-    monkeypatch.setattr(os, 'pwrite', short)
+    monkeypatch.setattr(module, 'write_at', short)
     pieces.write(b'defghi')
     for _ in range(2):
         with pytest.raises(OSError, match='No space left'):

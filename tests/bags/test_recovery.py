@@ -135,7 +135,7 @@ def test_full_disk_leaves_the_bag_unchanged(killed: Path, monkeypatch: pytest.Mo
         raise OSError(28, 'No space left on device')
 
     before = (killed / 'run_0.mcap').read_bytes()
-    monkeypatch.setattr('os.pwrite', refuse)
+    monkeypatch.setattr('barc_sim.bags.pieces.write_at', refuse)
     with pytest.raises(UserError, match=r'cannot be recovered \(No space left on device\)'):
         make_whole(killed)
     assert {file.name: file.read_bytes() for file in killed.iterdir()} == {'run_0.mcap': before}

@@ -50,7 +50,7 @@ def test_parameters_of_the_keyboard_have_descriptions() -> None:
 
 @pytest.mark.parametrize('path', MESSAGES, ids=lambda path: path.stem)
 def test_message_and_each_of_its_fields_has_a_comment(path: Path) -> None:
-    first, *lines = path.read_text().splitlines()
+    first, *lines = path.read_text(encoding='utf-8').splitlines()
     assert first.startswith('# ')
     fields = [line for line in lines if re.match(r'[a-z]', line)]
     assert fields

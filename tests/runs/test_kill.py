@@ -68,7 +68,7 @@ class Seen(NamedTuple):
 def process(*arguments: str, stdout: Path) -> Iterator[None]:
     """Run Python; it is killed at the end."""
     with (
-        stdout.open('w') as stream,
+        stdout.open('w', encoding='utf-8') as stream,
         subprocess.Popen(
             [sys.executable, *arguments],
             stdout=stream,

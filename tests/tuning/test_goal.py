@@ -71,7 +71,7 @@ def test_an_output_beyond_the_limit_is_limited(tmp_path: Path) -> None:
 def test_an_edited_file_counts_at_once(controller: Path) -> None:
     goal = goal_of(controller)
     before = goal(GAINS)
-    controller.write_text(CONTROLLER.replace('return ', 'return 0.5 * '))
+    controller.write_text(CONTROLLER.replace('return ', 'return 0.5 * '), encoding='utf-8')
     assert goal(GAINS)[0] > before[0]
 
 
@@ -83,7 +83,7 @@ def test_processes_share_the_work_and_give_it_back_in_order(controller: Path) ->
 
 
 def test_what_a_controller_does_wrong_in_a_process_is_an_error(controller: Path) -> None:
-    controller.write_text(CONTROLLER.replace("print('step', dt)", '1 / 0'))
+    controller.write_text(CONTROLLER.replace("print('step', dt)", '1 / 0'), encoding='utf-8')
     goal = goal_of(controller)
     with (
         workers.processes(goal) as cost,
@@ -93,7 +93,9 @@ def test_what_a_controller_does_wrong_in_a_process_is_an_error(controller: Path)
 
 
 def test_a_controller_that_ends_its_process_is_an_error(controller: Path) -> None:
-    controller.write_text(CONTROLLER.replace("print('step', dt)", 'import os; os._exit(0)'))
+    controller.write_text(
+        CONTROLLER.replace("print('step', dt)", 'import os; os._exit(0)'), encoding='utf-8'
+    )
     goal = goal_of(controller)
     with workers.processes(goal) as cost, pytest.raises(UserError, match='has died'):
         cost(GAINS)

@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import os
 import select
-import termios
 from contextlib import suppress
 from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING
 
 from barc_sim.control.keyboard.keys import KeyDecoder, KeyEvent
 from barc_sim.errors import UserError
+
+try:
+    import termios
+except ModuleNotFoundError:  # on Windows
+    termios = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -138,6 +142,8 @@ class Terminal:
 
 def _unusable(fd: int) -> str | None:
     """Return why no keys can be read from `fd`; None if they can."""
+    if not termios:
+        return 'this system has no termios'
     if not os.isatty(fd):
         return 'the standard input is no terminal'
     try:

@@ -90,7 +90,13 @@ def judge_folder(
         if the folder is missing, or has no file to judge.
     """
     _check_there(folder)
-    settings = settings or Settings()
+    return judge_files(folder, settings or Settings(), budget=budget, deadline=deadline)
+
+
+def judge_files(
+    folder: Path, settings: Settings, *, budget: float = CALL_BUDGET, deadline: float = DEADLINE
+) -> Report:
+    """Return the findings on the files in `folder`, as `judge_folder` does; there may be none."""
     # A new interpreter, without the imports and patches of this process.
     context = multiprocessing.get_context('spawn')
     ours, theirs = context.Pipe(duplex=False)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import resource
 import signal
 
 from barc_sim.lab.grade import landlock
@@ -16,6 +15,8 @@ _INSTRUCTION = 8  # bytes
 
 def limit_resources(memory: int, cpu: int, parent: int) -> None:
     """Limit memory [bytes], processor time [s] and files; end with the process `parent`."""
+    import resource  # noqa: PLC0415 (not on Windows)
+
     _prctl(_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         # It has already ended.

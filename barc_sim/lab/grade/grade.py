@@ -9,13 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.lab.check.judging import gains_used, judge
+from barc_sim.lab.check.worker import judge_files
 from barc_sim.lab.grade.code import ConfinedCode
+from barc_sim.lab.grade.start import ON_LINUX
 from barc_sim.lab.grade.submissions import PARTS, graded
 from barc_sim.lab.grade.text import printable
 from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.findings import Comparison, Trajectory
+    from barc_sim.lab.check.findings import Comparison, Finding, Trajectory
+    from barc_sim.lab.check.judging import Settings
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.start import Limits
     from barc_sim.lab.grade.submissions import Submission
@@ -57,6 +60,32 @@ class Grade:
         return round(sum(item.max_points for item in self.items), 2)
 
 
+class _Judged(NamedTuple):
+    """What is found on a submission's files."""
+
+    findings: list[Finding]
+    gains: str
+    tolerated: tuple[str, ...]
+    printed: str
+
+
+def _judge(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -> _Judged:
+    """Judge files whose functions are called in a process with limits."""
+    with ConfinedCode(folder, limits, sandbox=sandbox) as code:
+        found = judge(code, settings)
+        gains = str(gains_used(code, settings)) if code.has_controller else ''
+        tolerated = code.tolerated()
+    return _Judged(found, gains, tolerated, code.printed)
+
+
+def _judge_elsewhere(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -> _Judged:
+    """Judge files as `barc check` does, where no process can be confined."""
+    assert not sandbox  # noqa: S101 (refused before)
+    found = judge_files(folder, settings, budget=limits.call, deadline=limits.total)
+    gains = str(found.gains) if found.gains else ''
+    return _Judged(found.findings, gains, found.tolerated, found.printed.text)
+
+
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
 
@@ -67,12 +96,14 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     if not files:
         wanted = ' nor '.join(FILES[part] for part in PARTS)
         notes = (f'it has neither {wanted} at its top', *notes)
+    if not sandbox:
+        notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
-        with ConfinedCode(Path(folder), limits, sandbox=sandbox) as code:
-            findings = {finding.criterion: finding for finding in judge(code, rubric.settings)}
-            gains = str(gains_used(code, rubric.settings)) if code.has_controller else ''
-            tolerated = code.tolerated()
+        found = (_judge if ON_LINUX else _judge_elsewhere)(
+            Path(folder), rubric.settings, limits, sandbox=sandbox
+        )
+    findings = {finding.criterion: finding for finding in found.findings}
     items = []
     for criterion, worth in rubric.points.items():
         finding = findings[criterion]
@@ -85,8 +116,8 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         visibility=rubric.visibility,
         items=tuple(items),
         notes=notes,
-        gains=printable(gains),
-        tolerated=tuple(map(printable, tolerated)),
-        printed=printable(code.printed),
+        gains=printable(found.gains),
+        tolerated=tuple(map(printable, found.tolerated)),
+        printed=printable(found.printed),
         hashes=tuple((name, hashlib.sha256(submission.files[name]).hexdigest()) for name in files),
     )

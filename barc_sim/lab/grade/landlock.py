@@ -29,8 +29,6 @@ _TCP_SINCE = 4
 _SCOPES = 0b11
 _SCOPES_SINCE = 6
 
-_libc = ctypes.CDLL(None, use_errno=True)
-
 
 def create_ruleset(
     readable: Iterable[Path], listable: Iterable[Path] = (), writable: Iterable[Path] = ()
@@ -110,7 +108,7 @@ def _allow(ruleset: int, path: Path, access: int) -> None:
 def _call(number: int, *arguments: bytes | int | None) -> int:
     """Make a system call; its integers are descriptors, sizes and flags, all positive."""
     wide = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
-    result: int = _libc.syscall(number, *wide)
+    result: int = ctypes.CDLL(None, use_errno=True).syscall(number, *wide)
     if result < 0:
         error = ctypes.get_errno()
         raise OSError(error, f'no Landlock here: {os.strerror(error)}')

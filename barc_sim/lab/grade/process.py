@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 from contextlib import suppress
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.protocol import MAX_TEXT, NO_PIPES, REPLY, REQUEST, Status, doubles
-from barc_sim.lab.grade.start import Limits, Unconfined, start
+from barc_sim.lab.grade.start import ON_LINUX, Limits, Unconfined, start
 from barc_sim.lab.grade.text import one_line
 
 if TYPE_CHECKING:
@@ -183,13 +184,21 @@ class _Garbage(Exception):  # noqa: N818
 
 
 def check(*, sandbox: bool) -> None:
-    """Start a process that runs nothing.
+    """Start a process that runs nothing, where processes can be confined.
 
     Raises
     ------
     UserError
         if it cannot be confined here.
     """
+    if not ON_LINUX:
+        if sandbox:
+            raise UserError(
+                f'submissions can be confined on Linux alone, and this is {sys.platform}: grade '
+                'there, as in WSL 2 or a container, or give --unconfined, which lets their code '
+                'do all that you can'
+            )
+        return
     try:
         with (
             tempfile.TemporaryDirectory() as folder,
@@ -199,5 +208,5 @@ def check(*, sandbox: bool) -> None:
     except Unconfined as error:
         raise UserError(
             f'submissions cannot be confined on this machine ({error}): grade on Linux 5.13 or '
-            'later, or give --no-sandbox in a container that holds one submission and nothing else'
+            'later, or give --unconfined in a container that holds one submission and nothing else'
         ) from None

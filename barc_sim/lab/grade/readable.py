@@ -53,7 +53,7 @@ def _numpy() -> tuple[Path, ...]:
 def _shared_libraries() -> list[Path]:
     """Return the shared libraries, file by file: on some systems their folders hold packages."""
     folders = {Path(sys.base_prefix, 'lib')}
-    with Path('/proc/self/maps').open() as maps:
+    with Path('/proc/self/maps').open(encoding='utf-8', errors='replace') as maps:
         for line in maps:
             path = Path(line.split(maxsplit=5)[-1].rstrip())
             if path.name.startswith(('libc.', 'libc-', 'libm.', 'libstdc++.')):

@@ -23,6 +23,10 @@ _ENVIRONMENT = {
 }
 
 
+#: Whether a process can be confined: by the kernel of Linux alone.
+ON_LINUX = sys.platform == 'linux'
+
+
 class Limits(NamedTuple):
     """Limits of a submission's process, far above the needs of slow code."""
 

@@ -197,12 +197,17 @@ def _of_tools(name: str) -> bool:
 
 def _data(path: Path, size: int) -> bytes:
     """Return at most `size` bytes of a regular file."""
-    # Without waiting for the other end of a named pipe, and without following a link.
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(descriptor, 'rb') as file:
-        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+    with open(path, 'rb', opener=_open) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError('it is not a regular file')
         return file.read(size)
+
+
+def _open(path: str, flags: int) -> int:
+    """Open without waiting for the other end of a named pipe, and without following a link."""
+    for name in ('O_NOFOLLOW', 'O_NONBLOCK'):  # Windows has neither
+        flags |= getattr(os, name, 0)
+    return os.open(path, flags)
 
 
 def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member]:

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from barc_sim.lab.check.code import Next
-    from barc_sim.lab.grade.code import ConfinedCode
+    from barc_sim.lab.check.code import JudgedCode, Next
     from barc_sim.lab.regrade.recorded import Recorded
     from barc_sim.vehicle.bike_model import Model
 
@@ -101,7 +100,7 @@ def _verdicts(recorded: Recorded, limits: Limits, *, sandbox: bool) -> list[Verd
     return verdicts
 
 
-def _model(code: ConfinedCode) -> Model:
+def _model(code: JudgedCode) -> Model:
     def step(*row: float, l_f: float, l_r: float, **_: float) -> Next:
         return code.bike_fe([Row(*row)], l_f=l_f, l_r=l_r)[0]
 

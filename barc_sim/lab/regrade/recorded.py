@@ -11,15 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags import bounds, reader
 from barc_sim.errors import UserError
+from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.grade.archives import Member
 from barc_sim.lab.grade.code import ConfinedCode
+from barc_sim.lab.grade.start import ON_LINUX
 from barc_sim.lab.grade.submissions import Submission, take
 from barc_sim.lab.user_code.adapters import FOLDER, METADATA
-from barc_sim.lab.user_code.loading import FILES
+from barc_sim.lab.user_code.loading import FILES, load_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.grade.start import Limits
     from barc_sim.simulation.log import Log
 
@@ -106,8 +109,10 @@ def _claims(text: str) -> tuple[dict[str, str], dict[str, str]]:
 @contextmanager
 def attached(
     recorded: Recorded, part: str, limits: Limits, *, sandbox: bool = True
-) -> Iterator[ConfinedCode]:
+) -> Iterator[JudgedCode]:
     """Give one part of the attached code, ready to be called in a confined process.
+
+    Where no process can be confined, it is called in this one.
 
     Raises
     ------
@@ -118,6 +123,9 @@ def attached(
     with tempfile.TemporaryDirectory(prefix='barc_sim_') as name:
         folder = Path(name)
         submission.write(folder)
+        if not ON_LINUX:
+            yield LocalCode(load_folder(folder, [part], budget=limits.call, packages=False))
+            return
         with ConfinedCode(folder, limits, sandbox=sandbox) as code:
             yield code
 

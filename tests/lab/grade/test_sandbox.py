@@ -207,6 +207,6 @@ def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -
     # A number that no kernel gives to a system call.
     monkeypatch.setattr('barc_sim.lab.grade.landlock._CREATE_RULESET', 100_000)
 
-    with pytest.raises(UserError, match=r'no Landlock here.*--no-sandbox'):
+    with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
         check(sandbox=True)
     check(sandbox=False)

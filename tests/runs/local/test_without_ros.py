@@ -1,4 +1,4 @@
-"""A run where nothing of ROS can be imported, nor what only Unix has."""
+"""A run where nothing of ROS can be imported, nor what only Linux has."""
 
 from __future__ import annotations
 
@@ -9,41 +9,23 @@ from pathlib import Path
 
 import pytest
 import yaml
+from elsewhere import ELSEWHERE
 
 import barc_sim
 
 ROOT = Path(barc_sim.__file__).parents[1]
-#: Runs `barc` where the modules in NAMES are not there, and /proc and eventfd neither.
-BARC = """
-import builtins, os, sys
-
-NAMES = {'rclpy', 'barc_interfaces', 'rosidl_runtime_py', 'rpyutils', 'fcntl', 'termios', 'tty'}
-
-class Absent:
-    def find_spec(self, name, path=None, target=None):
-        top = name.partition('.')[0]
-        if top in NAMES or top.endswith('_msgs') or top.endswith('_interfaces'):
-            raise ModuleNotFoundError(f'No module named {name!r}', name=top)
-
-sys.meta_path.insert(0, Absent())
-for name in NAMES:
-    sys.modules.pop(name, None)
-for name in ('eventfd', 'fork', 'forkpty', 'statvfs', 'set_blocking'):
-    if hasattr(os, name) and LIKE_WINDOWS:
-        delattr(os, name)
-
-from barc_sim.__main__ import main
-sys.exit(main())
-"""
 
 
 def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run `barc` in a Python that lacks ROS, and what only Linux has."""
     return subprocess.run(
-        [sys.executable, '-c', BARC.replace('LIKE_WINDOWS', 'False'), *words],
+        [sys.executable, '-m', 'barc_sim', *words],
         cwd=folder,
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        env=os.environ | ELSEWHERE,
+        stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
+        encoding='utf-8',
         check=False,
         timeout=100,
     )

@@ -1,0 +1,99 @@
+"""The lab on another system than Linux, without ROS: from the templates to what is handed in."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from elsewhere import ELSEWHERE
+from user_files import CONTROLLER, MODEL
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run `barc`, whose stdout can hold ASCII alone."""
+    return subprocess.run(
+        [sys.executable, '-m', 'barc_sim', *words],
+        cwd=folder,
+        env=os.environ | ELSEWHERE,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=100,
+    )
+
+
+def done(folder: Path, *words: str) -> str:
+    """Return what a command prints, which must succeed."""
+    process = barc(folder, *words)
+    assert process.returncode == 0, process.stdout + process.stderr
+    return process.stdout
+
+
+def write_lab(folder: Path) -> None:
+    """Write right answers as an editor of Windows does: line ends of two characters, and a mark."""
+    folder.mkdir(exist_ok=True)
+    for name, text in (('bike_model.py', MODEL), ('controller.py', CONTROLLER)):
+        (folder / name).write_bytes(b'\xef\xbb\xbf' + text.encode().replace(b'\n', b'\r\n'))
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """Return a folder whose name has what a path of Windows has."""
+    folder = tmp_path / 'C:\\Users\\Zoë'
+    folder.mkdir()
+    return folder
+
+
+@pytest.mark.slow
+def test_three_tasks_from_the_templates_to_the_report(home: Path) -> None:
+    done(home, 'new', 'my lab')
+    write_lab(home / 'my lab')
+    assert '9 of 9 criteria are met in full' in done(home, 'check', 'my lab')
+    assert done(home, 'acc', '--lab', 'my lab', '--realtime-factor', 'max').startswith('engine')
+    (bag,) = (home / 'bags').iterdir()
+    assert done(home, 'plot', '--save', 'speed.png') == 'speed.png\n'
+    assert 'report.html' in done(home, 'report')
+    done(home, 'graph', '--bag', str(bag), '--save', 'graph.png')
+    done(home, 'replay', '--save', 'drive.gif')
+    assert 'could have come from' in done(home, 'regrade', '--unconfined')
+    gains = ('--kp-range', '10', '10', '--ki-range', '20', '20', '--kd-range', '0', '0')
+    done(home, 'tune', '--controller', 'my lab/controller.py', '--distance', '20', *gains)
+    (file,) = bag.glob('*.mcap')
+    file.write_bytes(file.read_bytes()[:-1000])  # as if killed
+    (bag / 'metadata.yaml').unlink()
+    assert 'was unfinished' in done(home, 'recover', str(bag))
+
+
+def test_grade_refuses_to_run_code_that_it_cannot_confine(home: Path) -> None:
+    write_lab(home / 'ada')
+    process = barc(home, 'grade', 'ada')
+    (line,) = process.stderr.splitlines()
+    assert process.returncode == 2
+    assert 'can be confined on Linux alone, and this is elsewhere: grade there' in line
+    assert '--unconfined' in line
+    assert not (home / 'grades').exists()
+
+
+def test_grade_says_that_nothing_was_confined(home: Path) -> None:
+    write_lab(home / 'ada')
+    (home / 'grace').mkdir()
+    (home / 'grace' / 'controller.py').write_text('import os\nos._exit(3)\n', encoding='utf-8')
+    done(home, 'grade', '.', '--unconfined', '--out', 'grades')
+    text = (home / 'grades' / 'class.csv').read_text(encoding='utf-8')
+    grades = {row['name']: row for row in csv.DictReader(text.splitlines())}
+    assert (grades['ada']['score'], grades['grace']['score']) == ('100.0', '0.0')
+    for name, row in grades.items():
+        assert 'not confined, as --unconfined asks for' in row['remark']
+        results = json.loads((home / 'grades' / name / 'results.json').read_text(encoding='utf-8'))
+        assert 'not confined' in results['output']
+        page = (home / 'grades' / name / 'report.html').read_text(encoding='utf-8')
+        assert 'not confined' in page
