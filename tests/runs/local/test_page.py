@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from websockets.sync.client import connect
+from page_client import connect_page, rows
 
 import barc_sim
 from barc_sim import read_bag
-from barc_sim.page.protocol import COLUMNS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -53,23 +52,12 @@ def start(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str],
         process.communicate()
 
 
-def page(url: str) -> ClientConnection:
-    address = url.replace('http://', 'ws://') + 'socket'
-    return connect(address, origin='/'.join(url.split('/')[:3]))  # type: ignore[arg-type]
-
-
 def wait(socket: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """Return the first message, or row of a state, for which `what` is true."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
         message = socket.recv(timeout=PATIENCE)
-        if isinstance(message, str):
-            found = [json.loads(message)]
-        else:
-            values = memoryview(message).cast('d')
-            width = len(COLUMNS)
-            rows = [values[k : k + width] for k in range(0, len(values), width)]
-            found = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
+        found = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
         for each in found:
             if what(each):
                 return each
@@ -78,7 +66,7 @@ def wait(socket: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> di
 
 def test_page_drives_by_hand(start: Callable[..., Any], tmp_path: Path) -> None:
     process, url = start('teleop')
-    with page(url) as socket:
+    with connect_page(url) as socket:
         wait(socket, lambda m: m.get('type') == 'hello')
         until = time.monotonic() + 1.0
         while time.monotonic() < until:
@@ -96,7 +84,7 @@ def test_page_drives_by_hand(start: Callable[..., Any], tmp_path: Path) -> None:
 
 def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
     process, url = start('acc', '--distance', '0', '--no-bag')
-    with page(url) as socket:
+    with connect_page(url) as socket:
         wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
         socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
         wait(socket, lambda m: m.get('tuning', {}).get('kp') == 20.0)
