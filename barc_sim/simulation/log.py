@@ -28,9 +28,9 @@ COMMAND = 'ecu'
 ENVIRONMENT = 'environment'
 PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
+#: the stamp of each state, where the real-time factor is not 1, and with --clock
+CLOCK = '/clock'
 #: The message type of each topic that a log is made of, by the topic's name without namespace.
-CLOCK = '/clock'  #: outside of every namespace
-
 MESSAGE_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
     STATE_ERROR: 'barc_interfaces/msg/EZDynBkMdl',

@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 
 from barc_sim.commands import NODES
 from barc_sim.ros import names
+from barc_sim.simulation import log
 
 #: Of every ROS 2 node.
 _COMMON = {'/parameter_events', '/rosout', 'use_sim_time', 'start_type_description_service'}
@@ -132,9 +133,11 @@ def parameters() -> dict[str, list[tuple[str, str, str, str, str]]]:
 
 
 def meanings() -> dict[str, str]:
-    """Return the comment behind each name in `ros/names.py`, by the name that it stands for."""
-    text = Path(names.__file__ or '').read_text(encoding='utf-8')
+    """Return the comment behind each name of `ros/names.py`, by the name that it stands for."""
+    text = ''.join(Path(file or '').read_text('utf-8') for file in (names.__file__, log.__file__))
     found = re.findall(r"^(?:#: (.*)\n)?([A-Z_]+) = [\w./']+(?:  #: (.*))?$", text, re.MULTILINE)
     return {
-        getattr(names, name): before or behind for before, name, behind in found if before or behind
+        getattr(names, name): before or behind
+        for before, name, behind in found
+        if (before or behind) and hasattr(names, name)
     }

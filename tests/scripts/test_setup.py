@@ -210,6 +210,17 @@ def test_every_wheel_of_ros_is_pinned_to_one_version() -> None:
     assert len(dict(wheel.split('==') for wheel in wheels)) == len(set(wheels))
 
 
+def test_robostack_gets_what_barc_sim_requires() -> None:
+    setup = configparser.ConfigParser(interpolation=None)
+    setup.read(ROOT / 'setup.cfg')
+    wanted = dict(
+        re.findall(r'^([\w-]+)(>=.*)$', setup['options']['install_requires'], re.MULTILINE)
+    )
+    wanted['matplotlib-base'] = wanted.pop('matplotlib')
+    text = (ROOT / 'pixi.toml').read_text(encoding='utf-8')
+    assert wanted.items() <= dict(re.findall(r'^([\w-]+) = "(.*)"$', text, re.MULTILINE)).items()
+
+
 def test_a_sourced_ros_gets_no_wheel_of_ros() -> None:
     setup = configparser.ConfigParser(interpolation=None)
     setup.read(ROOT / 'setup.cfg')

@@ -1,0 +1,14 @@
+# Not tried where it runs: an instructor's grading server. It needs no ROS.
+#
+#   docker build -t barc_grade .
+#   docker run --rm --network none -v "$PWD/submissions:/in:ro" -v "$PWD/grades:/out" barc_grade
+#
+# The host's kernel confines each submission: Linux 5.13 or later, with Landlock.
+FROM python:3.12-slim
+COPY . /barc_sim
+RUN pip install --no-cache-dir /barc_sim && useradd --create-home grader && \
+    install -d -o grader /out
+USER grader
+WORKDIR /home/grader
+ENTRYPOINT ["barc", "grade", "--out", "/out"]
+CMD ["/in"]
