@@ -8,21 +8,21 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from browser import CHROMIUM, Browser, wait_until
+from elsewhere import ELSEWHERE
 from page_client import connect_page, rows
 
-import barc_sim
 from barc_sim import read_bag
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from websockets.sync.client import ClientConnection
 
-ROOT = Path(barc_sim.__file__).parents[1]
 PATIENCE = 30.0  #: [s]
 
 
@@ -35,7 +35,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str],
         process = subprocess.Popen(
             [sys.executable, '-m', 'barc_sim', *words, '--engine', 'local', '--view', 'web'],
             cwd=tmp_path,
-            env=os.environ | {'PYTHONPATH': str(ROOT)},
+            env=os.environ | ELSEWHERE,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -98,3 +98,24 @@ def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
         assert end['reason'] == 'The run has ended.'
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
+
+
+@pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
+def test_browser_drives(start: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = start('teleop')
+    with Browser() as browser:
+        tab = browser.open(url)
+        tab.until("document.querySelector('#time').textContent !== '\\u2013'")
+        tab.press('ArrowUp')
+        tab.press('ArrowLeft')
+        wait_until(lambda: tab.number('#speed') > 3.0 and tab.number('#heading') > 10.0)
+        tab.release('ArrowUp')
+        tab.release('ArrowLeft')
+        process.send_signal(signal.SIGINT)
+        tab.until("document.querySelector('#state').innerText !== 'Live'")
+        problems = tab.problems
+        tab.close()
+    process.communicate(timeout=PATIENCE)
+    assert (process.returncode, problems) == (0, [])
+    log = read_bag(next((tmp_path / 'bags').iterdir()))
+    assert log.speed.max() > 3.0
