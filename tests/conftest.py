@@ -41,7 +41,8 @@ _DOMAINS = range(1, 102)
 @pytest.fixture(autouse=True)
 def _signal_handlers() -> Iterator[None]:
     """Undo what a command does in this process: at its end it ignores the signals that end it."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    names = ('SIGINT', 'SIGTERM', 'SIGHUP')  # the last one not on Windows
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     yield
     for number, handler in before.items():

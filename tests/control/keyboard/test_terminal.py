@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
-import pty
 import queue
-import termios
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
+
+pytest.importorskip('termios')
+
+import pty
+import termios
 
 from barc_sim.control.keyboard.keys import KeyEvent
 from barc_sim.control.keyboard.terminal import Terminal
