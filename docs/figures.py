@@ -1,6 +1,6 @@
 """Draws the figures of these pages from the package, light and dark: `python docs/figures.py`.
 
-`python docs/figures.py animation` makes the animation at the top of README and of these pages.
+`python docs/figures.py animation` makes the animations at the top of README and of these pages.
 """
 
 from __future__ import annotations
@@ -18,14 +18,19 @@ from matplotlib.patches import Arc, FancyArrowPatch, Rectangle
 from matplotlib.transforms import Affine2D
 
 import barc_sim
+from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
+from barc_sim.figures.animation import View, frames
 from barc_sim.figures.convergence_figure import convergence_figure
 from barc_sim.figures.run_figures import speed_figure
+from barc_sim.figures.side_view import SIZE, SideView
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
+from barc_sim.figures.top_view import TopView
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.convergence import studies
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, slip_angle
+from barc_sim.simulation.log import COLUMNS, Log
+from barc_sim.vehicle.bike_model import Input, State, Vehicle, motion, slip_angle, step
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.road import Road
@@ -36,7 +41,7 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 FOLDER = HERE / '_figures'
-ANIMATION = HERE.parent / 'resource' / 'images' / 'course.webp'
+IMAGES = HERE.parent / 'resource' / 'images'
 #: The colours of the dark figures, by those of the light ones.
 DARK = {
     INK: '#E8E8E8',
@@ -369,20 +374,43 @@ def draw_missing() -> None:
         dark.write_text(text, encoding='utf-8')
 
 
-def animate(seconds: float = 15.0, fps: int = 12, width: int = 640) -> None:
-    """Save the last `seconds` of the course, seen from the side, as a WebP of few colours."""
+def eight_by_hand(ts: float = 0.02) -> Log:
+    """Return the log of a figure of eight, driven with the arrow keys."""
+    vehicle, driver, state = Vehicle(), Driver(), State()
+    command, called, rows = Input(), -1.0, []
+    for k in range(round(16.0 / ts)):
+        t = k * ts
+        if t - called > driver.dt - 1e-9:
+            called = t
+            turn = 0.0 if t < 1.0 else 1.0 if t < 8.7 else -1.0  # noqa: PLR2004 (the keys held)
+            driver.receive(DriverInput(float(t < 1.3), turn), t)  # noqa: PLR2004
+            command = driver.command(t, state.v)
+        now = motion(state, command.servo, vehicle)
+        rows.append((t, now.x, now.y, now.psi, now.v_x, now.v_y, now.psi_dot, *command))
+        state = step(state, command, 0.0, vehicle, ts)
+    zeros = np.zeros(len(rows))
+    names = ('t', 'x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot', 'motor', 'servo')
+    columns = dict.fromkeys(COLUMNS, zeros)
+    return Log(**(columns | dict(zip(names, np.array(rows).T, strict=True))))
+
+
+def animate() -> None:
+    """Save the hills from the side, and a drive by hand from above."""
+    figure = Figure(figsize=SIZE, dpi=640 / SIZE[0])
+    _save(IMAGES / 'course.webp', SideView(simulate(), figure, title='barc acc'), 12)
+    # Smaller, as all of it moves.
+    figure = Figure(figsize=SIZE, dpi=480 / SIZE[0])
+    _save(IMAGES / 'drive.webp', TopView(eight_by_hand(), figure, title='barc teleop'), 8)
+
+
+def _save(path: Path, view: View, fps: int, seconds: float = 15.0) -> None:
+    """Save the last `seconds` of a view as a WebP of few colours."""
     from PIL import Image  # noqa: PLC0415 (for this alone)
 
-    from barc_sim.figures.animation import frames  # noqa: PLC0415
-    from barc_sim.figures.side_view import SIZE, SideView  # noqa: PLC0415
-
-    log = simulate()
-    figure = Figure(figsize=SIZE, dpi=width / SIZE[0])
-    view = SideView(log, figure, title='barc acc')
     times = np.arange(view.duration - seconds, view.duration, 1.0 / fps)
     stills = [Image.fromarray(each).convert('RGB') for each in frames(view, times)]
     stills[0].save(
-        ANIMATION,
+        path,
         save_all=True,
         append_images=stills[1:],
         duration=1000 // fps,
