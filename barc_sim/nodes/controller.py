@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import EZDynBkMdl, ZDynBkMdl
 from rclpy.node import Node
@@ -36,7 +36,18 @@ class CruiseController(Node):
 
     Gains, reference and limit may be changed while it runs; the reference on the topic
     `speed_reference`, too, by an outer loop: what came last, there or as parameter, holds.
+
+    Attributes
+    ----------
+    inputs
+        The topics that it subscribes to, with their types.
     """
+
+    inputs: ClassVar[dict[str, type[Any]]] = {
+        names.STATE: ZDynBkMdl,
+        names.STATE_ERROR: EZDynBkMdl,
+        names.SPEED_REFERENCE: Float64,
+    }
 
     def __init__(
         self,

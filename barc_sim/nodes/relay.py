@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ZDynBkMdl
 from geometry_msgs.msg import Twist
@@ -43,7 +43,11 @@ class Relay(Node):
         Makes the commands; its `request` and `servo` are those of the latest one.
     refused
         Twists that were not finite.
+    inputs
+        The topics that it subscribes to, with their types.
     """
+
+    inputs: ClassVar[dict[str, type[Any]]] = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}
 
     def __init__(
         self,

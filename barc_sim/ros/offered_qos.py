@@ -11,6 +11,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
     qos_check_compatible,
 )
+from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.schemas import definition
@@ -22,9 +23,12 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
-def request(publishers: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
-    """Return the strongest QoS that all publishers offer, as rosbag2 requests it."""
-    profiles = [publisher.qos_profile for publisher in publishers]
+def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
+    """Return the strongest QoS that all publishers offer, as rosbag2 requests it.
+
+    Of subscriptions, the QoS that gets every message that one of them gets.
+    """
+    profiles = [end.qos_profile for end in ends]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
     latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
     return QoSProfile(
@@ -40,10 +44,13 @@ def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
     return bool(compatibility != QoSCompatibility.ERROR)
 
 
-def describe(
-    name: str, publishers: Sequence[TopicEndpointInfo], definitions: Mapping[str, str]
-) -> Topic:
-    """Return a bag's record of the topic.
+def same_strength(one: QoSProfile, other: QoSProfile) -> bool:
+    """Return whether both request the same of a publisher."""
+    return bool(one.reliability == other.reliability and one.durability == other.durability)
+
+
+def describe(name: str, ends: Sequence[TopicEndpointInfo], definitions: Mapping[str, str]) -> Topic:
+    """Return a bag's record of the topic, from its publishers; from subscriptions without any.
 
     `definitions` has the `ros2msg` schemas of types that are installed without theirs.
 
@@ -52,13 +59,17 @@ def describe(
     LookupError
         The definition of the topic's type is neither given nor installed.
     """
-    type_name = publishers[0].topic_type
+    type_name = ends[0].topic_type
     return Topic(
         name=name,
         type=type_name,
         definition=definitions.get(type_name) or definition(type_name),
-        type_hash=str(publishers[0].topic_type_hash),
-        offered_qos=[_as_metadata(publisher.qos_profile) for publisher in publishers],
+        type_hash=str(ends[0].topic_type_hash),
+        offered_qos=[
+            _as_metadata(end.qos_profile)
+            for end in ends
+            if end.endpoint_type == TopicEndpointTypeEnum.PUBLISHER
+        ],
     )
 
 

@@ -5,75 +5,39 @@ from __future__ import annotations
 import importlib
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import QoSProfile
 
-from barc_sim.bags.losses import Losses
 from barc_sim.bags.messages import Message
 from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.polled import Arrivals
+from barc_sim.ros.recorded_topic import RecordedTopic
 from barc_sim.ros.serialized import Taker
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.node import Node
+    from rclpy.qos import ReliabilityPolicy
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-    from barc_sim.bags.metadata import Topic
-
 # [s] A latched message arrives within this time, or never.
 _LATCHED_TIMEOUT = 1.0
-
-
-@dataclass
-class RecordedTopic:
-    """A topic with its subscriptions, and what has arrived through them."""
-
-    topic: Topic
-    publishers: int = 0
-    since: float = field(default_factory=time.monotonic)
-    subscriptions: list[Subscription] = field(default_factory=list)
-    #: By publisher, the index of the subscription that counts: the first one to get a message.
-    route: dict[bytes, int] = field(default_factory=dict)
-    losses: Losses = field(default_factory=Losses)
-    names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
-
-    def matches(self, publisher: TopicEndpointInfo) -> bool:
-        """Return whether one of the subscriptions matches the publisher's QoS."""
-        return any(
-            offered_qos.matches(publisher, subscription.qos_profile)
-            for subscription in self.subscriptions
-        )
-
-    @property
-    def latched(self) -> bool:
-        """Whether publishers keep messages for late subscriptions."""
-        profile = self.subscriptions[0].qos_profile
-        return bool(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-
-    def lost(self) -> dict[str, int] | None:
-        """Return the number of lost messages, by the publisher's node; None where unknown."""
-        if self.losses.unnumbered:
-            return None
-        by_node: dict[str, int] = {}
-        for publisher, count in self.losses.by_publisher.items():
-            node = self.names.get(publisher, publisher.hex())
-            by_node[node] = by_node.get(node, 0) + count
-        return by_node
 
 
 class TopicSubscriptions:
     """Subscribes to the topics that pass a filter, and takes the messages of all publishers.
 
     A publisher that offers less than the first ones did gets a subscription of its own, which
-    requests less; the subscription of the others stays as it is.
+    requests less; the subscription of the others stays as it is. A topic that others subscribe to
+    is subscribed to before it has a publisher, with their QoS: a publisher may send one message and
+    end before it is discovered.
 
     Parameters
     ----------
@@ -96,9 +60,20 @@ class TopicSubscriptions:
         self._arrivals = Arrivals()
         self._definitions: dict[str, str] = {}
         self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
+        self._unexpected: set[str] = set()  # without a publisher, and of a type not installed
+
+    def expect(self, name: str, message_type: type[Any], reliability: ReliabilityPolicy) -> None:
+        """Subscribe to a topic, if it is wanted, before it has a publisher or other subscriptions.
+
+        `reliability` is that of the subscription to come.
+        """
+        if self._wants(name) and name not in self._topics:
+            self._begin(name, message_type, QoSProfile(depth=self._depth, reliability=reliability))
 
     def discover(self) -> Iterator[tuple[str, Sequence[TopicEndpointInfo]]]:
         """Subscribe to each wanted topic that has got a publisher since the last call.
+
+        Also to each that has got its first subscription.
 
         Yields
         ------
@@ -106,13 +81,45 @@ class TopicSubscriptions:
         """
         for name, _ in self._node.get_topic_names_and_types():
             recorded = self._topics.get(name)
-            known = recorded.publishers if recorded else 0
-            if name in self.unknown or self._node.count_publishers(name) == known:
+            count = self._node.count_publishers(name)
+            if name in self.unknown or (recorded and recorded.publishers == count):
                 continue
             if self._wants(name):
                 publishers = self._node.get_publishers_info_by_topic(name)
                 if publishers and not self.subscribe(name, publishers):
                     yield name, publishers
+                elif recorded and not publishers:
+                    recorded.publishers = 0
+                elif not publishers and name not in self._unexpected:
+                    self._follow(name, self._node.get_subscriptions_info_by_topic(name))
+
+    def _follow(self, name: str, subscribers: Sequence[TopicEndpointInfo]) -> None:
+        """Subscribe to a topic as its subscribers do."""
+        if subscribers:
+            qos = offered_qos.request(subscribers, self._depth)
+            try:
+                self._begin(name, _class(subscribers[0].topic_type), qos)
+            except LookupError:
+                self._unexpected.add(name)  # whether that matters, a publisher will show
+
+    def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
+        """Subscribe to a topic without a publisher.
+
+        Raises
+        ------
+        LookupError
+            The definition of its type is not installed.
+        """
+        subscription = self._create(name, message_type, qos)
+        try:
+            ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
+            topic = offered_qos.describe(name, ends, self._definitions)
+        except LookupError:
+            self._node.destroy_subscription(subscription)
+            raise
+        with self._lock:
+            self._topics[name] = RecordedTopic(topic, subscriptions=[subscription])
+        self.wake()
 
     def subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
         """Subscribe to all publishers of a topic; return False where that is impossible.
@@ -121,6 +128,8 @@ class TopicSubscriptions:
         """
         recorded = self._topics.get(name)
         count = len(publishers)
+        if recorded and not recorded.topic.offered_qos and not recorded.route:
+            recorded = self._complete(recorded, publishers)
         type_name = recorded.topic.type if recorded else publishers[0].topic_type
         for other in {publisher.topic_type for publisher in publishers} - {type_name}:
             self.unknown[f'{name} as {other}'] = f'its type is {type_name}'
@@ -131,7 +140,8 @@ class TopicSubscriptions:
             )
             unmatched = [each for each in publishers if not recorded.matches(each)]
             if unmatched:
-                subscription = self._create(name, unmatched)
+                qos = offered_qos.request(unmatched, self._depth)
+                subscription = self._create(name, _class(type_name), qos)
                 with self._lock:
                     recorded.subscriptions.append(subscription)
                 self.wake()
@@ -147,16 +157,42 @@ class TopicSubscriptions:
             self._topics[name] = recorded
         return True
 
+    def _complete(
+        self, early: RecordedTopic, publishers: Sequence[TopicEndpointInfo]
+    ) -> RecordedTopic | None:
+        """Return a topic that had no publishers, with its first ones; None to begin anew.
+
+        The subscription remains, as messages may wait in it; another requests what it did not.
+        """
+        name, type_name = early.topic.name, early.topic.type
+        publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
+        if not publishers:
+            with self._lock:
+                del self._topics[name]
+            self._destroy(early)
+            return None
+        qos, requested = offered_qos.request(publishers, self._depth), early.subscriptions[0]
+        subscriptions = [requested]
+        if not offered_qos.same_strength(qos, requested.qos_profile):
+            subscriptions.append(self._create(name, _class(type_name), qos))
+            self.wake()
+        return replace(
+            early,
+            topic=offered_qos.describe(name, publishers, self._definitions),
+            subscriptions=subscriptions,
+            since=time.monotonic(),
+        )
+
     def define(self, type_name: str, definition: str) -> None:
         """Set the `ros2msg` schema of a type that is installed without one."""
         self._definitions[type_name] = definition
 
-    def _create(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> Subscription:
+    def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
         return self._node.create_subscription(
-            _class(publishers[0].topic_type),
+            message_type,
             name,
             _never,
-            offered_qos.request(publishers, self._depth),
+            qos,
             callback_group=self._polled,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
@@ -218,9 +254,12 @@ class TopicSubscriptions:
         with self._lock:
             self._arrivals.listen(())
             for recorded in self._topics.values():
-                for subscription in recorded.subscriptions:
-                    self._node.destroy_subscription(subscription)
+                self._destroy(recorded)
         self._taker.close()
+
+    def _destroy(self, recorded: RecordedTopic) -> None:
+        for subscription in recorded.subscriptions:
+            self._node.destroy_subscription(subscription)
 
 
 def _class(type_name: str) -> type[Any]:

@@ -74,6 +74,7 @@ class RosEngine:
         namespace: str = '',
     ) -> CruiseController:
         """Return the node `controller` in `namespace`."""
+        self._record(CruiseController.inputs, namespace)
         node: CruiseController = self.add(
             CruiseController(
                 controller=controller,
@@ -86,6 +87,7 @@ class RosEngine:
 
     def relay(self, driver: Driver | None) -> Relay:
         """Return the node `relay`."""
+        self._record(Relay.inputs)
         node: Relay = self.add(Relay(driver=driver))
         return node
 
@@ -98,14 +100,22 @@ class RosEngine:
         self,
         *,
         given: Mapping[str, Any],
+        namespace: str = '',
         **options: Any,  # noqa: ANN401 (those of VehicleSimulator)
     ) -> VehicleSimulator:
         """Return the node `vehicle_simulator`."""
+        self._record(VehicleSimulator.inputs, namespace)
         simulator: VehicleSimulator = self.add(
-            VehicleSimulator(parameter_overrides=_overrides(given), **options)
+            VehicleSimulator(namespace=namespace, parameter_overrides=_overrides(given), **options)
         )
         self._simulators.append(simulator)
         return simulator
+
+    def _record(self, inputs: Mapping[str, type[Any]], namespace: str = '') -> None:
+        """Record the topics that a node in `namespace` is going to subscribe to."""
+        if self._recorder:
+            prefix = namespace and f'{namespace}/'
+            self._recorder.expect({prefix + name: kind for name, kind in inputs.items()})
 
     def show(self, options: Namespace) -> None:
         """Add the mirrors, the server of the Foxglove app, and a page for each car."""

@@ -53,6 +53,20 @@ while len(heard) < 50:
     rclpy.spin_once(node)
 print(json.dumps(heard))
 """
+#: Publishes a speed as soon as anything subscribes, and ends.
+BRIEF = """
+import time
+import rclpy
+from rclpy.duration import Duration
+from std_msgs.msg import Float64
+rclpy.init()
+publisher = rclpy.create_node('brief').create_publisher(Float64, 'speed_reference', 10)
+print(flush=True)
+while not publisher.get_subscription_count():
+    time.sleep(0.001)
+publisher.publish(Float64(data=5.0))
+publisher.wait_for_all_acked(Duration(seconds=10))
+"""
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
@@ -154,6 +168,24 @@ def test_bag_says_what_run_it_holds(path: Path) -> None:
     parameters = yaml.safe_load(info['parameters'])
     assert parameters['/controller']['ros__parameters']['kp'] == 29.0
     assert parameters['/vehicle_simulator']['ros__parameters']['distance'] == 3.0
+
+
+@pytest.mark.parametrize('factor', ['1', pytest.param('max', marks=pytest.mark.slow)])
+def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
+    tmp_path: Path, start: Callable[..., subprocess.Popen[str]], factor: str
+) -> None:
+    brief = start('-c', BRIEF)
+    assert brief.stdout
+    brief.stdout.readline()
+
+    run = start('-m', 'barc_sim.run', 'acc', '-q', '--realtime-factor', factor, '--distance', '0')
+    assert brief.wait(30) == 0
+    run.send_signal(signal.SIGINT)
+    path = tmp_path / run.communicate(timeout=30)[0].strip()
+
+    found = messages(path)
+    assert [reference.data for reference in found['/speed_reference']] == [5.0]
+    assert 'initialpose' not in (path / 'metadata.yaml').read_text().partition('custom_data')[0]
 
 
 # How it ends

@@ -22,6 +22,7 @@ from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.type_lookup import request_definition
 from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.names import QOS
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
@@ -88,6 +89,7 @@ class BagRecorder(Node):
         self._use_sim_time = self._recording.use_sim_time
         self._metadata = dict(metadata or {})
         self._attachments = dict(attachments or {})
+        self._expected: dict[str, type[Any]] = {}
         self._subscribe()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
@@ -108,7 +110,18 @@ class BagRecorder(Node):
 
     def _subscribe(self) -> None:
         self._topics = TopicSubscriptions(self, self._recording.wants, self._recording.depth)
+        self.expect(self._expected)
         self.discover()
+
+    def expect(self, topics: Mapping[str, type[Any]]) -> None:
+        """Record topics, by name with their types, before they have a publisher.
+
+        To be called before the nodes that subscribe to them are created: a publisher that waits for
+        a subscription may send one message and end.
+        """
+        self._expected |= topics
+        for name, message_type in topics.items():
+            self._topics.expect(self.resolve_topic_name(name), message_type, QOS.reliability)
 
     def start(self, path: Path | None = None) -> None:
         """Begin a bag in the directory `path`; without it, in a new one of the folder for bags.

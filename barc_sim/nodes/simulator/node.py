@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -79,7 +79,14 @@ class VehicleSimulator(StepperCounts, Node):
         The road, read once.
     values
         The parameters, by name; none of them changes.
+    inputs
+        The topics that it subscribes to, with their types.
     """
+
+    inputs: ClassVar[dict[str, type[Any]]] = {
+        names.ECU: ECU,
+        names.INITIAL_POSE: PoseWithCovarianceStamped,
+    }
 
     def __init__(
         self,

@@ -19,6 +19,7 @@ import yaml
 from barc_interfaces.msg import ECU
 from mcap.reader import SeekingReader
 from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from rclpy.context import Context
     from rclpy.publisher import Publisher
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -63,6 +63,17 @@ def talker(ros: Context, recorder: BagRecorder) -> Iterator[Node]:  # noqa: ARG0
     node = Node('talker', context=ros)
     yield node
     node.destroy_node()
+
+
+@pytest.fixture
+def stranger(ros_domain: int) -> Iterator[Node]:
+    """Return a node of another DDS participant."""
+    context = Context()
+    context.init(domain_id=ros_domain)
+    node = Node('stranger', context=context)
+    yield node
+    node.destroy_node()
+    context.try_shutdown()
 
 
 @pytest.fixture
@@ -345,6 +356,73 @@ def test_late_publisher_that_offers_less_costs_the_others_nothing(
     kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
     assert sorted(kept) == [-1.0, *map(float, range(50))]
     assert recorder.lost['/value'] == {}
+
+
+def test_a_topic_is_recorded_before_it_has_a_publisher(
+    recorder: BagRecorder, talker: Node, stranger: Node
+) -> None:
+    recorder.expect({'asked': Float64, 'silent': Float64})
+    for name in ('wanted', 'silent_too'):
+        talker.create_subscription(Float64, name, lambda _: None, 10)
+    recorder.discover()
+    for topic in ('asked', 'wanted'):
+        publisher = stranger.create_publisher(Float64, topic, 10)
+        wait_for(lambda publisher=publisher: publisher.get_subscription_count() > 0)
+        publisher.publish(Float64(data=5.0))
+        assert publisher.wait_for_all_acked(Duration(seconds=30))
+        stranger.destroy_publisher(publisher)
+    recorder.close()  # `discover` was not called again
+    assert {name for name in recorder.counts if not name.startswith('/r')} >= {'/asked', '/wanted'}
+    with AnyReader([recorder.path]) as reader:
+        assert not {'/silent', '/silent_too'} & set(reader.topics)
+        for topic in ('/asked', '/wanted'):
+            assert reader.topics[topic].msgcount == 1
+            (connection,) = reader.topics[topic].connections
+            assert connection.digest.startswith('RIHS01_')
+    text = (recorder.path / 'metadata.yaml').read_text()
+    assert 'silent' not in text
+
+
+@pytest.mark.parametrize('qos', [LATCHED, BEST_EFFORT, 10], ids=['latched', 'best effort', 'plain'])
+def test_a_topic_that_was_expected_is_recorded_as_its_publishers_offer_it(
+    recorder: BagRecorder, talker: Node, qos: QoSProfile | int
+) -> None:
+    recorder.expect({'value': Float64})
+    publisher = talker.create_publisher(Float64, 'value', qos)
+    recorder.discover()
+    publisher.publish(Float64(data=1.0))
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    publisher.publish(Float64(data=2.0))
+    wait_for(lambda: recorder.counts.get('/value') == 2)
+    recorder.close()
+    assert recorder.lost['/value'] == {}
+    with AnyReader([recorder.path]) as reader:
+        (connection,) = reader.topics['/value'].connections
+        (offered,) = connection.ext.offered_qos_profiles
+        expected = publisher.qos_profile
+        assert offered.durability.name == expected.durability.name
+        assert offered.reliability.name == expected.reliability.name
+
+
+def test_a_topic_that_was_expected_with_another_type_is_recorded(
+    recorder: BagRecorder, stranger: Node
+) -> None:
+    recorder.expect({'value': ColorRGBA})
+    publisher = stranger.create_publisher(Float64, 'value', LATCHED)
+    publisher.publish(Float64(data=1.0))
+    wait_for(lambda: recorder.discover() or recorder.counts.get('/value') == 1)
+
+
+def test_a_publisher_in_place_of_one_that_has_gone_is_recorded(
+    recorder: BagRecorder, talker: Node
+) -> None:
+    for count, qos in enumerate((10, BEST_EFFORT), start=1):
+        publisher = talker.create_publisher(Float64, 'value', qos)
+        recorder.discover()
+        publisher.publish(Float64())
+        wait_for(lambda count=count: recorder.counts.get('/value') == count)
+        talker.destroy_publisher(publisher)
+        recorder.discover()
 
 
 def test_only_wanted_topics_are_recorded(ros: Context, tmp_path: Path) -> None:
