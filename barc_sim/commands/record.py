@@ -25,7 +25,7 @@ _EPILOG = (
 
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Record every topic as soon as a node publishes or subscribes, until Ctrl-C.'
+    parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
     parser.epilog = _EPILOG
     parser.add_argument(
         '-o',

@@ -1,0 +1,103 @@
+"""A sample of `scripts/fuzz`, and that it finds what it looks for.
+
+`BARC_SIM_SOAK=1 pytest tests/scripts/test_fuzz.py` tries 10,000 bags and 5,000 archives.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import barc_sim
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from random import Random
+
+ROOT = Path(barc_sim.__file__).parents[1]
+FUZZING = ROOT / 'scripts' / 'fuzzing'
+SOAK = 'BARC_SIM_SOAK' in os.environ
+
+
+@pytest.mark.timeout(3 * 3600 if SOAK else 240)
+@pytest.mark.parametrize(
+    ('kind', 'count'),
+    [
+        ('zips', 5_000 if SOAK else 200),
+        ('bags', 10_000 if SOAK else 15),
+        pytest.param('bags', 300, marks=pytest.mark.slow),
+    ],
+)
+def test_damaged_files_end_in_a_result_or_a_sentence(kind: str, count: int) -> None:
+    done = subprocess.run(
+        [sys.executable, str(FUZZING), kind, '-n', str(count), '--seed', '14'],
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1].split()[:2] == ['all', str(count)]
+
+
+def fault(_: Path) -> None:
+    raise ZeroDivisionError
+
+
+def sentence(_: Path) -> None:
+    raise UserError('not this one')
+
+
+def memory(_: Path) -> None:
+    assert bytearray(b'x' * (600 << 20))
+
+
+def hang(_: Path) -> None:
+    time.sleep(60.0)
+
+
+def death(_: Path) -> None:
+    os._exit(9)
+
+
+@pytest.mark.parametrize(
+    ('use', 'outcome'),
+    [
+        (Path.exists, 'result'),
+        (sentence, 'sentence'),
+        (fault, 'traceback'),
+        (memory, 'memory'),
+        (hang, 'hang'),
+        (death, 'memory'),
+    ],
+)
+def test_each_fault_is_found_and_the_next_file_is_tried(
+    monkeypatch: pytest.MonkeyPatch, use: Callable[[Path], object], outcome: str
+) -> None:
+    monkeypatch.syspath_prepend(FUZZING)
+    import _trial  # type: ignore[import-not-found]  # noqa: PLC0415
+
+    monkeypatch.setattr(_trial, '_PATIENCE', 1.0)
+
+    def damaged(chance: Random) -> tuple[str, str, bytes]:
+        return '.mcap', f'{chance.random()}', b''
+
+    first: list[Any] = []
+
+    def uses(_: Random) -> list[Callable[[Path], object]]:
+        first.append(use)
+        return [use if len(first) == 1 else Path.exists]
+
+    kind = SimpleNamespace(damaged=damaged, uses=uses)
+    trials = list(_trial.trials(kind, 1, range(1)))
+    assert [trial.outcome for trial in trials] == [outcome]
+    first.append(None)
+    assert [trial.outcome for trial in _trial.trials(kind, 1, range(3))] == ['result'] * 3
