@@ -22,6 +22,9 @@ _PERIOD = 0.02  #: [s] between two polls
 #: [s] after a state at which to poll: its command has come by then, and the next step is far.
 _AFTER = 0.006
 _GREATEST = 1e12  #: in any unit: a greater value is invalid, and sums of such are not finite
+#: [ns] without a state, by the wall clock and by the stamps, after which time has been set anew.
+_STILL = NANOSECONDS
+_STEP = 20_000_000  #: [ns] that the page shows in place of such a jump
 _WINDOW = 4  #: calls over which the real-time factor is measured
 
 
@@ -51,14 +54,21 @@ class Feed(ABC):
 
     def poll(self) -> bytes:
         """Return the rows of the new states."""
-        others = self._others()
-        states = []
+        rows = self._rows.add((), self._others())
         for received, (stamp, values) in self._states():
             if is_valid(values):
-                states.append((stamp, values))
+                self._rows.skip(self._stood_still(received, stamp))
+                rows += self._rows.add([(stamp, values)], {})
                 self._newest = received, stamp
-        self.seen += len(states)
-        return self._rows.add(states, others)
+                self.seen += 1
+        return rows
+
+    def _stood_still(self, received: int, stamp: int) -> int:
+        """Return by how much [ns] stamps have jumped, as a reset after a pause makes them."""
+        if self._newest is None:
+            return 0
+        waited, passed = received - self._newest[0], stamp - self._newest[1]
+        return passed - _STEP if min(waited, passed) > _STILL else 0
 
     def history(self) -> bytes:
         """Return the rows of the last minute."""

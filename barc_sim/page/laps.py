@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from math import hypot, isfinite, nan
+from math import hypot, inf, isfinite, nan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.simulation.metrics import SpeedErrors
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _JUMP = 0.5  #: [m] beyond what its speed allows: the car was put somewhere else
 _WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
 _MOST = 1000  #: laps that are kept
+_LONGEST = 1.0  #: [s] between two states of a recorded run, unless time was set anew
 
 
 class Lap(NamedTuple):
@@ -33,14 +34,21 @@ class Laps:
     A reset, a road that begins anew and a car that is put somewhere else are jumps: the position
     changes by more than the speed allows.
 
+    Parameters
+    ----------
+    longest
+        Time [s] between two states in which the car can have moved: where no state is left out, a
+        longer one is a reset after a pause.
+
     Attributes
     ----------
     finished
         The laps before the present one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, longest: float = inf) -> None:
         """Start without states."""
+        self._longest = longest
         self.finished: list[Lap] = []
         self._errors = SpeedErrors()
         self._number = 0
@@ -59,7 +67,7 @@ class Laps:
         before = self._before
         state = (t, distance, across, speed)
         moved = hypot(distance - before[1], across - before[2])
-        possible = max(abs(speed), abs(before[3])) * abs(t - before[0])
+        possible = max(abs(speed), abs(before[3])) * min(abs(t - before[0]), self._longest)
         if moved > possible + _JUMP:
             self.finished.append(self._lap())
             del self.finished[:-_MOST]
@@ -102,7 +110,7 @@ class Laps:
 
 def laps_of(log: Log) -> tuple[Laps, list[int]]:
     """Return the laps of a recorded run, and the number of each state's lap."""
-    laps = Laps()
+    laps = Laps(_LONGEST)
     columns = (log.t, log.distance, log.across, log.speed, log.reference, log.theta_deg)
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return laps, [laps.add(*row) for row in rows]

@@ -61,6 +61,11 @@ class Rows:
         self._history.extend(rows)
         return b''.join(rows)
 
+    def skip(self, gap: int) -> None:
+        """Leave `gap` [ns] of the stamps before the next one out of the time of the rows."""
+        if self._first is not None:
+            self._first += gap
+
     def history(self) -> bytes:
         """Return the rows of the last minute."""
         return b''.join(self._history)

@@ -61,6 +61,8 @@ def _mirror(
 
     def facts() -> Facts:
         known = Facts(simulator.missed, simulator.slipped, simulator.paused, factor, noise)
+        if factor == 1.0:
+            known = known._replace(behind=simulator.behind)
         if not recorder:
             return known
         return known._replace(

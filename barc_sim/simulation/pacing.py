@@ -4,6 +4,8 @@ from __future__ import annotations
 
 #: Share of a period by which a deadline may be late and still count as punctual.
 PUNCTUAL = 0.1
+#: [s] by which stamps may be behind the wall clock in real time: a usual tolerance of tf2's users.
+TOLERATED = 0.1
 
 
 class Pace:

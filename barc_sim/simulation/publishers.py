@@ -31,22 +31,27 @@ if TYPE_CHECKING:
 
 
 class StatePublishers:
-    """Publishes each state on its topics: `/clock` first, and `z_vhcl`, to be answered, last.
-
-    Attributes
-    ----------
-    keeps_clock
-        Whether `/clock` is published.
-    """
+    """Publishes each state on its topics: `/clock` first, and `z_vhcl`, to be answered, last."""
 
     def __init__(self, publisher: Publishers, *, clock: bool) -> None:
         """Create the publishers, with that of `/clock` if `clock` is true."""
         self._state_error, self._environment, self._state = (
             publisher(topic, MESSAGE_TYPES[topic]) for topic in (STATE_ERROR, ENVIRONMENT, STATE)
         )
+        self._publisher = publisher
+        self._clock: Publisher | None = None
+        if clock:
+            self.begin_clock()
+
+    @property
+    def keeps_clock(self) -> bool:
+        """Whether `/clock` is published."""
+        return self._clock is not None
+
+    def begin_clock(self) -> None:
+        """Publish `/clock` with each state from now on."""
         # Reliable, so that no bag lacks a tick; best-effort subscriptions receive it as well.
-        self._clock = publisher(CLOCK, 'rosgraph_msgs/msg/Clock') if clock else None
-        self.keeps_clock = clock
+        self._clock = self._clock or self._publisher(CLOCK, 'rosgraph_msgs/msg/Clock')
 
     def publish(self, seen: Observation, stamp: int) -> None:
         """Publish what was observed at the time `stamp` [ns]."""

@@ -45,6 +45,11 @@ class StepperCounts:
         """End the run once the present state is answered; call it in `on_step` only."""
         self._stepper.end()
 
+    @property
+    def behind(self) -> float:
+        """Time [s] by which stamps in real time are behind the wall clock; 0 at other paces."""
+        return self._stepper.behind
+
 
 def parameters(distance: float = 0.0) -> list[Parameter]:
     """Return the parameters' declarations; `distance` [m] is the default of the parameter."""
@@ -80,6 +85,15 @@ def publishes_clock(values: Mapping[str, Any]) -> bool:
 def missed_deadline(state: int, missed: int) -> str:
     """Return the warning that no command answers `state` in time; `missed` counts such states."""
     return f'missed deadline {missed}: no command answers state {state} in time; the last one holds'
+
+
+def stamps_behind(behind: float, *, clock: bool) -> str:
+    """Return the warning that stamps are `behind` [s]; `clock`: whether `/clock` is published."""
+    where = '; /clock has the simulated time from now on' if clock else ''
+    return (
+        f'stamps are {behind:.1f} s behind the wall clock, as time stood still{where}: set '
+        'use_sim_time in nodes that compare stamps with their clock, or reset the run'
+    )
 
 
 def commands_lost(timeout: float) -> str:

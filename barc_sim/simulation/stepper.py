@@ -12,7 +12,7 @@ from math import inf
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from barc_sim.simulation.commands import Commands, out_of_order
-from barc_sim.simulation.pacing import Pace
+from barc_sim.simulation.pacing import TOLERATED, Pace
 from barc_sim.vehicle.bike_model import Input
 
 if TYPE_CHECKING:
@@ -77,6 +77,9 @@ class Outputs(Protocol):
     def warn_timeout(self, timeout: float) -> None:
         """Warn that no command has arrived for `timeout` [s], and that the car brakes."""
 
+    def warn_behind(self, behind: float) -> None:
+        """Warn that stamps are `behind` [s] the wall clock, and publish the time from now on."""
+
 
 class Stepper:
     """Steps a plant from state to state; each step takes the command that answers the state.
@@ -107,8 +110,12 @@ class Stepper:
     A step publishes the next state; from a state at or beyond `distance`, or after `end`, it leads
     to FINISHED.
     If a place is stored, the step puts the car there; if commands are lost, it brakes. STARTING
-    begins with a new plant and no command. Stamps continue after a reset. Other events change
-    nothing in a phase, except that a command or a place is stored for the next step.
+    begins with a new plant and no command. Other events change nothing in a phase, except that a
+    command or a place is stored for the next step.
+
+    Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
+    (`realtime_factor` 1) a pause or a slip thus leaves them `behind`; a reset sets them to the wall
+    clock again.
 
     Attributes
     ----------
@@ -116,6 +123,8 @@ class Stepper:
         States published.
     missed
         Commands that had not arrived when they were due.
+    behind
+        Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
     """
 
     def __init__(
@@ -142,6 +151,8 @@ class Stepper:
         self.phase = Phase.STARTING
         self.paused = False
         self.steps = self.missed = 0
+        self.behind = 0.0
+        self._warned = False  # that stamps are behind, since the start or the latest reset
         self._first_step = self._stamp = 0
         self._request: _Request | None = None
         self._place: State | None = None
@@ -160,7 +171,10 @@ class Stepper:
     def start(self) -> None:
         """Publish the first state, and let time run unless it is paused."""
         self.phase = Phase.PAUSED if self.paused else Phase.RUNNING
-        self._stamp = max(self._wall_clock(), self._stamp + self._period_ns)
+        self._stamp = self._stamp + self._period_ns if self._stamp else self._wall_clock()
+        if self._settings.realtime_factor == 1.0:
+            self._stamp = max(self._stamp, self._wall_clock())
+        self._warned = False
         self._commands.start_timeout(self._clock())
         self._publish()
         self._start_deadlines()
@@ -286,6 +300,11 @@ class Stepper:
         self._publish()
 
     def _publish(self) -> None:
+        if self._settings.realtime_factor == 1.0:
+            self.behind = max((self._wall_clock() - self._stamp) / _NANOSECONDS, 0.0)
+            if self.behind > TOLERATED and not self._warned:
+                self._warned = True
+                self._outputs.warn_behind(self.behind)
         t = (self.steps - self._first_step) * self._plant.ts
         self._outputs.publish_state(t, self._plant.observe(), self._stamp)
         self.steps += 1

@@ -14,9 +14,9 @@ from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import Log
 
 
-def joined(*logs: Log) -> Log:
-    """Return a run that begins anew between the logs."""
-    shifts = np.cumsum([0.0, *(log.t[-1] + 0.02 for log in logs[:-1])])
+def joined(*logs: Log, pause: float = 0.0) -> Log:
+    """Return a run that begins anew between the logs, after a pause [s]."""
+    shifts = np.cumsum([0.0, *(log.t[-1] + 0.02 + pause for log in logs[:-1])])
     parts = [replace(log, t=log.t + shift) for log, shift in zip(logs, shifts, strict=True)]
     columns = [part.columns() for part in parts]
     return Log(**{name: np.concatenate([c[name] for c in columns]) for name in columns[0]})
@@ -36,6 +36,12 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
         assert facts[name]['greatest'] == pytest.approx(summary.max_error_after_run_up)
         assert facts[name]['overshoot'] == pytest.approx(summary.overshoot)
     assert [stretch['theta_deg'] for stretch in laps.stretches()][:2] == [0.0, 10.0]
+
+
+def test_a_reset_after_a_pause_begins_a_lap() -> None:
+    short = closed_loop(distance=15.0)
+    _, numbers = laps_of(joined(short, short, pause=10.0))
+    assert numbers == [0] * len(short) + [1] * len(short)
 
 
 def test_fast_car_without_a_reset_drives_one_lap() -> None:

@@ -25,6 +25,7 @@ class Engine:
 
     def __init__(self, **settings: float) -> None:
         self.now = 100.0
+        self.wall = START
         self.published: list[tuple[float, Observation, int]] = []
         self.deadlines = False
         self.starts = self.ends = 0
@@ -35,7 +36,7 @@ class Engine:
             self,
             Settings(**{'realtime_factor': 1.0} | settings),
             clock=lambda: self.now,
-            wall_clock=lambda: START,
+            wall_clock=lambda: self.wall,
         )
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
@@ -62,6 +63,9 @@ class Engine:
 
     def warn_timeout(self, timeout: float) -> None:
         self.warnings.append(f'nothing for {timeout:g} s')
+
+    def warn_behind(self, behind: float) -> None:
+        self.warnings.append(f'{behind:g} s behind')
 
     @property
     def stamp(self) -> int:
@@ -293,6 +297,41 @@ def test_pause_is_no_lost_time() -> None:
     engine.answer()
     engine.deadline()
     assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
+
+
+def test_stamps_that_a_pause_left_behind_are_warned_of_once_until_a_reset() -> None:
+    engine = started()
+    for pause in (0.05, 6.0, 6.0):
+        engine.stepper.pause(on=True)
+        engine.wall += int(pause * 1e9)
+        engine.stepper.pause(on=False)
+        engine.answer()
+        engine.wall += PERIOD
+        engine.deadline()
+    assert engine.warnings == ['6.05 s behind']
+    assert engine.stepper.behind == 12.05
+
+    engine.answer()
+    engine.stepper.reset()
+    engine.stepper.start()
+
+    assert engine.stamp == engine.wall
+    assert engine.stepper.behind == 0.0
+
+
+@pytest.mark.parametrize('factor', [0.0, 0.5, 4.0])
+def test_stamps_at_another_pace_continue_whatever_the_wall_clock_says(factor: float) -> None:
+    engine = started(realtime_factor=factor)
+    engine.wall += 10**10
+    engine.answer()
+    if factor:
+        engine.deadline()
+        engine.answer()
+    engine.stepper.reset()
+    before = engine.stamp
+    engine.stepper.start()
+    assert engine.stamp == before + PERIOD
+    assert (engine.stepper.behind, engine.warnings) == (0.0, [])
 
 
 def test_single_step_while_paused() -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.simulation.pacing import TOLERATED
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -33,6 +35,7 @@ class Facts(NamedTuple):
     recorded: int | None = None  #: messages in the bag
     lost: int | None = None  #: messages lost
     failure: str | None = None  #: why the bag could not be written
+    behind: float | None = None  #: [s] by which stamps in real time are behind the wall clock
 
 
 class Measured(NamedTuple):
@@ -79,13 +82,17 @@ def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
         message = f'simulated time has fallen behind by {slipped} periods'
     elif measured.factor is not None and measured.factor < _SLOW * requested:
         message = f'simulated time runs at {measured.factor:.2f}, not at {requested:g}'
+    elif (facts.behind or 0.0) > TOLERATED:
+        message = f'stamps are {facts.behind:.1f} s behind the wall clock: use_sim_time, or reset'
     else:
         level = Level.OK
-    values = {
+    values: dict[str, int | str | None] = {
         'missed deadlines': facts.missed,
         'slipped periods': facts.slipped,
         'real-time factor': None if measured.factor is None else f'{measured.factor:.3f}',
     }
+    if facts.behind is not None:
+        values['behind the wall clock [s]'] = f'{facts.behind:.3f}'
     return Diagnosis('timing', level, message, _known(values))
 
 

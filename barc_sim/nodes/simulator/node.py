@@ -35,6 +35,7 @@ from barc_sim.simulation.simulator import (
     parameters,
     publishes_clock,
     settings,
+    stamps_behind,
 )
 from barc_sim.simulation.stepper import Stepper
 from barc_sim.vehicle.bike_model import Input, bikeFE
@@ -64,7 +65,8 @@ class VehicleSimulator(StepperCounts, Node):
 
     If `realtime_factor` is not 1, or the parameter `clock` is true, each state's stamp is published
     on `/clock` before the state, for nodes with `use_sim_time`, and repeated every second while
-    time stands still.
+    time stands still. At factor 1 this begins once a pause or slips have left stamps more than
+    0.1 s behind the wall clock.
 
     The service `reset` restarts the run once the present state is answered: state, held command
     and noise are as at first, the controller or relay is reset, too, and stamps continue. The
@@ -124,6 +126,7 @@ class VehicleSimulator(StepperCounts, Node):
             partial(FieldPublisher, self), clock=keeps_clock and publishes_clock(values)
         )
         self._read_command = field_reader(ECU, 'motor', 'servo')
+        self._may_keep_clock = keeps_clock
         self._peers = PeerWatch(self, self._state_publishers)
         group = QuickCallbackGroup()
         self._drain = drained_subscription(self, ECU, names.ECU, self._on_command, group)
@@ -208,6 +211,12 @@ class VehicleSimulator(StepperCounts, Node):
             commands_lost(timeout),
             throttle_duration_sec=10.0,
         )
+
+    def warn_behind(self, behind: float) -> None:
+        """Warn that stamps are behind the wall clock, and publish `/clock` from now on."""
+        if self._may_keep_clock:
+            self._state_publishers.begin_clock()
+        self.get_logger().warning(stamps_behind(behind, clock=self._may_keep_clock))
 
     # What calls the stepper.
 

@@ -18,6 +18,7 @@ from barc_sim.simulation.simulator import (
     parameters,
     publishes_clock,
     settings,
+    stamps_behind,
 )
 from barc_sim.simulation.stepper import Phase, Stepper
 from barc_sim.vehicle.parameters import plant
@@ -147,6 +148,11 @@ class LocalSimulator(StepperCounts):
     def warn_timeout(self, timeout: float) -> None:
         """Warn that commands are lost, every ten seconds at most."""
         self._node.warning(commands_lost(timeout), period=10.0)
+
+    def warn_behind(self, behind: float) -> None:
+        """Warn that stamps are behind the wall clock, and publish `/clock` from now on."""
+        self._publishers.begin_clock()
+        self._node.warning(stamps_behind(behind, clock=True))
 
     def _check(self) -> None:
         self._stepper.check()

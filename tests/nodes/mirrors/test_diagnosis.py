@@ -57,6 +57,16 @@ def test_late_run_is_a_warning(facts: Facts, measured: Measured, message: str) -
     assert (timing.level, timing.message) == (Level.WARN, message)
 
 
+def test_stamps_behind_the_wall_clock_are_a_warning_until_a_reset() -> None:
+    behind = WELL._replace(behind=6.1)
+    timing = named(diagnose(behind, behind, REAL))['timing']
+    assert timing.level == Level.WARN
+    assert timing.message.startswith('stamps are 6.1 s behind the wall clock')
+    assert timing.values['behind the wall clock [s]'] == '6.100'
+    aligned = WELL._replace(behind=0.004)
+    assert named(diagnose(aligned, aligned, REAL))['timing'].level == Level.OK
+
+
 def test_deadline_that_was_missed_long_ago_is_only_counted() -> None:
     late = WELL._replace(missed=2, slipped=1)
     timing = named(diagnose(late, late, REAL))['timing']

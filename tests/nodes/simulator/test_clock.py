@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -154,6 +155,26 @@ def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(
     assert {to_nanoseconds(message.clock) for message in late} == {world.stamps[-1]}
     world.call(SetBool, 'vehicle_simulator/pause', data=False)
     world.until(lambda: world.times[-1] > to_nanoseconds(late[0].clock))
+
+
+def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(
+    bench: Callable[..., Bench],
+) -> None:
+    world = bench()
+    world.until(lambda: len(world.stamps) > 3)
+    world.call(SetBool, 'vehicle_simulator/pause', data=True)
+    end = time.monotonic() + 0.15
+    world.until(lambda: time.monotonic() > end)
+    assert not world.peer.count_publishers('/clock')
+    world.call(SetBool, 'vehicle_simulator/pause', data=False)
+    world.until(lambda: len(world.times) > 5)
+    assert world.simulator.behind >= 0.1
+    assert set(world.times) <= set(world.stamps)
+
+    world.call(Trigger, 'vehicle_simulator/reset')
+    world.until(lambda: world.simulator.behind < 0.1)
+    ticks = len(world.times)
+    world.until(lambda: len(world.times) > ticks)
 
 
 @pytest.mark.parametrize('realtime_factor', [0.0, 5.0])
