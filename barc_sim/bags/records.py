@@ -5,13 +5,16 @@ from __future__ import annotations
 import logging
 import re
 from dataclasses import dataclass
+from io import BytesIO
 from typing import TYPE_CHECKING
 
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Chunk, McapRecord
 from mcap.stream_reader import StreamReader
 
-from barc_sim.bags.bounds import Budget
+from barc_sim.bags.bounds import MAX_CHUNK, Budget
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -95,7 +98,7 @@ def records(
             yield from _described(stream)
         stream.seek(0)
         # A length greater than the file's is damage: no memory is allocated for it.
-        reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
+        reader = _Reader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
         budget = Budget(file, size)
         whole = 0
         try:
@@ -112,6 +115,23 @@ def records(
             found.unread = size - whole
     if damage is None and messages and found:
         _logger.warning('%s is unfinished or damaged: read up to the last whole record', file)
+
+
+class _Reader(StreamReader):
+    """Parses each record within its own length: the lengths in it can claim more."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        whole = self._stream
+        body = whole.read(length)
+        if len(body) < length:
+            raise EOFError
+        if opcode == Opcode.METADATA and length > MAX_CHUNK:
+            return None  # it would take several times its size
+        self._stream = ReadDataStream(BytesIO(body))
+        try:
+            return super()._read_record(opcode, length)
+        finally:
+            self._stream = whole
 
 
 def _described(stream: IO[bytes]) -> list[McapRecord]:

@@ -93,6 +93,7 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
     suffix, damaged, data, chance = content(kind, seed, number)
     path = place / f'run_0{suffix}'
     path.write_bytes(data)
+    del data  # which would count
     Path('/proc/self/clear_refs').write_text('5', encoding='ascii')  # the peak begins anew
     trial = Trial(number, damaged, RESULT)
     for use in kind.uses(chance):

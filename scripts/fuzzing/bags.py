@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 _ANYWHERE, _FINISHED, _MENDED = 0.2, 0.7, 0.8
 #: Shares of fields: with a wrong length, and of chunks: with a checksum that is right.
 _LYING, _CHECKED = 0.2, 0.8
+_MOST = 16 << 20  # bytes that a record is repeated to
 
 _DATA_END = bytes([Opcode.DATA_END])
 
@@ -100,7 +101,8 @@ def _damage_record(among: list[Record], record: Record, chance: Random) -> None:
         case 1:
             record.kind = chance.choice(sorted(FIELDS))
         case 2:
-            among[at:at] = [record] * chance.choice((1, 10, 1000))
+            count = chance.choice((1, 10, 1000))
+            among[at:at] = [record] * min(count, _MOST // (len(record.body) + 1))
         case 3:
             del among[at]
             among.insert(chance.randrange(len(among) + 1), record)

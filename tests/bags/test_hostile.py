@@ -8,6 +8,7 @@ import struct
 import subprocess
 import sys
 import time
+import tracemalloc
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from made_bags import GRAPH, PERIOD, encoded, fill, make, parameters
 from mcap.writer import CompressionType, Writer
 
 from barc_sim.__main__ import main as barc
+from barc_sim.bags import reader
 from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
 from barc_sim.lab.user_code.adapters import METADATA
@@ -193,6 +195,23 @@ def test_a_hostile_bag_takes_little_memory(
     process.returncode = 0
 
     assert usage.ru_maxrss << 10 < MEMORY
+
+
+def test_a_length_that_lies_reads_no_more_than_its_record(tmp_path: Path) -> None:
+    file = tmp_path / 'run_0.mcap'
+    with file.open('wb') as stream:
+        Writer(stream).start(profile='ros2')
+        body = struct.pack('<I', 8) + b'barc_sim' + struct.pack('<I', 2**32 - 1)
+        body += struct.pack('<I', 2**31)
+        stream.write(b'\x0c' + struct.pack('<Q', len(body)) + body)
+        for _ in range(400):
+            stream.write(b'\x80' + struct.pack('<Q', 10_000) + bytes(10_000))
+    tracemalloc.start()
+
+    assert reader.info(file) == {}
+
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
 
 
 def test_names_of_a_bag_do_not_control_the_terminal(
