@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 from copy import deepcopy
+from inspect import Parameter, signature
 from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
@@ -128,13 +128,13 @@ def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the 
     UserError
         where it takes neither two nor three arguments.
     """
-    signature = inspect.signature(method)
-    parameters = signature.parameters
-    if 'dt' in parameters and parameters['dt'].kind is not inspect.Parameter.POSITIONAL_ONLY:
+    found = signature(method)
+    parameters = found.parameters
+    if 'dt' in parameters and parameters['dt'].kind is not Parameter.POSITIONAL_ONLY:
         return 'dt'
     for arguments, answer in (((0.0, 0.0), None), ((0.0, 0.0, 0.0), '')):
         try:
-            signature.bind(*arguments)
+            found.bind(*arguments)
         except TypeError:
             continue
         return answer

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import ast
-import inspect
 import os
 import re
-import reprlib
 import traceback
-from typing import TYPE_CHECKING, Any
+from inspect import signature, unwrap
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
@@ -19,8 +18,11 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.user_code.importing import Folder
 
+_T = TypeVar('_T')
+
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
+_LOOKING = 1.0  #: [s] to look at a user's value
 _SHOWN = 120
 _ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
 
@@ -57,6 +59,33 @@ class Calls:
         except (Exception, SystemExit, OutOfTime) as error:
             raise self._raised(error, args, kwargs) from error
 
+    def attempt(self, function: Callable[..., _T], /, *args: Any) -> _T | None:  # noqa: ANN401
+        """Return what `function` returns of a user's values; None where it fails or takes too long.
+
+        What a user's value does when it is looked at is the user's code, too.
+        """
+        try:
+            found: _T = self._call(function, *args)
+        except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (a user's value)
+            return None
+        return found
+
+    def attribute(self, instance: object, name: str) -> Any:  # noqa: ANN401 (a user's)
+        """Return a method of what the function has returned.
+
+        Raises
+        ------
+        UserCodeError
+            if there is none.
+        """
+        found = self.attempt(getattr, instance, name)
+        if found is None:
+            raise UserCodeError(
+                f'{defined_at(self._folder, self.function)}: {_name(self.function)}(…) returned '
+                f'{short_repr(instance)}, whose {name} cannot be read; expected a method'
+            )
+        return found
+
     def wrong(
         self, result: object, args: tuple[Any, ...], kwargs: Mapping[str, Any]
     ) -> UserCodeError:
@@ -81,7 +110,7 @@ class Calls:
             return UserCodeError(f'{place}: {call} uses {error}')
         if isinstance(error, NotImplementedError):
             return UserCodeError(
-                f'{place}: {self.function.__name__} is not written yet (TODO): called as {call}; '
+                f'{place}: {_name(self.function)} is not written yet (TODO): called as {call}; '
                 f'expected {self._expected}'
             )
         return UserCodeError(
@@ -95,14 +124,30 @@ class Calls:
         return f'{text}: {hint}' if hint else text
 
     def _call_text(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> str:
-        names = [name for name in inspect.signature(self.function).parameters if name not in kwargs]
+        names = [name for name in signature(self.function).parameters if name not in kwargs]
         passed = {**dict(zip(names, args, strict=False)), **kwargs}
         values = ', '.join(f'{name}={short_repr(value)}' for name, value in passed.items())
-        return f'{self.function.__name__}({values})'
+        return f'{_name(self.function)}({values})'
 
 
 def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
     return function(*args, **kwargs)
+
+
+def guarded(function: Callable[..., _T], *args: object, default: _T) -> _T:
+    """Return what `function` returns of a user's value; `default` where it fails or is slow."""
+    try:
+        call = Budget(_LOOKING).call
+    except RuntimeError:  # graded code has no threads, and a limit for all of it
+        call = _call
+    try:
+        return call(function, *args)
+    except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (as above)
+        return default
+
+
+def _name(function: object) -> str:
+    return str(guarded(getattr, function, '__name__', default='a function'))
 
 
 def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
@@ -117,32 +162,26 @@ def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
 
 def short_repr(value: object) -> str:
     """Return `value` as text for a sentence, without addresses in memory."""
-    if isinstance(value, float):
+    if type(value) is float:  # `isinstance` would ask the value
         return f'{value:.9g}' if value % 1.0 else repr(value)
-    text = _ADDRESS.sub('', ' '.join(_repr(value).split()))
+    kind = type.__getattribute__(type(value), '__name__')
+    return _in_one_line(guarded(repr, value, default=f'<{kind} instance>'))
+
+
+def _in_one_line(text: str) -> str:
+    text = _ADDRESS.sub('', ' '.join(text.split()))
     return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
-
-
-def _repr(value: object) -> str:
-    try:
-        return repr(value)
-    except Exception:  # noqa: BLE001 (a user's __repr__)
-        return reprlib.repr(value)
 
 
 def describe_error(error: BaseException) -> str:
     """Return an exception's type and message in one line."""
-    try:
-        text = _ADDRESS.sub('', ' '.join(str(error).split()))
-    except Exception:  # noqa: BLE001 (a user's __str__)
-        text = ''
-    text = text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
+    text = _in_one_line(guarded(str, error, default=''))
     return f'{type(error).__name__}: {text}' if text else type(error).__name__
 
 
 def defined_at(folder: Folder, function: Callable[..., Any]) -> str:
     """Return the file and line that define `function`."""
-    code = getattr(inspect.unwrap(function), '__code__', None)
+    code = guarded(lambda: getattr(unwrap(function), '__code__', None), default=None)
     place = _place(folder, code.co_filename, code.co_firstlineno) if code else None
     return place or f'{folder.path.name}'
 
@@ -159,7 +198,7 @@ def raised_at(folder: Folder, error: BaseException) -> str | None:
 
 def shadowed_name(folder: Folder, error: BaseException) -> str:
     """Return a sentence on the name that a call found to be no function; empty if none."""
-    if not isinstance(error, TypeError) or 'object is not callable' not in str(error):
+    if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
         return ''
     frames = [
         (frame, line)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
+from inspect import signature
+from itertools import islice
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code.call import Calls, defined_at, number
+from barc_sim.lab.user_code.call import Calls, defined_at, guarded, number
 from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, options_for
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -53,7 +54,7 @@ class UserModel:
         """
         taken = self._options(options)
         result = self._calls(*args, **taken)
-        numbers = _numbers(result, len(_NEXT))
+        numbers = _numbers(self._calls, result, len(_NEXT))
         if numbers is None:
             raise self._calls.wrong(result, args, taken)
         return numbers
@@ -75,7 +76,7 @@ class ControllerFactory:
             if it does not.
         """
         check_takes(folder, cls, _GAINS)
-        method = getattr(cls, 'acc_calculate', None)
+        method = guarded(getattr, cls, 'acc_calculate', default=None)
         if not callable(method):
             raise UserCodeError(
                 f'{defined_at(folder, cls)}: the class {cls.__name__} has no method '
@@ -87,7 +88,7 @@ class ControllerFactory:
         self.fresh: Callable[[], ControllerFactory] = lambda: self
         #: The gains that its file chooses.
         self.chosen: ChosenGains | None = None
-        names = [*inspect.signature(cls).parameters]
+        names = [*signature(cls).parameters]
         #: The names of the constructor's arguments for kp, ki and kd; empty: it takes any three.
         self.gain_names = gain_names(names) if len(names) >= len(_GAINS) else ()
         self._in_order = self.gain_names == tuple(names[:3]) or not self.gain_names
@@ -108,7 +109,7 @@ class ControllerFactory:
             instance = self._calls(kp, ki, kd, **taken)
         else:
             instance = self._calls(**dict(zip(self.gain_names, (kp, ki, kd), strict=True)), **taken)
-        method = instance.acc_calculate
+        method = self._calls.attribute(instance, 'acc_calculate')
         dt = dt_name(self._folder, method, _SPEEDS)
         calls = Calls(self._folder, method, self._budget, self._expected)
         return UserPid(instance, calls, dt)
@@ -140,21 +141,23 @@ class UserPid:
         speeds = (speed_reference, speed_current)
         options = {self._dt_name: dt} if self._dt_name else {}
         result = self._calls(*speeds, **options)
-        value = result if type(result) is float else number(result)
+        value = result if type(result) is float else self._calls.attempt(number, result)
         if value is None or not isfinite(value):
             raise self._calls.wrong(result, speeds, options)
         return value
 
     def read(self, name: str) -> float:
         """Return the object's attribute `name`; NaN if it is not a number."""
-        value = number(getattr(self.instance, name, nan))
+        value = self._calls.attempt(getattr, self.instance, name, nan)
+        if type(value) is not float:
+            value = self._calls.attempt(number, value)
         return nan if value is None else value
 
     def set_gains(self, kp: float, ki: float, kd: float) -> None:
         """Change those gains that the object has as attributes."""
         for name, value in zip(_GAINS, (kp, ki, kd), strict=True):
-            if hasattr(self.instance, name):
-                setattr(self.instance, name, value)
+            if self._calls.attempt(hasattr, self.instance, name):
+                self._calls.attempt(setattr, self.instance, name, value)
 
 
 class RelayFactory:
@@ -172,7 +175,7 @@ class RelayFactory:
         """
         if isinstance(relay, type):
             check_takes(folder, relay, ())
-            if not callable(getattr(relay, 'relay', None)):
+            if not callable(guarded(getattr, relay, 'relay', default=None)):
                 raise UserCodeError(
                     f'{defined_at(folder, relay)}: the class {relay.__name__} has no method '
                     'relay(self, linear_x, angular_z)'
@@ -192,7 +195,7 @@ class RelayFactory:
         UserCodeError
             if the user's constructor fails.
         """
-        function = self._new().relay if self._new else self._function
+        function = self._new.attribute(self._new(), 'relay') if self._new else self._function
         dt = dt_name(self._folder, function, _TWIST)
         expected = f'two finite numbers, [{", ".join(_COMMAND)}]'
         return UserRelay(Calls(self._folder, function, self._budget, expected), dt)
@@ -217,22 +220,26 @@ class UserRelay:
         twist = (linear_x, angular_z)
         options = {self._dt_name: dt} if self._dt_name else {}
         result = self._calls(*twist, **options)
-        numbers = _numbers(result, len(_COMMAND))
+        numbers = _numbers(self._calls, result, len(_COMMAND))
         if numbers is None:
             raise self._calls.wrong(result, twist, options)
         return numbers[0], numbers[1]
 
 
-def _numbers(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a user's)
+def _numbers(calls: Calls, result: Any, count: int) -> list[float] | None:  # noqa: ANN401
     """Return `result` as a list of `count` finite floats; None if it is something else."""
     # The most common case, checked in each step.
     if type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT:
         return result if isfinite(sum(result)) or all(map(isfinite, result)) else None
+    return calls.attempt(_converted, result, count)
+
+
+def _converted(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a user's)
     if hasattr(result, 'ravel'):
-        result = list(result.ravel())
+        result = list(islice(result.ravel(), count + 1))
     if not isinstance(result, (list, tuple)) or len(result) != count:
         return None
-    values = [value if type(value) is float else number(value) for value in result]
+    values = [value if type(value) is float else number(value) for value in islice(result, count)]
     for value in values:
         if value is None or not isfinite(value):
             return None

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 import re
+from inspect import Parameter, Signature, signature
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code.call import defined_at, short_repr
+from barc_sim.lab.user_code.call import defined_at, guarded, short_repr
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 _GAIN = re.compile(
     r'(?:k|gain|coeff)?_?([pid])(?:rop|nt|er)?(?:ortional|egral|ivative)?_?(?:gain|term|coeff)?'
 )
-_EVERY_KIND = inspect.Parameter.VAR_KEYWORD
+_EVERY_KIND = Parameter.VAR_KEYWORD
 
 
 def check_takes(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> None:
     """Refuse a function that does not take the arguments `names`."""
-    signature = _signature(folder, function)
-    if not _binds(signature, len(names)):
-        raise _takes(folder, function, signature, names)
+    found = _signature(folder, function)
+    if not _binds(found, len(names)):
+        raise _takes(folder, function, found, names)
 
 
 def dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> str:
@@ -33,16 +33,16 @@ def dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) 
 
     That is `dt`, or the one required argument after `names`.
     """
-    signature = _signature(folder, function)
+    found = _signature(folder, function)
     count = len(names)
-    if 'dt' in signature.parameters and _binds(signature, count, dt=0.0):
+    if 'dt' in found.parameters and _binds(found, count, dt=0.0):
         return 'dt'
-    if _binds(signature, count):
+    if _binds(found, count):
         return ''
-    for name in list(signature.parameters)[count:]:
-        if _binds(signature, count, **{name: 0.0}):
+    for name in list(found.parameters)[count:]:
+        if _binds(found, count, **{name: 0.0}):
             return name
-    raise _takes(folder, function, signature, names)
+    raise _takes(folder, function, found, names)
 
 
 def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
@@ -55,28 +55,28 @@ def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
     return names if len(names) == len('pid') else tuple(parameters[:3])
 
 
-def _signature(folder: Folder, function: Callable[..., Any]) -> inspect.Signature:
+def _signature(folder: Folder, function: Callable[..., Any]) -> Signature:
     try:
-        return inspect.signature(function)
-    except (TypeError, ValueError) as error:
+        return signature(function)
+    except Exception as error:
         raise UserCodeError(
             f'{defined_at(folder, function)}: expected a function, got {short_repr(function)}'
         ) from error
 
 
 def _takes(
-    folder: Folder, function: Callable[..., Any], signature: inspect.Signature, names: Sequence[str]
+    folder: Folder, function: Callable[..., Any], found: Signature, names: Sequence[str]
 ) -> UserCodeError:
-    name = getattr(function, '__name__', short_repr(function))
+    name = guarded(getattr, function, '__name__', default=short_repr(function))
     return UserCodeError(
-        f'{defined_at(folder, function)}: {name} takes ({", ".join(signature.parameters)}); '
+        f'{defined_at(folder, function)}: {name} takes ({", ".join(found.parameters)}); '
         f'expected ({", ".join(names)})'
     )
 
 
-def _binds(signature: inspect.Signature, count: int, **options: float) -> bool:
+def _binds(found: Signature, count: int, **options: float) -> bool:
     try:
-        signature.bind(*range(count), **options)
+        found.bind(*range(count), **options)
     except TypeError:
         return False
     return True
@@ -86,7 +86,7 @@ def options_for(
     function: Callable[..., Any], names: Sequence[str]
 ) -> Callable[[dict[str, float]], dict[str, float]]:
     """Return a function that selects the options that `function` takes after `names`."""
-    parameters = list(inspect.signature(function).parameters.values())
+    parameters = list(signature(function).parameters.values())
     if any(parameter.kind is _EVERY_KIND for parameter in parameters):
         return lambda options: options
     taken = {parameter.name for parameter in parameters[len(names) :]}
