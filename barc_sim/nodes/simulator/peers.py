@@ -92,7 +92,7 @@ class StartGate:
             if time.monotonic() < self._give_up_at:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
-            self._new = []
+            self._new, self._answers = [], []
         ends = living_publishers(self._node, names.ECU)
         self._needed = _POLLS if all(map(is_own, ends)) else _POLLS_APART
         self._found = self._found + 1 if ends or not self._wait else 0

@@ -177,6 +177,21 @@ def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(
     world.until(lambda: len(world.times) > ticks)
 
 
+def test_a_reset_without_an_answer_is_warned_of_once(
+    bench: Callable[..., Bench], capfd: pytest.CaptureFixture[str]
+) -> None:
+    world = bench()
+    world.until(lambda: len(world.stamps) > 3)
+    silent = Node('silent', context=world.peer.context)  # serves, and is not spun
+    silent.create_service(Trigger, names.RESET_RELAY, lambda _, response: response)
+    world.peer.destroy_publisher(world.commands)
+    world.call(Trigger, 'vehicle_simulator/reset')
+    end = time.monotonic() + 1.2
+    world.until(lambda: time.monotonic() > end)
+    silent.destroy_node()
+    assert capfd.readouterr().err.count('has not answered its reset') == 1
+
+
 @pytest.mark.parametrize('realtime_factor', [0.0, 5.0])
 def test_clock_never_goes_back_at_a_reset(
     bench: Callable[..., Bench], realtime_factor: float
