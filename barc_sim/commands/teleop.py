@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args
 from barc_sim.cli.signals import StopSignals
+from barc_sim.control.relay import INPUTS, PEDAL
 from barc_sim.runs import options as run_options
 
 if TYPE_CHECKING:
@@ -18,6 +19,12 @@ def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Simulator, relay, keyboard and recorder, until q or Ctrl-C.'
     parser.set_defaults(mode='teleop')
+    parser.add_argument(
+        '--input',
+        choices=tuple(INPUTS),
+        help='what a Twist on cmd_vel means: shares of the limits (pedal), or m/s and rad/s as in '
+        f'REP-103, for Nav2 and teleop_twist_keyboard (velocity) ({PEDAL})',
+    )
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
 

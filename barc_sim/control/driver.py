@@ -97,9 +97,9 @@ class Driver:
     def receive(self, request: DriverInput, t: float) -> None:
         """Store a usable `request`, received at `t` [s]; shares are limited to -1 and 1."""
         self._latest = DriverInput(
-            _limited(request.forward, 1.0),
-            _limited(request.turn, 1.0),
-            _limited(max(request.brake, 0.0), 1.0),
+            limited(request.forward, 1.0),
+            limited(request.turn, 1.0),
+            limited(max(request.brake, 0.0), 1.0),
         )
         self._received = t
 
@@ -113,10 +113,10 @@ class Driver:
     def _steer(self, request: DriverInput) -> None:
         limits, turned = self.limits, self.limits.steering_rate * self.dt
         if request.brake or (limits.self_centring and not request.turn):
-            self.servo -= _limited(self.servo, turned)
+            self.servo -= limited(self.servo, turned)
         elif request.turn:
             self.servo += request.turn * turned
-        self.servo = _limited(self.servo, limits.steering)
+        self.servo = limited(self.servo, limits.steering)
 
     def _acceleration(self, request: DriverInput, speed: float) -> float:
         limits, forward = self.limits, request.forward
@@ -137,8 +137,9 @@ class Driver:
 
         Half of what would do it in `dt`: a command may hold for a little longer than that.
         """
-        return _limited((target - speed) / (2.0 * self.dt), limit)
+        return limited((target - speed) / (2.0 * self.dt), limit)
 
 
-def _limited(value: float, limit: float) -> float:
+def limited(value: float, limit: float) -> float:
+    """Return `value`, or the nearer of ±`limit` beyond it."""
     return max(-limit, min(value, limit))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 class Relay(Node):
-    """Publishes commands all the time: coasting when nobody drives.
+    """Publishes commands all the time: when nobody drives, the car coasts, or stops by `velocity`.
 
     It runs by the wall clock, as the driver does, at any real-time factor. Its commands have no
     stamp: each holds until the next one.
@@ -63,9 +63,8 @@ class Relay(Node):
             if a parameter is out of range.
         """
         super().__init__('relay', **options)
-        self._control = RelayControl(driver)
+        self._control = RelayControl(driver, declare(self, PARAMETERS))
         self.driver = self._control.driver
-        self._control.configure(declare(self, PARAMETERS))
         self.add_post_set_parameters_callback(self._on_parameters)
         self.refused = 0
 

@@ -128,8 +128,8 @@ class Engine(Protocol):
         `acceleration_limit` [m/s²] is the default of that parameter.
         """
 
-    def relay(self, driver: Driver | None) -> Relay:
-        """Return a relay; `driver` replaces barc_sim's own."""
+    def relay(self, driver: Driver | None, given: Mapping[str, Any]) -> Relay:
+        """Return a relay, whose parameters are `given`; `driver` replaces barc_sim's own."""
 
     def keyboard(self, terminal: Terminal) -> None:
         """Add a keyboard, which drives and ends the run, after the simulator."""

@@ -85,10 +85,10 @@ class RosEngine:
         )
         return node
 
-    def relay(self, driver: Driver | None) -> Relay:
+    def relay(self, driver: Driver | None, given: Mapping[str, Any]) -> Relay:
         """Return the node `relay`."""
         self._record(Relay.inputs)
-        node: Relay = self.add(Relay(driver=driver))
+        node: Relay = self.add(Relay(driver=driver, parameter_overrides=_overrides(given)))
         return node
 
     def keyboard(self, terminal: Terminal) -> None:

@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from barc_sim.control.keyboard.console import open_terminal
+from barc_sim.control.relay import PEDAL
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.runs.composition import Run, given
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
 _COMMAND_TIMEOUT = 0.5
-_HELP = 'arrows or WASD drive, space brakes, r goes back to the start, q ends'
+_HELP = 'arrows or WASD {drive}, space brakes, r goes back to the start, q ends'
+_DRIVE = {'pedal': 'drive', 'velocity': 'ask for 1 m/s and 1 rad/s while held'}
 
 
 def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopSignals) -> int:
@@ -65,14 +67,16 @@ class Teleop(Run):
         self._terminal = terminal
         super().__init__(setup)
         if terminal and not setup.options.quiet:
-            print(_HELP)  # noqa: T201
+            print(_HELP.format(drive=_DRIVE[setup.options.input or PEDAL]))  # noqa: T201
 
     def compose(self, setup: Setup) -> list[Simulator]:
         """Return the simulator."""
         options, road = setup.options, setup.road or Road.flat()
         self.display = display(quiet=options.quiet)
         user_relay = setup.user_code.relay
-        self._relay = setup.engine.relay(UserDriver(user_relay) if user_relay else None)
+        self._relay = setup.engine.relay(
+            UserDriver(user_relay) if user_relay else None, given(input=options.input)
+        )
         simulator = setup.engine.simulator(
             road=road,
             on_step=self._on_step,

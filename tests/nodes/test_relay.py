@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from math import atan
 from typing import TYPE_CHECKING
 
 import pytest
@@ -30,7 +31,7 @@ class Bench:
     """A relay, and a node that sends it Twists and hears its commands."""
 
     def __init__(
-        self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
+        self, context: Context, spin_until: Callable[..., None], **parameters: float | bool | str
     ) -> None:
         overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.relay = Relay(context=context, parameter_overrides=overrides)
@@ -58,7 +59,7 @@ class Bench:
 def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
     benches = []
 
-    def make(**parameters: float | bool) -> Bench:
+    def make(**parameters: float | bool | str) -> Bench:
         benches.append(Bench(ros, spin_until, **parameters))
         return benches[-1]
 
@@ -123,6 +124,24 @@ def test_brake_stays_on_after_its_twist_has_gone_stale(bench: Callable[..., Benc
     b.commands.clear()
     b.until(lambda: len(b.commands) > 10)
     assert {command.motor for command in b.commands} == {-8.0}
+
+
+def test_velocity_is_tracked_and_a_zero_twist_brakes(bench: Callable[..., Bench]) -> None:
+    b = bench(input='velocity', stale_after=60.0)
+    b.states.publish(ZDynBkMdl(v_x=1.0))
+    b.send(forward=3.0, turn=0.3)
+    b.until(lambda: b.relay.driver.servo == pytest.approx(atan(0.3)))
+    b.until_motor(4.0)
+    b.states.publish(ZDynBkMdl(v_x=3.0))
+    b.until_motor(0.0)
+    b.send()
+    b.until_motor(-8.0)
+    b.until(lambda: b.relay.driver.servo == 0.0)
+
+
+def test_input_of_another_name_is_refused(bench: Callable[..., Bench]) -> None:
+    with pytest.raises(UserError, match='expected one of pedal, velocity'):
+        bench(input='joystick')
 
 
 def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import CMD_VEL, message_class
 from barc_sim.control.driver import FULL_BRAKE, RATE, DriverInput
@@ -14,7 +14,7 @@ from barc_sim.simulation import messages
 from barc_sim.simulation.log import COMMAND, MESSAGE_TYPES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard.keys import KeyEvent
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class LocalRelay:
-    """Publishes commands all the time: coasting when nobody drives.
+    """Publishes commands all the time: when nobody drives, the car coasts, or stops by `velocity`.
 
     Attributes
     ----------
@@ -34,8 +34,8 @@ class LocalRelay:
         Called with each command.
     """
 
-    def __init__(self, host: LocalHost, driver: Driver | None) -> None:
-        """Declare the parameters; `driver` replaces barc_sim's own.
+    def __init__(self, host: LocalHost, driver: Driver | None, given: Mapping[str, Any]) -> None:
+        """Declare the parameters, some `given`; `driver` replaces barc_sim's own.
 
         Raises
         ------
@@ -43,8 +43,7 @@ class LocalRelay:
             if a parameter is out of range.
         """
         node = host.node('relay')
-        self._control = RelayControl(driver)
-        self._control.configure(node.declare(PARAMETERS, {}))
+        self._control = RelayControl(driver, node.declare(PARAMETERS, given))
         self.receive = self._control.receive
         self.reset = self._control.reset
         self._command = node.publisher(COMMAND, MESSAGE_TYPES[COMMAND])

@@ -75,9 +75,9 @@ class LocalEngine:
         self._controller = LocalController(self._host, controller, given, acceleration_limit)
         return self._controller
 
-    def relay(self, driver: Driver | None) -> LocalRelay:
+    def relay(self, driver: Driver | None, given: Mapping[str, Any]) -> LocalRelay:
         """Return the node `relay`, which commands the simulator that is made next."""
-        self._relay = LocalRelay(self._host, driver)
+        self._relay = LocalRelay(self._host, driver, given)
         return self._relay
 
     def keyboard(self, terminal: Terminal) -> None:
