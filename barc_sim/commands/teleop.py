@@ -25,6 +25,11 @@ def add_arguments(parser: Parser) -> None:
         help='what a Twist on cmd_vel means: shares of the limits (pedal), or m/s and rad/s as in '
         f'REP-103, for Nav2 and teleop_twist_keyboard (velocity) ({PEDAL})',
     )
+    parser.add_argument(
+        '--no-relay',
+        action='store_true',
+        help='leave ours out, and wait for another that publishes ecu',
+    )
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
 

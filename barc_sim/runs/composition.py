@@ -7,11 +7,12 @@ import sys
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.errors import UserError
 from barc_sim.runs.bag import RunBag
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.lab.user_code.loading import UserCode
@@ -131,6 +132,22 @@ class Run(ABC):
                 self.bag.print_commands()
         elif self.bag:
             print(self.bag.recorder.path)  # noqa: T201
+
+
+def check_left_out(part: str, options: Mapping[str, object]) -> None:
+    """Refuse `options`, by name, that are for a part of the run that is left out.
+
+    Raises
+    ------
+    UserError
+        if one of them is given.
+    """
+    for name, value in options.items():
+        if value is not None:
+            raise UserError(
+                f'--{name} {value} is for the {part} that --no-{part} leaves out: give one of the '
+                'two only'
+            )
 
 
 def given(**values: float | str | None) -> dict[str, float | str]:

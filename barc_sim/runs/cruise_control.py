@@ -11,7 +11,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check import LocalCode, Settings
 from barc_sim.lab.check.judging import gains_used
 from barc_sim.lab.user_code.adapters import UserController
-from barc_sim.runs.composition import Run, given
+from barc_sim.runs.composition import Run, check_left_out, given
 from barc_sim.runs.conduct import conduct
 from barc_sim.runs.terminal.display import (
     CruiseStatus,
@@ -184,12 +184,7 @@ def _check_no_options_for_controller(options: Namespace) -> None:
     given['acceleration-limit'] = options.acceleration_limit
     given['controller-type'] = options.controller_type
     given |= {f'gain {name}': value for name, value in options.gain}
-    for name, value in given.items():
-        if value is not None:
-            raise UserError(
-                f'--{name} {value} is for the controller that --no-controller leaves out: give one '
-                'of the two only'
-            )
+    check_left_out('controller', given)
 
 
 class Car:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _ROS_OPTIONS = {
     'cars': 1,
     'no_controller': False,
+    'no_relay': False,
     'foxglove': None,
     'mirrors': None,
     'network': False,
@@ -105,6 +106,7 @@ class Engine(Protocol):
     """
 
     name: str  #: as the first line of a run has it
+    open: bool  #: whether nodes of other processes can join
 
     def recorder(
         self,

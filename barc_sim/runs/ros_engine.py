@@ -40,6 +40,7 @@ class RosEngine:
     """Makes nodes, spins them, and destroys them."""
 
     name = 'ROS 2 (rclpy)'
+    open = True
 
     def __init__(self) -> None:
         """Begin without nodes."""

@@ -10,8 +10,10 @@ from barc_sim.control.keyboard.console import open_terminal
 from barc_sim.control.relay import PEDAL
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
-from barc_sim.runs.composition import Run, given
+from barc_sim.lab.user_code.relay_program import ROS_2, RelayProgram
+from barc_sim.runs.composition import Run, check_left_out, given
 from barc_sim.runs.conduct import conduct
+from barc_sim.runs.relay_process import RelayProcess
 from barc_sim.runs.terminal.display import DriveStatus, display
 from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from barc_sim.cli.signals import StopSignals
     from barc_sim.control.keyboard.terminal import Terminal
     from barc_sim.runs.composition import Setup
-    from barc_sim.runs.engine import Simulator
+    from barc_sim.runs.engine import Relay, Simulator
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -56,6 +58,8 @@ def _terminal() -> Terminal | None:
 class Teleop(Run):
     """The run with a simulator on the flat, the relay and, if there is a terminal, the keyboard."""
 
+    _process: RelayProcess | None = None
+
     def __init__(self, setup: Setup, terminal: Terminal | None) -> None:
         """Create the nodes; the terminal, if any, is closed at the end.
 
@@ -73,10 +77,9 @@ class Teleop(Run):
         """Return the simulator."""
         options, road = setup.options, setup.road or Road.flat()
         self.display = display(quiet=options.quiet)
-        user_relay = setup.user_code.relay
-        self._relay = setup.engine.relay(
-            UserDriver(user_relay) if user_relay else None, given(input=options.input)
-        )
+        self._program: RelayProgram | None = None  # to be run in a process of its own
+        self._death = ''  # of that process, in a sentence
+        self._relay = self._relay_of(setup)
         simulator = setup.engine.simulator(
             road=road,
             on_step=self._on_step,
@@ -100,9 +103,61 @@ class Teleop(Run):
             setup.engine.keyboard(self._terminal)
         return [simulator]
 
+    def _relay_of(self, setup: Setup) -> Relay | None:
+        """Return the node `relay`; None where another process publishes `ecu`."""
+        options, user_relay = setup.options, setup.user_code.relay
+        if options.no_relay:
+            check_left_out('relay', {'relay': options.relay, 'input': options.input})
+            return None
+        if options.input and user_relay:
+            raise UserError(
+                f"--input {options.input} is for barc_sim's relay, and --lab or --relay gives "
+                'another: give one of the two only'
+            )
+        if isinstance(user_relay, RelayProgram) and user_relay.ros == ROS_2 and setup.engine.open:
+            self._program = user_relay
+            return None
+        return setup.engine.relay(
+            UserDriver(user_relay) if user_relay else None, given(input=options.input)
+        )
+
+    def spin(self, stop: StopSignals) -> None:
+        """Spin until the run is finished, its relay's process has ended, or `stop` is requested.
+
+        Raises
+        ------
+        UserError
+            if the relay's process has ended.
+        """
+        if self._program:
+            show = self.setup.output
+            self._process = RelayProcess(self._program.path, show, self._on_death)
+        super().spin(stop)
+        if self._death:
+            raise UserError(self._death)
+
+    def close(self) -> None:
+        """End the nodes, with the results in the bag, and then the relay's process."""
+        super().close()
+        self._end_process()
+
+    def discard(self) -> None:
+        """End the nodes and the relay's process, and delete the bag."""
+        super().discard()
+        self._end_process()
+
+    def _end_process(self) -> None:
+        if self._process:
+            self._process.close()
+
+    def _on_death(self, sentence: str) -> None:
+        self._death = sentence
+        self.finish()
+
     def _on_step(self, t: float, seen: Observation) -> None:
-        driver = self._relay.driver
-        self.display.show(DriveStatus(t, seen.true.x, seen.true.v_x, driver.servo, driver.request))
+        request = self._relay.driver.request if self._relay else None
+        true, servo = seen.true, seen.acting.servo
+        self.display.show(DriveStatus(t, true.x, true.v_x, servo, request))
 
     def finish(self) -> None:
         """Restore the terminal, and end the run now."""

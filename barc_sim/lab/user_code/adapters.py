@@ -17,7 +17,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.lab.user_code.functions import UserPid
-    from barc_sim.lab.user_code.loading import ControllerFactory, RelayFactory, UserCode
+    from barc_sim.lab.user_code.loading import (
+        ControllerFactory,
+        RelayFactory,
+        RelayProgram,
+        UserCode,
+    )
 
 #: The entry of a bag's metadata that names the user code.
 METADATA = 'student_code'
@@ -88,7 +93,7 @@ class UserDriver(Driver):
     Its commands are cut to the car's limits.
     """
 
-    def __init__(self, new: RelayFactory) -> None:
+    def __init__(self, new: RelayFactory | RelayProgram) -> None:
         """Start with a new relay."""
         self._new = new
         super().__init__()

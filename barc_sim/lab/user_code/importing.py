@@ -18,7 +18,7 @@ from barc_sim.lab.user_code.absent import Absent, is_ros, is_ros_1
 from barc_sim.lab.user_code.source import Source, compiled, guarded_lines, read
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from importlib.machinery import ModuleSpec
     from types import FrameType, ModuleType
 
@@ -40,6 +40,8 @@ class Folder:
         Their syntax trees, by path.
     tolerated
         What was tolerated in them, a phrase each.
+    stand_ins
+        Modules that replace those of their names.
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class Folder:
         self._uses_rclpy = False
         self.trees: dict[str, ast.Module] = {}
         self.tolerated: list[str] = []
+        self.stand_ins: Mapping[str, Any] = {}
         self.path = path.absolute()
         self._prefix = prefix
         self.sources: dict[str, Source] = {}
@@ -98,10 +101,7 @@ class Folder:
 
     def execute(self, module: ModuleType, path: Path) -> None:
         """Run the file at `path` as `module`."""
-        inside = path.is_relative_to(self.path)
-        name = str(path.relative_to(self.path)) if inside else path.name
-        source = read(path, self._prefix + name)
-        self.sources[str(path)] = source
+        source = self._read(path)
         # All of the module's functions find `import` and `print` here.
         vars(module)['__builtins__'] = self._builtins
         result = compiled(source)
@@ -114,6 +114,24 @@ class Folder:
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
         exec(result.code, vars(module))  # noqa: S102 (running it is the purpose)
+
+    def parse(self, file: Path) -> ast.Module:
+        """Return the syntax tree of `file`, which is not run.
+
+        Raises
+        ------
+        UserCodeError
+            if it can't be read or compiled.
+        """
+        path = file.absolute()
+        self.trees[str(path)] = compiled(self._read(path)).tree
+        return self.trees[str(path)]
+
+    def _read(self, path: Path) -> Source:
+        inside = path.is_relative_to(self.path)
+        name = str(path.relative_to(self.path)) if inside else path.name
+        self.sources[str(path)] = read(path, self._prefix + name)
+        return self.sources[str(path)]
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, _: ModuleType | None = None
@@ -138,6 +156,8 @@ class Folder:
         level: int = 0,
     ) -> ModuleType:
         top = name.partition('.')[0]
+        if level == 0 and (stand_in := self.stand_ins.get(name if fromlist else top)):
+            return stand_in  # type: ignore[no-any-return]
         if level and not (globals or {}).get('__package__'):
             # A file of the lab's package is loaded by itself: its neighbours are in its folder.
             level = 0

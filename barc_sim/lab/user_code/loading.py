@@ -19,6 +19,7 @@ from barc_sim.lab.user_code.functions import (
 )
 from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.importing import Folder
+from barc_sim.lab.user_code.relay_program import RelayProgram, ros_of_program
 from barc_sim.lab.user_code.source import Source, UserCodeError
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ __all__ = [
     'FILES',
     'ControllerFactory',
     'RelayFactory',
+    'RelayProgram',
     'Source',
     'UserCode',
     'UserCodeError',
@@ -55,7 +57,7 @@ class UserCode:
 
     model: UserModel | None = None
     controller: ControllerFactory | None = None
-    relay: RelayFactory | None = None
+    relay: RelayFactory | RelayProgram | None = None
     #: By part, as in `FILES`, the name of its source.
     files: Mapping[str, str] = field(default_factory=dict)
     #: The files above, and those that they import from their folder.
@@ -208,8 +210,10 @@ def load_controller(path: Path | str, *, budget: float | None = BUDGET) -> Contr
     return _controller(Folder(path.parent), path, budget)
 
 
-def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> RelayFactory:
-    """Return the class `Relay`, or the function `relay`, of the file `path`: () -> a fresh relay.
+def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> RelayFactory | RelayProgram:
+    """Return the class `Relay`, the function `relay`, or the program of ROS in the file `path`.
+
+    A call returns a fresh relay.
 
     Raises
     ------
@@ -238,7 +242,9 @@ def _controller(folder: Folder, path: Path, budget: float | None) -> ControllerF
     return factory
 
 
-def _relay(folder: Folder, path: Path, budget: float | None) -> RelayFactory:
+def _relay(folder: Folder, path: Path, budget: float | None) -> RelayFactory | RelayProgram:
+    if ros := ros_of_program(folder.parse(path)):
+        return RelayProgram(folder, path, ros, budget)
     relay = _named(folder, path, budget, ['Relay', 'relay'])
     if not callable(relay):
         raise UserCodeError(f'{path.name}: relay is {short_repr(relay)}; expected a function')

@@ -32,6 +32,7 @@ class LocalEngine:
     """Carries the messages of one car's run by calls."""
 
     name = 'local, without ROS'
+    open = False
 
     def __init__(self, ros_args: Iterable[str]) -> None:
         """Take parameters from `ros_args`.

@@ -58,11 +58,16 @@ class DriveStatus(NamedTuple):
     distance: float  #: [m]
     speed: float  #: [m/s]
     steering: float  #: [rad]
-    request: DriverInput = COAST
+    request: DriverInput | None = COAST  #: None: it is unknown
 
     def text(self) -> str:
         """Return the line for it; its columns stay in place."""
+        # Rounded first, and zero added: no negative zero is shown.
+        speed, steering = round(self.speed, 2) + 0.0, round(degrees(self.steering), 1) + 0.0
+        text = f'{self.t:7.1f} s  speed {speed:6.2f} m/s  steering {steering:5.1f}°'
         request = self.request
+        if request is None:
+            return text
         held = {
             '↑': request.forward > 0.0,
             '↓': request.forward < 0.0,
@@ -70,12 +75,7 @@ class DriveStatus(NamedTuple):
             '→': request.turn < 0.0,
             'brake': request.brake > 0.0,
         }
-        # Rounded first, and zero added: no negative zero is shown.
-        speed, steering = round(self.speed, 2) + 0.0, round(degrees(self.steering), 1) + 0.0
-        return (
-            f'{self.t:7.1f} s  speed {speed:6.2f} m/s  steering {steering:5.1f}°  '
-            f'held {" ".join(symbol for symbol, on in held.items() if on) or "-"}'
-        )
+        return f'{text}  held {" ".join(symbol for symbol, on in held.items() if on) or "-"}'
 
 
 class Display(Protocol):

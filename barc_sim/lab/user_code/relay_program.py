@@ -1,0 +1,224 @@
+"""A relay that is a whole program of ROS, run without ROS."""
+
+from __future__ import annotations
+
+import ast
+import threading
+from math import isfinite
+from typing import TYPE_CHECKING
+
+from barc_sim.lab.user_code.absent import AbsentModuleError
+from barc_sim.lab.user_code.budget import Budget, OutOfTime
+from barc_sim.lab.user_code.call import describe_error, number, raised_at, short_repr
+from barc_sim.lab.user_code.ros_modules import modules
+from barc_sim.lab.user_code.ros_world import COMMANDS, Command, TimedTwist, World, WorldEnd
+from barc_sim.lab.user_code.source import UserCodeError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from barc_sim.lab.user_code.importing import Folder
+
+ROS_1, ROS_2 = 'rospy', 'rclpy'
+_ARGUMENTS = 2  #: of a function `relay`: linear_x and angular_z
+_BUDGET = 10.0  #: [s] of a run; it takes some milliseconds
+_PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
+
+
+def ros_of_program(tree: ast.Module) -> str:
+    """Return `rclpy` or `rospy` where a file is a program of it, and empty where it is not.
+
+    A file that defines a function `relay` of two arguments, or a class with such a method, is
+    called by the node of barc_sim, whatever it imports.
+    """
+    for node in tree.body:
+        parts = node.body if isinstance(node, ast.ClassDef) and node.name == 'Relay' else [node]
+        for part in parts:
+            if isinstance(part, ast.FunctionDef) and part.name == 'relay':
+                arguments = [each.arg for each in part.args.args if each.arg != 'self']
+                if len(arguments) >= _ARGUMENTS or part.args.vararg:
+                    return ''
+    imported = {name.partition('.')[0] for node in ast.walk(tree) for name in _imports(node)}
+    return next((ros for ros in (ROS_2, ROS_1) if ros in imported), '')
+
+
+def _imports(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module or ''] if isinstance(node, ast.ImportFrom) and not node.level else []
+
+
+class RelayProgram:
+    """A file with a node that turns `cmd_vel` into `ecu`: of ROS 2, or the lab's for ROS 1.
+
+    Attributes
+    ----------
+    path
+        The file.
+    ros
+        `rclpy` or `rospy`.
+    """
+
+    def __init__(self, folder: Folder, path: Path, ros: str, budget: float | None) -> None:
+        """Run the file at `path`, without a limit of time if there is no `budget`."""
+        self._folder, self.path, self.ros = folder, path, ros
+        self._budget = Budget(_BUDGET) if budget else None
+
+    def commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
+        """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`.
+
+        Raises
+        ------
+        UserCodeError
+            if it fails, publishes on another topic alone, or a number that is not finite.
+        """
+        world = World(twists, duration)
+        if self._budget:
+            try:
+                self._budget.call(self.run, world)
+            except OutOfTime as error:
+                raise UserCodeError(
+                    f'{self._place(error)}: {duration:g} s of the relay took longer than '
+                    f'{_BUDGET:g} s: is there an endless loop?'
+                ) from error
+        else:
+            self.run(world)
+        self._check(world)
+        return [self.checked(command) for command in world.commands]
+
+    def run(self, world: World) -> None:
+        """Run the program in `world`, to its end or the world's.
+
+        Raises
+        ------
+        UserCodeError
+            if it fails.
+        """
+        folder = self._folder.again()
+        folder.stand_ins = modules(world, ros_1=self.ros == ROS_1)
+        try:
+            module = folder.load(self.path)
+            tree = folder.trees[str(self.path.absolute())]
+            guarded = [
+                node for node in tree.body if isinstance(node, ast.If) and _asks_for_main(node)
+            ]
+            for node in guarded:
+                body = ast.Module(node.body, type_ignores=[])
+                exec(compile(body, str(self.path.absolute()), 'exec'), vars(module))  # noqa: S102
+            if not guarded and not world.commands and callable(getattr(module, 'main', None)):
+                module.main()
+        except (WorldEnd, SystemExit):
+            pass
+        except (UserCodeError, OutOfTime):
+            raise
+        except AbsentModuleError as error:
+            raise UserCodeError(f'{self._place(error, folder)}: the relay uses {error}') from error
+        except Exception as error:
+            raise UserCodeError(
+                f'{self._place(error, folder)}: after {world.now:.2f} s the relay raised '
+                f'{describe_error(error)}'
+            ) from error
+
+    def _place(self, error: BaseException, folder: Folder | None = None) -> str:
+        return raised_at(folder or self._folder, error) or self.path.name
+
+    def _check(self, world: World) -> None:
+        if world.commands:
+            return
+        where = ', '.join(map(repr, world.others))
+        raise UserCodeError(
+            f'{self.path.name}: it publishes nothing on {COMMANDS}'
+            + (f', but on {where}' if where else '')
+            + '; expected commands of the type ECU on the topic ecu'
+        )
+
+    def checked(self, command: Command) -> Command:
+        """Return the command in finite floats.
+
+        Raises
+        ------
+        UserCodeError
+            if it has others.
+        """
+        motor, servo = number(command.motor), number(command.servo)
+        if motor is None or servo is None or not (isfinite(motor) and isfinite(servo)):
+            raise UserCodeError(
+                f'{self.path.name}: after {command.t:.2f} s it published motor '
+                f'{short_repr(command.motor)} and servo {short_repr(command.servo)}; expected two '
+                'finite numbers'
+            )
+        return Command(command.t, motor, servo)
+
+    def __call__(self) -> LiveRelay:
+        """Start it, to be driven by hand."""
+        return LiveRelay(self)
+
+
+class _LiveWorld(World):
+    """A world whose time goes on when the driver asks for the next command."""
+
+    def __init__(self) -> None:
+        super().__init__((), 0.0)
+        self.more, self.waits = threading.Semaphore(0), threading.Semaphore(0)
+
+    def is_over(self) -> bool:
+        """Let a moment pass; the driver ends the drive, not the program."""
+        self.wait(1e-3, spinning=False)
+        return False
+
+    def wait_at_end(self) -> None:
+        """Wait for the driver."""
+        self.waits.release()
+        self.more.acquire()
+
+
+class LiveRelay:
+    """A running program of ROS 1, as the object of a class `Relay`."""
+
+    def __init__(self, program: RelayProgram) -> None:
+        """Start its thread, which runs only while `relay` waits for it."""
+        self._program, self._world = program, _LiveWorld()
+        self._failure = ''
+        threading.Thread(target=self._run, name='relay', daemon=True).start()
+        self._wait()
+
+    def _run(self) -> None:
+        try:
+            self._program.run(self._world)
+            self._failure = f'{self._program.path.name}: the program of the relay has ended'
+        except UserCodeError as error:
+            self._failure = str(error)
+        self._world.waits.release()
+
+    def _wait(self) -> None:
+        if not self._world.waits.acquire(timeout=_PATIENCE):
+            self._failure = (
+                f'{self._program.path.name}: the relay did not wait, in a spin or a sleep, within '
+                f'{_PATIENCE:g} s: is there an endless loop?'
+            )
+        if self._failure:
+            raise UserCodeError(self._failure)
+
+    def relay(self, linear_x: float, angular_z: float, dt: float) -> tuple[float, float]:
+        """Return motor [m/s²] and servo [rad] `dt` seconds after the last call, for a Twist.
+
+        Raises
+        ------
+        UserCodeError
+            if the program fails or has ended, or publishes a number that is not finite.
+        """
+        world = self._world
+        world.drive(TimedTwist(world.now, linear_x, angular_z))
+        world.end += dt
+        world.more.release()
+        self._wait()
+        if not world.commands:
+            return 0.0, 0.0
+        del world.commands[:-1]
+        _, motor, servo = self._program.checked(world.commands[-1])
+        return motor, servo
+
+
+def _asks_for_main(node: ast.If) -> bool:
+    return '__main__' in ast.unparse(node.test)

@@ -1,0 +1,336 @@
+"""Stand-ins for `rospy`, `rclpy`, their messages and `time`, which run a program in a `World`."""
+
+from __future__ import annotations
+
+from math import isfinite
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.absent import Absent
+from barc_sim.lab.user_code.ros_world import Subscription, World
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_NANOSECONDS = 1_000_000_000
+_REASON = 'it is not part of what a relay needs'
+_FOREVER = 1e9  #: [s]
+
+
+def modules(world: World, *, ros_1: bool) -> dict[str, Any]:
+    """Return the stand-ins by name; where a program imports another module of ROS, see `Absent`."""
+    messages = _messages(strict=not ros_1)
+    clock = SimpleNamespace(
+        time=lambda: world.now,
+        monotonic=lambda: world.now,
+        perf_counter=lambda: world.now,
+        time_ns=lambda: round(world.now * _NANOSECONDS),
+        monotonic_ns=lambda: round(world.now * _NANOSECONDS),
+        sleep=lambda seconds: world.wait(float(seconds), spinning=False),
+    )
+    return {'time': clock, **messages, **(_rospy(world) if ros_1 else _rclpy(world))}
+
+
+class _Fields:
+    """A message: its fields by name or, in ROS 1, by position.
+
+    In ROS 2 a field of numbers takes a float alone, and a message has no field beside its own.
+    """
+
+    fields: tuple[str, ...] = ()
+    strict = True
+
+    def __init__(self, *values: object, **named: object) -> None:
+        if self.strict and values:
+            raise TypeError(f'{type(self).__name__}() takes its fields by name')
+        for name in self.fields:
+            super().__setattr__(name, _PARTS[name]() if name in _PARTS else 0.0)
+        for name, value in (*zip(self.fields, values, strict=False), *named.items()):
+            setattr(self, name, value)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in self.fields:
+            raise AttributeError(f'{type(self).__name__!r} object has no attribute {name!r}')
+        if self.strict and name not in _PARTS and not isinstance(value, float):
+            raise AssertionError(f"The {name!r} field must be of type 'float'")
+        super().__setattr__(name, value)
+
+
+class _Vector3(_Fields):
+    fields = ('x', 'y', 'z')
+
+
+def _stamped() -> SimpleNamespace:
+    return SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0), frame_id='', seq=0)
+
+
+#: Fields that are messages themselves.
+_PARTS: dict[str, Callable[[], Any]] = {
+    'header': _stamped,
+    'linear': _Vector3,
+    'angular': _Vector3,
+    'twist': lambda: SimpleNamespace(linear=_Vector3(), angular=_Vector3()),
+}
+_STATE = ('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot')
+
+
+def _messages(*, strict: bool) -> dict[str, Any]:
+    """Return the modules of messages."""
+
+    def message(name: str, *fields: str) -> type[_Fields]:
+        return type(name, (_Fields,), {'fields': fields, 'strict': strict})
+
+    # In ROS 1 the command has no header: its fields by position are motor and servo.
+    ecu = message('ECU', 'motor', 'servo', *(['header'] if strict else []))
+    state = message('ZDynBkMdl', *_STATE, 'header')
+    car = SimpleNamespace(ECU=ecu, ZDynBkMdl=state, Z_DynBkMdl=state)
+    vector = type('Vector3', (_Vector3,), {'strict': strict})
+    twists = SimpleNamespace(Twist=message('Twist', 'linear', 'angular'), Vector3=vector)
+    packages = {'barc': car, 'labs': car, 'barc_interfaces': car, 'geometry_msgs': twists}
+    found: dict[str, Any] = {f'{name}.msg': module for name, module in packages.items()}
+    found |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
+    found['std_msgs.msg'] = SimpleNamespace(Header=lambda *_, **__: _stamped())
+    return found
+
+
+class _Publisher:
+    def __init__(self, world: World, topic: str, kind: Any) -> None:  # noqa: ANN401 (a program's)
+        self._world, self._topic, self._kind = world, topic, kind
+
+    def publish(self, *values: Any, **named: Any) -> None:  # noqa: ANN401 (a program's)
+        """Publish a message, or one of these fields as in ROS 1."""
+        whole = len(values) == 1 and not named and not isinstance(values[0], (int, float))
+        self._world.publish(self._topic, values[0] if whole else self._kind(*values, **named))
+
+    def get_num_connections(self) -> int:
+        """Return how many nodes subscribe to the topic."""
+        return 1
+
+    get_subscription_count = get_num_connections
+
+
+class _Time:
+    """A time or a duration [s]."""
+
+    def __init__(self, seconds: float = 0.0, nanoseconds: float = 0, **_: object) -> None:
+        self.seconds = float(seconds) + float(nanoseconds) / _NANOSECONDS
+
+    @property
+    def nanoseconds(self) -> int:
+        """The same in nanoseconds."""
+        return round(self.seconds * _NANOSECONDS)
+
+    def to_sec(self) -> float:
+        """Return the seconds."""
+        return self.seconds
+
+    def to_msg(self) -> SimpleNamespace:
+        """Return the message."""
+        sec, nanosec = divmod(self.nanoseconds, _NANOSECONDS)
+        return SimpleNamespace(sec=sec, nanosec=nanosec)
+
+    def __sub__(self, other: _Time) -> _Time:
+        return _Time(self.seconds - other.seconds)
+
+    def __add__(self, other: _Time) -> _Time:
+        return _Time(self.seconds + other.seconds)
+
+    def __lt__(self, other: _Time) -> bool:
+        return self.seconds < other.seconds
+
+    def __gt__(self, other: _Time) -> bool:
+        return self.seconds > other.seconds
+
+    def __le__(self, other: _Time) -> bool:
+        return self.seconds <= other.seconds
+
+    def __ge__(self, other: _Time) -> bool:
+        return self.seconds >= other.seconds
+
+
+class _Rate:
+    def __init__(self, world: World, frequency: float) -> None:
+        if not (isfinite(frequency) and frequency > 0.0):
+            raise ValueError(f'a rate of {frequency!r} Hz: expected a number above 0')
+        self._world, self._period, self._last = world, 1.0 / frequency, world.now
+
+    def sleep(self) -> None:
+        """Wait for the next period."""
+        self._last = self._world.wait_for_turn(self._period, self._last)
+
+
+def _open(name: str, **values: object) -> Absent:
+    """Return a module with these values; whatever else is taken from it stands for nothing."""
+    module = Absent(name, _REASON)
+    vars(module).update(values)
+    return module
+
+
+def _silent(*_: object, **__: object) -> None:
+    """Do nothing, as a logger of a program that is judged."""
+
+
+def _rospy(world: World) -> dict[str, Any]:
+    def subscriber(
+        name: str,
+        data_class: type,
+        callback: Callable[..., object] = _silent,
+        callback_args: object = None,
+        **_: object,
+    ) -> SimpleNamespace:
+        call = callback
+        if callback_args is not None:
+            call = lambda message: callback(message, callback_args)  # noqa: E731
+        world.subscriptions.append(Subscription(name, data_class, call, queued=False))
+        return SimpleNamespace(unregister=_silent)
+
+    def sleep(time: _Time | float) -> None:
+        world.wait(time.seconds if isinstance(time, _Time) else time, spinning=False)
+
+    def timer(period: _Time, callback: Callable[..., object], **_: object) -> object:
+        return world.every(
+            period.seconds, lambda: callback(SimpleNamespace(current_real=world.now)), queued=False
+        )
+
+    class Time(_Time):
+        @staticmethod
+        def now() -> _Time:
+            return _Time(world.now)
+
+        from_sec = _Time
+
+    class Interrupted(Exception):  # noqa: N818
+        pass
+
+    logs = {f'log{level}': _silent for level in ('info', 'warn', 'err', 'debug', 'fatal')}
+    rospy = _open(
+        'rospy',
+        init_node=_silent,
+        Subscriber=subscriber,
+        Publisher=lambda name, data_class=None, *_, **__: _Publisher(world, name, data_class),
+        Rate=lambda hz, *_, **__: _Rate(world, float(hz)),
+        Timer=timer,
+        Time=Time,
+        Duration=_Time,
+        get_time=lambda: world.now,
+        get_rostime=lambda: _Time(world.now),
+        get_param=lambda _, default=None: default,
+        sleep=sleep,
+        spin=lambda: world.wait(_FOREVER, spinning=True),
+        is_shutdown=world.is_over,
+        on_shutdown=_silent,
+        signal_shutdown=_silent,
+        ROSInterruptException=Interrupted,
+        **logs,
+    )
+    return {'rospy': rospy}
+
+
+class _Logger:
+    info = warning = warn = error = debug = fatal = staticmethod(_silent)
+
+
+class _Node:
+    """The node of ROS 2."""
+
+    world: World
+
+    def __init__(self, node_name: str = 'relay', **_: object) -> None:
+        self._node_name = node_name
+        self._parameters: dict[str, object] = {}
+
+    def create_publisher(self, kind: type, topic: str, *_: object, **__: object) -> _Publisher:
+        return _Publisher(self.world, topic, kind)
+
+    def create_subscription(
+        self, kind: type, topic: str, callback: Callable[[Any], object], *_: object, **__: object
+    ) -> Subscription:
+        self.world.subscriptions.append(Subscription(topic, kind, callback, queued=True))
+        return self.world.subscriptions[-1]
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callable[[], object], *_: object, **__: object
+    ) -> object:
+        return self.world.every(timer_period_sec, callback, queued=True)
+
+    def create_rate(self, frequency: float, *_: object, **__: object) -> _Rate:
+        return _Rate(self.world, frequency)
+
+    def get_logger(self) -> type[_Logger]:
+        return _Logger
+
+    def get_clock(self) -> SimpleNamespace:
+        return SimpleNamespace(now=lambda: _Time(self.world.now))
+
+    def get_name(self) -> str:
+        return self._node_name
+
+    def declare_parameter(self, name: str, value: object = None, *_: object) -> SimpleNamespace:
+        self._parameters[name] = value
+        return self.get_parameter(name)
+
+    def get_parameter(self, name: str) -> SimpleNamespace:
+        value = self._parameters[name]
+        kinds = ('double', 'integer', 'bool', 'string')
+        typed = SimpleNamespace(**{f'{kind}_value': value for kind in kinds})
+        return SimpleNamespace(value=value, get_parameter_value=lambda: typed)
+
+    def destroy_node(self) -> None:
+        pass
+
+    def __getattr__(self, name: str) -> object:
+        if name in _NODE_METHODS:
+            return Absent(f'node.{name}', _REASON)
+        raise AttributeError(f'{type(self).__name__!r} object has no attribute {name!r}')
+
+
+#: Other methods of a node: a relay does not need what they return.
+_NODE_METHODS = (
+    *('create_service', 'create_client', 'create_guard_condition'),
+    *('add_on_set_parameters_callback', 'set_parameters', 'has_parameter', 'get_namespace'),
+    *('count_publishers', 'count_subscribers', 'declare_parameters', 'context', 'executor'),
+)
+
+
+def _rclpy(world: World) -> dict[str, Any]:
+    node_class = type('Node', (_Node,), {'world': world})
+
+    def spin(*_: object, **__: object) -> None:
+        world.wait(_FOREVER, spinning=True)
+
+    def spin_once(*_: object, timeout_sec: float | None = None, **__: object) -> None:
+        seconds = _FOREVER if timeout_sec is None else float(timeout_sec)
+        world.wait(max(seconds, 1e-3), spinning=True, once=True)
+
+    class Executor:
+        def __init__(self, *_: object, **__: object) -> None:
+            self.add_node = self.remove_node = self.shutdown = _silent
+            self.spin, self.spin_once = spin, spin_once
+
+    class Interrupted(Exception):  # noqa: N818
+        pass
+
+    nodes = _open('rclpy.node', Node=node_class)
+    executors = _open(
+        'rclpy.executors',
+        SingleThreadedExecutor=Executor,
+        MultiThreadedExecutor=Executor,
+        ExternalShutdownException=Interrupted,
+    )
+    times = {'rclpy.time': _open('rclpy.time', Time=_Time)}
+    times['rclpy.duration'] = _open('rclpy.duration', Duration=_Time)
+    rclpy = _open(
+        'rclpy',
+        init=_silent,
+        shutdown=_silent,
+        try_shutdown=_silent,
+        ok=lambda *_, **__: not world.is_over(),
+        spin=spin,
+        spin_once=spin_once,
+        create_node=node_class,
+        node=nodes,
+        executors=executors,
+        time=times['rclpy.time'],
+        duration=times['rclpy.duration'],
+    )
+    return {'rclpy': rclpy, 'rclpy.node': nodes, 'rclpy.executors': executors, **times}

@@ -1,0 +1,182 @@
+"""Relays that are programs of ROS 1 or ROS 2, run without ROS and with a clock of their own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+import pytest
+from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
+
+from barc_sim.lab.user_code.loading import (
+    RelayFactory,
+    RelayProgram,
+    UserCodeError,
+    load_folder,
+)
+from barc_sim.lab.user_code.ros_world import Command, TimedTwist
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.lab.user_code.loading import UserCode
+
+#: Forward and left from 1 to 2 s, released at 2 s.
+HELD = [TimedTwist(1.0 + 0.05 * k, 1.0, 1.0) for k in range(20)] + [TimedTwist(2.0, 0.0, 0.0)]
+ENDLESS_LOOP = ROS_1.replace('while not rospy.is_shutdown()', 'while True').replace(
+    'self.rate.sleep()', 'pass'
+)
+ENDLESS = '4 s of the relay took longer than'
+
+
+class Load(Protocol):
+    """Loads a relay from its text."""
+
+    def __call__(self, text: str) -> RelayFactory | RelayProgram:
+        """Return it."""
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Load:
+    def loaded(text: str) -> RelayFactory | RelayProgram:
+        relay = code(tmp_path, text).relay
+        assert relay
+        return relay
+
+    return loaded
+
+
+def code(folder: Path, text: str) -> UserCode:
+    (folder / 'relay.py').write_text(text, encoding='utf-8')
+    return load_folder(folder, ['relay'])
+
+
+def at(commands: list[Command], t: float) -> Command:
+    """Return the command that holds at `t` [s]."""
+    return [command for command in commands if command.t <= t][-1]
+
+
+@pytest.mark.parametrize(
+    ('text', 'motor', 'servo'),
+    [
+        (FUNCTION, 2.0, 0.3),
+        (CLASS, 3.0, 0.4),
+        (ROS_1, 2.0, 0.3),
+        (CALLBACK, 1.0, 0.25),
+        (ROS_2, 3.0, 0.4),
+    ],
+)
+def test_every_kind_of_relay_answers_the_keys(
+    load: Load, text: str, motor: float, servo: float
+) -> None:
+    commands = load(text).commands(HELD, 4.0)
+    held, released = at(commands, 1.9), at(commands, 3.0)
+    assert (held.motor, held.servo) == pytest.approx((motor, servo))
+    assert (released.motor, released.servo) == pytest.approx((0.0, 0.0))
+    assert commands == load(text).commands(HELD, 4.0)
+
+
+@pytest.mark.parametrize('text', [FUNCTION, CLASS, ROS_1, ROS_2])
+def test_its_rate_is_that_of_its_own_loop(load: Load, text: str) -> None:
+    commands = load(text).commands([], 10.0)
+    assert len(commands) == pytest.approx(200, abs=1)
+
+
+def test_other_ways_to_wait_are_a_relay_too(load: Load) -> None:
+    once = ROS_2.replace('rclpy.spin(node)', 'while rclpy.ok(): rclpy.spin_once(node)')
+    executor = ROS_2.replace(
+        'rclpy.spin(node)',
+        'e = rclpy.executors.SingleThreadedExecutor(); e.add_node(node); e.spin()',
+    )
+    unguarded = ROS_2.replace("if __name__ == '__main__':\n    main()\n", '')
+    expected = load(ROS_2).commands(HELD, 4.0)
+    for text in (executor, unguarded):
+        assert load(text).commands(HELD, 4.0) == expected
+    for t in (0.5, 1.9, 3.0):
+        assert at(load(once).commands(HELD, 4.0), t)[1:] == at(expected, t)[1:]
+
+
+def test_python_sleep_takes_simulated_time(load: Load) -> None:
+    text = ROS_1.replace('self.rate.sleep()', 'time.sleep(0.1)').replace(
+        'import rospy\n', 'import rospy\nimport time\n', 1
+    )
+    assert len(load(text).commands([], 10.0)) == pytest.approx(100, abs=2)
+
+
+def test_speed_of_the_car_reaches_a_relay_that_subscribes_to_it(load: Load) -> None:
+    text = """\
+import rospy
+from barc.msg import ECU, Z_DynBkMdl
+
+def on_state(z):
+    pub.publish(ECU(1.0 if z.v_x < 2.0 else 0.0, 0.0))
+
+rospy.init_node('relay')
+pub = rospy.Publisher('ecu', ECU, queue_size=1)
+rospy.Subscriber('z_vhcl', Z_DynBkMdl, on_state)
+rospy.spin()
+"""
+    commands = load(text).commands([], 5.0)
+    assert at(commands, 1.5).motor == 1.0
+    assert at(commands, 2.5).motor == 0.0
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        (
+            ROS_2.replace('servo=self.servo)', 'servo=self.servos)'),
+            "line 24: after 0.05 s the relay raised AttributeError: 'Relay' object has no",
+        ),
+        (
+            ROS_2.replace('servo = 0.0', 'servo = 0', 1),
+            "after 0.05 s the relay raised AssertionError: The 'motor' field must be of type",
+        ),
+        (
+            ROS_2.replace("'ecu'", "'commands'"),
+            "relay.py: it publishes nothing on ecu, but on 'commands'; expected commands",
+        ),
+        (
+            ROS_1.replace('2 * msg.linear.x', 'float("nan") * msg.linear.x'),
+            'relay.py: after 1.00 s it published motor nan and servo 0.3; expected two finite',
+        ),
+        (ENDLESS_LOOP, ENDLESS),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_a_sentence(
+    load: Load, text: str, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.lab.user_code.relay_program._BUDGET', 0.5)
+    with pytest.raises(UserCodeError) as caught:
+        load(text).commands(HELD, 4.0)
+    assert sentence in str(caught.value)
+
+
+def test_loop_without_a_sleep_comes_to_its_end(load: Load) -> None:
+    text = ROS_1.replace('\t\tself.rate.sleep()', '\t\tpass')
+    assert len(load(text).commands(HELD, 4.0)) == pytest.approx(4000, rel=0.01)
+
+
+def test_program_of_ros_1_can_be_driven_step_by_step(load: Load) -> None:
+    relay = load(ROS_1)()
+    assert relay.relay(1.0, 1.0, 0.05) == pytest.approx((2.0, 0.3))
+    assert [relay.relay(0.0, -1.0, 0.05) for _ in range(3)][-1] == pytest.approx((0.0, -0.3))
+
+
+def test_program_that_ends_or_fails_while_it_drives_is_a_sentence(load: Load) -> None:
+    with pytest.raises(UserCodeError, match='the program of the relay has ended'):
+        load(ROS_1.replace('RateRelay().run()', 'RateRelay()'))()
+    failing = load(ROS_1.replace('2 * msg.linear.x', '1 / msg.linear.x'))()
+    failing.relay(1.0, 0.0, 0.05)
+    with pytest.raises(UserCodeError, match=r'line 11: .* raised ZeroDivisionError'):
+        failing.relay(0.0, 0.0, 0.05)
+
+
+def test_file_with_the_function_is_called_whatever_it_imports(load: Load) -> None:
+    assert isinstance(load('import rospy\n' + FUNCTION), RelayFactory)
+    assert isinstance(load('import rclpy\n' + CLASS), RelayFactory)
+
+
+def test_program_is_among_the_sources_of_a_run(tmp_path: Path) -> None:
+    loaded = code(tmp_path, ROS_2)
+    assert [source.name for source in loaded.sources] == ['relay.py']
+    assert loaded.files == {'relay': 'relay.py'}
