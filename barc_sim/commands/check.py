@@ -24,9 +24,9 @@ NOT_PASSED = 1
 
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Check a bike_model.py and a controller.py against the reference.'
+    parser.description = 'Check bike_model.py, controller.py and relay.py against the reference.'
     parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
-    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of both files')
+    parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of these files')
     parser.add_argument(
         '--rubric',
         default='lab',

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol
 
 from barc_sim.errors import UserError
+from barc_sim.lab.user_code.functions import RelayFactory
+from barc_sim.lab.user_code.relay_program import RelayProgram
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from barc_sim.lab.user_code.gains import ChosenGains
+    from barc_sim.lab.user_code.ros_world import Command, TimedTwist
 
 
 class Row(NamedTuple):
@@ -73,6 +76,13 @@ class JudgedCode(Protocol):
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py` chooses; None if it has none."""
 
+    @property
+    def has_relay(self) -> bool:
+        """Whether there is a relay."""
+
+    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
+        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
+
 
 class Parts(Protocol):
     """The parts of `barc_sim.lab.user_code.loading.UserCode` that `LocalCode` uses."""
@@ -84,6 +94,10 @@ class Parts(Protocol):
     @property
     def controller(self) -> Callable[..., Any] | None:
         """A factory: gains, and limits by name, -> a new `PID`."""
+
+    @property
+    def relay(self) -> RelayFactory | RelayProgram | Callable[..., NoReturn] | None:
+        """The relay; a function raises the error of its loading."""
 
 
 class LocalCode:
@@ -128,6 +142,20 @@ class LocalCode:
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py` chooses."""
         return getattr(self._user_code.controller, 'chosen', None)
+
+    @property
+    def has_relay(self) -> bool:
+        """Whether there is a relay."""
+        return self._user_code.relay is not None
+
+    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
+        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
+        relay = self._user_code.relay
+        if relay is None:
+            raise LookupError('there is no relay')
+        if not isinstance(relay, (RelayFactory, RelayProgram)):
+            relay()
+        return relay.commands(twists, duration)
 
 
 class _LocalController:

@@ -40,8 +40,17 @@ MODEL = (*EQUATIONS, 'model.trajectory', 'model.reverse', 'model.general')
 TERMS = ('pid.proportional', 'pid.integral', 'pid.derivative')
 PID = (*TERMS, 'pid.dt', 'pid.first_call', 'pid.windup', 'pid.reset')
 LOOP = ('loop.lab_road', 'loop.random_roads')
+RELAY = (
+    'relay.forward',
+    'relay.steering',
+    'relay.units',
+    'relay.release',
+    'relay.rate',
+    'relay.limits',
+    'relay.silence',
+)
 #: Every criterion, in the order of a report; a rubric names them.
-CRITERIA = (*MODEL, *PID, *LOOP)
+CRITERIA = (*MODEL, *PID, *LOOP, *RELAY)
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,12 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
-from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, Finding
+from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, RELAY, Finding
 from barc_sim.lab.check.findings import TERMS as TERM_CRITERIA
 from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
 from barc_sim.lab.check.memory import judge_reset
 from barc_sim.lab.check.model import judge_beyond, judge_equations
+from barc_sim.lab.check.relay import judge_relay
 from barc_sim.lab.check.results import run_general, run_reverse
 from barc_sim.lab.check.terms import (
     TERMS,
@@ -75,14 +76,23 @@ def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
 
 
 def _all(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    wanted = settings.criteria
+    wanted = frozenset(settings.criteria)
     if code.has_model:
         yield from _judge_model(code, settings)
     else:
         yield from _skipped(MODEL, 'there is no bike_model.py')
-    if not code.has_controller:
+    if code.has_controller:
+        yield from _judge_controller_and_roads(code, settings)
+    else:
         yield from _skipped((*PID, *LOOP), 'there is no controller.py')
-        return
+    if not code.has_relay:
+        yield from _skipped(RELAY, 'there is no relay.py')
+    elif not wanted.isdisjoint(RELAY):
+        yield from judge_relay(code)
+
+
+def _judge_controller_and_roads(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
+    wanted = settings.criteria
     controller = [*judge_controller(code, settings.seed, wanted)]
     yield from controller
     factors = {finding.criterion: finding.factor or 1.0 for finding in controller}

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from barc_sim.lab.check.findings import Finding
     from barc_sim.lab.check.worker import Printed, Report
@@ -23,9 +23,8 @@ class Points(Protocol):
     def points(self) -> Mapping[str, float]:
         """By criterion."""
 
-    @property
-    def max_score(self) -> float:
-        """The sum of all points."""
+    def worth(self, findings: Iterable[Finding], /) -> dict[str, float]:
+        """Return the greatest points by criterion, of those that count for these findings."""
 
     def points_for(self, finding: Finding, /) -> float:
         """Return the points for a finding."""
@@ -38,7 +37,8 @@ _LINES = 5  #: of the text that user code printed
 def print_report(report: Report, rubric: Points, console: Console | None = None) -> None:
     """Print a report: tables in a terminal, one line for each finding in a pipe."""
     console = console or Console(highlight=False)
-    findings = _without_repeats(report.findings)
+    worth = rubric.worth(report.findings)
+    findings = _without_repeats([each for each in report.findings if each.criterion in worth])
     stretches = _stretches(report.findings)
     if console.is_terminal:
         console.print(_table(findings, rubric))
@@ -59,11 +59,11 @@ def print_report(report: Report, rubric: Points, console: Console | None = None)
     _print_output(report.printed, console)
     judged = [finding for finding in report.findings if not finding.skipped]
     passed = sum(finding.passed for finding in judged)
-    total = round(sum(rubric.points_for(finding) for finding in report.findings), 2)
+    total = round(sum(rubric.points_for(finding) for finding in findings), 2)
+    greatest = round(sum(worth.values()), 2)
     _plain(
         console,
-        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {rubric.max_score:g} '
-        'points',
+        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {greatest:g} points',
     )
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 CALL_BUDGET = 0.5
 #: [s] Limit for the process, which ends a sleep or a loop in C.
 DEADLINE = 45.0
-_PARTS = ('model', 'controller')
+_PARTS = tuple(FILES)
 _CHARACTERS = 400  #: kept of the printed text
 
 
@@ -71,6 +71,7 @@ class Report:
 class _Parts:
     model: Callable[..., Any] | None
     controller: Callable[..., Any] | None
+    relay: Any = None
 
 
 def judge_folder(
@@ -131,7 +132,7 @@ def _check_there(folder: Path) -> None:
             f'there is no folder {str(folder)!r}: barc new {folder.name or "my_lab"} writes one'
         )
     if not any(find_file(folder, part) for part in _PARTS):
-        names = ' and no '.join(FILES[part] for part in _PARTS)
+        names = ', no '.join(FILES[part] for part in _PARTS)
         raise UserError(f'the folder {str(folder)!r} has no {names} to check')
 
 

@@ -23,7 +23,14 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
-    from barc_sim.lab.user_code.loading import ControllerFactory, UserCode, UserModel, UserPid
+    from barc_sim.lab.user_code.loading import (
+        ControllerFactory,
+        RelayFactory,
+        RelayProgram,
+        UserCode,
+        UserModel,
+        UserPid,
+    )
 
 
 class _Start(NamedTuple):
@@ -80,6 +87,7 @@ class _Code:
     def __init__(self) -> None:
         self._model: UserModel | None = None
         self._new: ControllerFactory | None = None
+        self._relay: RelayFactory | RelayProgram | None = None
         self._controllers: list[UserPid] = []
         self._tolerated: list[str] = []
 
@@ -92,6 +100,8 @@ class _Code:
             return [len(self._controllers) - 1.0]
         if operation == Operation.NOTES:
             return self._notes()
+        if operation == Operation.RELAY:
+            return self._commands(*values)
         controller = self._controllers[int(values[0])]
         if operation == Operation.RESET:
             return [float(_reset(controller.instance))]
@@ -114,6 +124,16 @@ class _Code:
         assert self._new  # noqa: S101 (as above)
         new = self._new.fresh() if fresh else self._new
         return new(kp, ki, kd, output_min=-limit, output_max=limit)
+
+    def _commands(self, duration: float, *values: float) -> list[float]:
+        if self._relay is None:
+            self._relay = self._load('relay').relay
+        assert self._relay  # noqa: S101 (as above)
+        twists = [TimedTwist(*row) for row in zip(*[iter(values)] * TWIST_COLUMNS, strict=True)]
+        found = self._relay.commands(twists, duration)
+        rows = [value for command in found for value in command]
+        padding = COMMAND_COLUMNS * MOST_COMMANDS - len(rows)
+        return [float(len(found)), *rows, *[0.0] * padding]
 
     def _load(self, part: str) -> UserCode:
         loaded = loading.load_folder(Path(), [part], budget=None, packages=False)
@@ -197,6 +217,7 @@ if __name__ == '__main__':
     from barc_sim.errors import UserError
     from barc_sim.lab.grade import confinement
     from barc_sim.lab.grade.protocol import (
+        COMMAND_COLUMNS,
         MAX_TEXT,
         MODEL_COLUMNS,
         NO_PIPES,
@@ -204,11 +225,14 @@ if __name__ == '__main__':
         REPLY,
         REQUEST,
         STEP_COLUMNS,
+        TWIST_COLUMNS,
         Operation,
         Status,
         doubles,
     )
     from barc_sim.lab.user_code import loading
+    from barc_sim.lab.user_code.relay_program import MOST_COMMANDS
+    from barc_sim.lab.user_code.ros_world import TimedTwist
 
     sys.path.remove(str(start.packages))
     sys.meta_path.insert(0, _NumPy(start.numpy))

@@ -5,16 +5,23 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from itertools import chain
+from itertools import chain, islice
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.grade.process import Ended, Failed, Process
-from barc_sim.lab.grade.protocol import NOTES_COLUMNS, STATE_COLUMNS, Operation
+from barc_sim.lab.grade.protocol import (
+    COMMAND_COLUMNS,
+    NOTES_COLUMNS,
+    STATE_COLUMNS,
+    Operation,
+)
 from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.text import one_line
 from barc_sim.lab.user_code.gains import ChosenGains
 from barc_sim.lab.user_code.loading import UserCodeError, find_file
+from barc_sim.lab.user_code.relay_program import MOST_COMMANDS
+from barc_sim.lab.user_code.ros_world import Command
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
@@ -25,9 +32,10 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from barc_sim.lab.check.code import Next, Row, Sample
+    from barc_sim.lab.user_code.ros_world import TimedTwist
 
 _MAX_ENDS = 2  # a function that has ended its process so often is not called again
-_MODEL, _CONTROLLER, _NOTES = 'bikeFE', 'PID', 'notes'
+_MODEL, _CONTROLLER, _RELAY, _NOTES = 'bikeFE', 'PID', 'relay', 'notes'
 
 
 class ConfinedCode:
@@ -101,6 +109,20 @@ class ConfinedCode:
         except (KeyError, TypeError, ValueError):
             return None
         return gains if all(map(isfinite, gains[:3])) else None
+
+    @property
+    def has_relay(self) -> bool:
+        """Whether there is a `relay.py`."""
+        return find_file(self._folder, 'relay') is not None
+
+    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
+        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
+        values = (duration, *chain.from_iterable(twists))
+        number, *rest = self.call(
+            _RELAY, Operation.RELAY, values, 1 + COMMAND_COLUMNS * MOST_COMMANDS
+        )
+        rows = zip(*[iter(rest)] * COMMAND_COLUMNS, strict=True)
+        return [Command(*row) for row in islice(rows, max(int(number), 0))]
 
     def tolerated(self) -> tuple[str, ...]:
         """Return what was tolerated in the files that are loaded, a phrase each."""

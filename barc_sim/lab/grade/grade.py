@@ -105,7 +105,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         )
     findings = {finding.criterion: finding for finding in found.findings}
     items = []
-    for criterion, worth in rubric.points.items():
+    for criterion, worth in rubric.worth(findings.values()).items():
         finding = findings[criterion]
         points = rubric.points_for(finding)
         items.append(Item(criterion, points, worth, printable(finding.message), finding.evidence))

@@ -15,7 +15,7 @@ from barc_sim.lab.check.judging import Settings
 from barc_sim.lab.check.loop import Thresholds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from barc_sim.lab.check.findings import Finding
 
@@ -34,13 +34,19 @@ class Rubric:
     seed: int  #: of the states and roads
     visibility: str  #: one of `VISIBILITIES`: who can read the messages on Gradescope
     points: Mapping[str, float]  #: by criterion, positive, in `CRITERIA`'s order
+    optional: frozenset[str] = frozenset()  #: criteria left out where their file is not handed in
     thresholds: Thresholds = field(default_factory=Thresholds)  #: of the criteria `loop.…`
     acceleration_limit: float = inf  #: [m/s²] of a controller on the roads
 
     @property
     def max_score(self) -> float:
-        """Return the sum of all points."""
-        return round(sum(self.points.values()), 2)
+        """Return the sum of the points without those of optional criteria."""
+        return round(sum(v for name, v in self.points.items() if name not in self.optional), 2)
+
+    def worth(self, findings: Iterable[Finding]) -> dict[str, float]:
+        """Return the greatest points by criterion, without the optional ones that are skipped."""
+        out = {each.criterion for each in findings if each.skipped} & self.optional
+        return {name: points for name, points in self.points.items() if name not in out}
 
     @property
     def settings(self) -> Settings:
@@ -99,6 +105,7 @@ class _Reader:
             'thresholds': self._thresholds,
             'acceleration_limit': self._limit,
             'criteria': self._criteria,
+            'task_3': self._criteria,
         }
         if root is None:
             raise UserError(f'the rubric {self._name!r} is empty: expected {", ".join(read)}')
@@ -107,11 +114,16 @@ class _Reader:
         }
         if 'criteria' not in found:
             self._refuse(root, 'there is no key criteria: expected the points of each criterion')
+        required, optional = found['criteria'], found.get('task_3', {})
+        for name in required.keys() & optional.keys():
+            self._refuse(root, f'{name!r} stands in criteria and in task_3: delete one of the two')
+        points = required | optional
         return Rubric(
             title=found.get('title', ''),
             seed=found.get('seed', 0),
             visibility=found.get('visibility', VISIBILITIES[0]),
-            points=found['criteria'],
+            points={name: points[name] for name in CRITERIA if name in points},
+            optional=frozenset(optional),
             thresholds=found.get('thresholds', Thresholds()),
             acceleration_limit=found.get('acceleration_limit', inf),
         )

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.grade.archives import Member
 
 #: The graded parts; a submission has at least one of them.
-PARTS = ('model', 'controller')
+PARTS = tuple(FILES)
 _NAMES = tuple(FILES[part] for part in PARTS)
 #: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
 _EVIDENCE = (

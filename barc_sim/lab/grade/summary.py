@@ -48,7 +48,11 @@ def as_csv(
         (
             report.name,
             [
-                *(report.score, report.max_score, *report.points.values()),
+                *(
+                    report.score,
+                    report.max_score,
+                    *(report.points.get(name, '') for name in rubric.points),
+                ),
                 *(_cell(in_words(alike.get(report.name, []))), _cell(report.remark)),
             ],
         )
@@ -78,12 +82,15 @@ def as_table(reports: Sequence[Report], rubric: Rubric) -> Table:
     total = f'{mean(scores):.2f}' if scores else ''
     table.add_column('Criterion', footer='Score')
     table.add_column('Points' if alone else 'Mean', footer=total, justify='right')
-    table.add_column('of', footer=f'{rubric.max_score:g}', justify='right')
+    greatest = max((report.max_score for report in reports), default=rubric.max_score)
+    table.add_column('of', footer=f'{greatest:g}', justify='right')
     if not alone:
         middle = f'median {median(scores):g}, {min(scores):g} to {max(scores):g}' if scores else ''
         table.add_column('Full marks', footer=middle, justify='left')
     for criterion, worth in rubric.points.items():
-        points = [report.points[criterion] for report in reports]
+        points = [report.points[criterion] for report in reports if criterion in report.points]
+        if not points and criterion in rubric.optional:
+            continue
         row = [label(criterion), f'{mean(points):.2f}' if points else '', f'{worth:g}']
         if not alone:
             row.append(f'{sum(value == worth for value in points)} of {len(points)}')

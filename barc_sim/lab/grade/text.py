@@ -33,6 +33,13 @@ _LABELS = {
     'pid.reset': 'PID: fresh start of a new run',
     'loop.lab_road': "Cruise control: the lab's road",
     'loop.random_roads': 'Cruise control: other roads',
+    'relay.forward': 'Relay: up and down',
+    'relay.steering': 'Relay: left and right',
+    'relay.units': 'Relay: m/s² and radians',
+    'relay.release': 'Relay: a released key',
+    'relay.rate': 'Relay: commands a second',
+    'relay.limits': "Relay: the car's limits",
+    'relay.silence': 'Relay: no driver',
 }
 
 

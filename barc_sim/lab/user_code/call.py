@@ -23,6 +23,8 @@ _T = TypeVar('_T')
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
 _LOOKING = 1.0  #: [s] to look at a user's value
+#: In the error of a function that still is the template's.
+NOT_WRITTEN = 'is not written yet (TODO)'
 _SHOWN = 120
 _ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
 
@@ -110,7 +112,7 @@ class Calls:
             return UserCodeError(f'{place}: {call} uses {error}')
         if isinstance(error, NotImplementedError):
             return UserCodeError(
-                f'{place}: {_name(self.function)} is not written yet (TODO): called as {call}; '
+                f'{place}: {_name(self.function)} {NOT_WRITTEN}: called as {call}; '
                 f'expected {self._expected}'
             )
         return UserCodeError(

@@ -19,7 +19,7 @@ from barc_sim.lab.user_code.functions import (
 )
 from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.importing import Folder
-from barc_sim.lab.user_code.relay_program import RelayProgram, ros_of_program
+from barc_sim.lab.user_code.relay_program import ROS_1, RelayProgram, ros_of_program
 from barc_sim.lab.user_code.source import Source, UserCodeError
 
 if TYPE_CHECKING:
@@ -244,6 +244,8 @@ def _controller(folder: Folder, path: Path, budget: float | None) -> ControllerF
 
 def _relay(folder: Folder, path: Path, budget: float | None) -> RelayFactory | RelayProgram:
     if ros := ros_of_program(folder.parse(path)):
+        if ros == ROS_1:
+            folder.tolerated.append(f'{path.name}: a program of ROS 1, which runs here without it')
         return RelayProgram(folder, path, ros, budget)
     relay = _named(folder, path, budget, ['Relay', 'relay'])
     if not callable(relay):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.importing import Folder
 
 ROS_1, ROS_2 = 'rospy', 'rclpy'
+MOST_COMMANDS = 8000  #: of a run; a relay has 20 a second
 _ARGUMENTS = 2  #: of a function `relay`: linear_x and angular_z
 _BUDGET = 10.0  #: [s] of a run; it takes some milliseconds
 _PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
@@ -124,6 +125,11 @@ class RelayProgram:
         return raised_at(folder or self._folder, error) or self.path.name
 
     def _check(self, world: World) -> None:
+        if len(world.commands) > MOST_COMMANDS:
+            raise UserCodeError(
+                f'{self.path.name}: it publishes more than {MOST_COMMANDS} commands in '
+                f'{world.end:g} s: is the sleep of its loop missing?'
+            )
         if world.commands:
             return
         where = ', '.join(map(repr, world.others))

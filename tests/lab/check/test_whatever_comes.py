@@ -21,6 +21,7 @@ class Parts:
 
     model: Callable[..., list[float]] | None = None
     controller: Callable[..., Counting] | None = None
+    relay: None = None
 
 
 class Counting:

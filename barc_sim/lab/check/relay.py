@@ -1,0 +1,201 @@
+"""Judges a relay: what it commands for each key, after a release, and after silence."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import degrees, radians
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.control.driver import Limits
+from barc_sim.errors import UserError
+from barc_sim.lab.check.findings import RELAY, Finding
+from barc_sim.lab.user_code.call import NOT_WRITTEN
+from barc_sim.lab.user_code.ros_world import Command, TimedTwist
+from barc_sim.vehicle.parameters import PARAMETERS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from barc_sim.lab.check.code import JudgedCode
+
+_PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
+_PERIOD = 0.05  #: [s] between the Twists of a held key
+_HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
+_LATER = 4.9  #: [s] 1.9 s after the release, or after the last Twist
+_LAST = 4.0  #: [s] Commands after this time follow a silence of 1 s.
+_LEAST_MOTOR, _LEAST_SERVO = 0.05, 0.005  #: [m/s²] and [rad] Less is none.
+_TOLERANCE = 1e-6
+_SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
+_LIMITS = Limits()
+#: What the simulator refuses to do [m/s²], [rad].
+_REFUSED_MOTOR, _REFUSED_SERVO = (
+    next(float(each.default) for each in PARAMETERS if each.name == name)
+    for name in ('refuse_motor_above', 'refuse_servo_above')
+)
+
+
+class _Key(NamedTuple):
+    """A key, and its Twist."""
+
+    name: str
+    linear_x: float
+    angular_z: float
+
+    @property
+    def sign(self) -> float:
+        """The sign that its command has."""
+        return self.linear_x + self.angular_z
+
+
+_UP, _DOWN = _Key('up', 1.0, 0.0), _Key('down', -1.0, 0.0)
+_LEFT, _RIGHT = _Key('left', 0.0, 1.0), _Key('right', 0.0, -1.0)
+Drives = dict[_Key, list[Command]]
+
+
+def judge_relay(code: JudgedCode) -> list[Finding]:
+    """Return a finding for each criterion `relay.…`; all are skipped if it is not written yet."""
+    try:
+        drives = {
+            key: code.relay_commands(_twists(key), _END) for key in (_UP, _DOWN, _LEFT, _RIGHT)
+        }
+        silent = code.relay_commands(_twists(_UP, released=False), _END)
+    except UserError as error:
+        skipped = NOT_WRITTEN in str(error)
+        return [Finding(name, 0.0, str(error), skipped=skipped) for name in RELAY]
+    judges: Mapping[str, Callable[[], tuple[float, str]]] = {
+        'relay.forward': partial(_forward, drives),
+        'relay.steering': partial(_steering, drives),
+        'relay.units': partial(_units, drives),
+        'relay.release': partial(_release, drives),
+        'relay.rate': partial(_rate, drives[_UP]),
+        'relay.limits': partial(_limits, drives),
+        'relay.silence': partial(_silence, silent),
+    }
+    return [Finding(name, *judges[name]()) for name in RELAY]
+
+
+def _twists(key: _Key, *, released: bool = True) -> list[TimedTwist]:
+    """Return the Twists of a key that is held, with the zero of its release."""
+    count = round((_RELEASED - _PRESSED) / _PERIOD)
+    twists = [TimedTwist(_PRESSED + k * _PERIOD, key.linear_x, key.angular_z) for k in range(count)]
+    return twists + ([TimedTwist(_RELEASED, 0.0, 0.0)] if released else [])
+
+
+def _at(commands: Sequence[Command], t: float) -> Command:
+    """Return the command that holds at `t` [s]."""
+    return next((each for each in reversed(commands) if each.t <= t), Command(0.0, 0.0, 0.0))
+
+
+def _forward(drives: Drives) -> tuple[float, str]:
+    held = {key: _at(drives[key], _HELD) for key in (_UP, _DOWN)}
+    faults, score = [], 0.0
+    for key, (_, motor, servo) in held.items():
+        if motor * key.sign < -_LEAST_MOTOR:
+            faults.append(f'{key.name} commands a motor of {motor:+.3g} m/s²: the sign is wrong')
+        elif abs(motor) <= _LEAST_MOTOR:
+            faults.append(f'{key.name} does not change the motor: it comes as linear.x')
+        elif abs(servo) > _LEAST_SERVO:
+            faults.append(f'{key.name} turns the wheels, too, by {servo:+.3g} rad')
+            score += 0.25
+        else:
+            score += 0.5
+    up, down = (command.motor for command in held.values())
+    return score, '; '.join(faults) or f'up commands {up:+.3g} m/s², down {down:+.3g} m/s²'
+
+
+def _steering(drives: Drives) -> tuple[float, str]:
+    held = {key: _at(drives[key], _HELD) for key in (_LEFT, _RIGHT)}
+    faults, score = [], 0.0
+    for key, (_, motor, servo) in held.items():
+        if servo * key.sign < -_LEAST_SERVO:
+            faults.append(f'{key.name} commands a servo of {servo:+.3g} rad: left is positive')
+        elif abs(servo) <= _LEAST_SERVO:
+            faults.append(f'{key.name} does not turn the wheels: it comes as angular.z')
+        elif abs(motor) > _LEAST_MOTOR:
+            faults.append(f'{key.name} changes the motor, too, to {motor:+.3g} m/s²')
+            score += 0.25
+        else:
+            score += 0.5
+    left, right = (command.servo for command in held.values())
+    return score, '; '.join(
+        faults
+    ) or f'left turns the wheels by {left:+.3g} rad, right {right:+.3g}'
+
+
+def _greatest(drives: Drives) -> tuple[float, float]:
+    """Return the greatest motor [m/s²] and servo [rad], either way."""
+    commands = [command for drive in drives.values() for command in drive]
+    return (
+        max((abs(command.motor) for command in commands), default=0.0),
+        max((abs(command.servo) for command in commands), default=0.0),
+    )
+
+
+def _units(drives: Drives) -> tuple[float, str]:
+    motor, servo = _greatest(drives)
+    faults = []
+    if servo > _REFUSED_SERVO:
+        faults.append(
+            f'servo reaches {servo:.3g} rad, which is {degrees(servo):.0f}°: is it in degrees ('
+            f'{servo:.3g}° are {radians(servo):.3g} rad), or does it grow without a limit? The '
+            f'simulator refuses more than {_REFUSED_SERVO:g} rad'
+        )
+    if motor > _REFUSED_MOTOR:
+        faults.append(
+            f'motor reaches {motor:.3g} m/s²: the simulator refuses more than {_REFUSED_MOTOR:g}'
+        )
+    right = f'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
+    return 1.0 - len(faults) / 2, '; '.join(faults) or right
+
+
+def _limits(drives: Drives) -> tuple[float, str]:
+    motor, servo = _greatest(drives)
+    greatest = max(_LIMITS.acceleration, _LIMITS.deceleration)
+    faults = []
+    if motor > greatest + _TOLERANCE:
+        faults.append(f'motor reaches {motor:.3g} m/s²: the car gives {greatest:g} at most')
+    if servo > _LIMITS.steering + _TOLERANCE:
+        faults.append(f'servo reaches {servo:.3g} rad: the wheels turn by {_LIMITS.steering:g}')
+    right = f'within {greatest:g} m/s² and {_LIMITS.steering:g} rad'
+    return 1.0 - len(faults) / 2, '; '.join(faults) or right
+
+
+def _release(drives: Drives) -> tuple[float, str]:
+    faults = []
+    _, motor, servo = _at(drives[_UP], _PRESSED - _PERIOD)
+    if abs(motor) > _LEAST_MOTOR or abs(servo) > _LEAST_SERVO:
+        faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
+    for key in (_UP, _DOWN):
+        later = _at(drives[key], _LATER).motor
+        if later * key.sign > _LEAST_MOTOR:
+            faults.append(f'after the release of {key.name} it goes on with {later:+.3g} m/s²')
+    for key in (_LEFT, _RIGHT):
+        released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
+        if later > released + _LEAST_SERVO:
+            faults.append(f'after the release of {key.name} the wheels go on turning')
+    right = 'a released key neither drives on nor turns the wheels further'
+    checks = 1 + len(drives)
+    return 1.0 - len(faults) / checks, '; '.join(faults) or right
+
+
+def _silence(commands: Sequence[Command]) -> tuple[float, str]:
+    _, motor, _ = _at(commands, _LATER)
+    if commands[-1].t < _LAST:
+        return 1.0, 'in silence it commands nothing, and the simulator brakes after 0.5 s'
+    if motor > _LEAST_MOTOR:
+        return 0.0, (
+            f'{_LATER - _RELEASED:.1f} s after the last Twist it still commands {motor:+.3g} m/s²: '
+            'a car whose driver is gone drives on. Keep the time of the last Twist'
+        )
+    return 1.0, 'after silence it does not drive on'
+
+
+def _rate(commands: Sequence[Command]) -> tuple[float, str]:
+    count = sum(_PRESSED <= each.t < _RELEASED for each in commands)
+    rate = count / (_RELEASED - _PRESSED)
+    text = f'{rate:.0f} commands a second while a key is held'
+    if rate > _FAST:
+        return 0.5, f'{text}: is the sleep of its loop missing? 20 are enough'
+    if rate < _SLOW - _TOLERANCE:
+        return rate / _SLOW, f'{text}: the lab has dt = 0.05 s, 20 a second'
+    return 1.0, text

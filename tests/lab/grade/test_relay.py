@@ -1,0 +1,156 @@
+"""Relays in the manner of students: their points by each rubric, and the sentence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
+from user_files import CONTROLLER, MODEL
+
+import barc_sim.lab
+from barc_sim.lab.check import CRITERIA, Finding, LocalCode, Settings, judge
+from barc_sim.lab.check.findings import RELAY
+from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.grade.grade import grade
+from barc_sim.lab.grade.rubric import SHIPPED, load
+from barc_sim.lab.grade.start import Limits
+from barc_sim.lab.grade.submissions import read
+from barc_sim.lab.user_code.loading import load_folder
+
+TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'relay.py').read_text()
+
+
+class Work(NamedTuple):
+    """A relay, and what is expected of it."""
+
+    text: str
+    lab: float
+    strict: float
+    sentence: str  #: in the message of its first criterion that is not met
+
+
+def replaced(text: str, old: str, new: str) -> str:
+    assert old in text
+    return text.replace(old, new)
+
+
+WORKS = {
+    'function': Work(FUNCTION, 20, 20, ''),
+    'class that turns the wheels slowly': Work(CLASS, 20, 20, ''),
+    'program of ROS 2': Work(ROS_2, 20, 20, ''),
+    'that publishes when it gets a Twist': Work(CALLBACK, 20, 20, ''),
+    "the lab's, which keeps the last key": Work(
+        ROS_1, 20, 18, '1.9 s after the last Twist it still commands +2 m/s²'
+    ),
+    'wrong signs': Work(
+        replaced(ROS_1, 'servo = 0.3', 'servo = -0.3').replace('motor = 2', 'motor = -2'),
+        10, 12, 'up commands a motor of -2 m/s²: the sign is wrong; down commands',
+    ),
+    'right is left': Work(
+        replaced(FUNCTION, '0.3 *', '-0.3 *'), 15, 16,
+        'left commands a servo of -0.3 rad: left is positive; right commands',
+    ),
+    'mixed up': Work(
+        replaced(FUNCTION, '[2.0 * linear_x, 0.3 * angular_z]', '[angular_z, linear_x]'),
+        10, 11, 'up does not change the motor: it comes as linear.x',
+    ),
+    'degrees': Work(
+        replaced(FUNCTION, '0.3 *', '25 *'), 18, 17.5,
+        'servo reaches 25 rad, which is 1432°: is it in degrees (25° are 0.436 rad)',
+    ),
+    'whole radian': Work(
+        replaced(FUNCTION, '0.3 *', '1.0 *'), 20, 19, 'servo reaches 1 rad: the wheels turn by 0.5'
+    ),
+    'throttle that stays': Work(
+        'class Relay:\n    m = 0.0\n    def relay(self, x, z):\n        self.m += 0.1 * x\n'
+        '        return [self.m, 0.3 * z]\n',
+        18.8, 16.8, 'after the release of up it goes on with +4 m/s²',
+    ),
+    'slow': Work(
+        replaced(ROS_1, 'dt=0.05', 'dt=0.2'), 18.5, 17.0,
+        '5 commands a second while a key is held: the lab has dt = 0.05 s',
+    ),
+    'without a sleep': Work(
+        replaced(ROS_1, 'self.rate.sleep()', 'pass'), 18.5, 17.0,
+        '1000 commands a second while a key is held: is the sleep of its loop missing?',
+    ),
+    'another topic': Work(
+        replaced(ROS_2, "'ecu'", "'ecu_pwm'"), 0, 0, "publishes nothing on ecu, but on 'ecu_pwm'"
+    ),
+    'not finite': Work(
+        replaced(FUNCTION, '2.0 * linear_x', 'float("inf") * linear_x'), 0, 0,
+        'relay.py, line 1: relay(linear_x=0.0, angular_z=0.0) returned [nan, 0.0]',
+    ),
+    'error': Work(
+        replaced(ROS_2, 'twist.angular.z', 'twist.angle.z'), 0, 0,
+        "line 18: after 1.00 s the relay raised AttributeError: 'Twist' object has no attribute",
+    ),
+    'syntax error': Work(
+        replaced(FUNCTION, 'angular_z):', 'angular_z)'), 0, 0, 'relay.py, line 1: syntax error'
+    ),
+}  # fmt: skip
+
+
+def relay_findings(folder: Path) -> dict[str, Finding]:
+    return {
+        each.criterion: each for each in judge_folder(folder, Settings(criteria=RELAY)).findings
+    }
+
+
+@pytest.fixture(params=WORKS)
+def work(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Work, Path]:
+    chosen = WORKS[request.param]
+    (tmp_path / 'relay.py').write_text(chosen.text, encoding='utf-8')
+    return chosen, tmp_path
+
+
+@pytest.mark.usefixtures('confinement')
+def test_points_and_sentence_of_check_and_grade(work: tuple[Work, Path]) -> None:
+    expected, folder = work
+    found = relay_findings(folder)
+    faults = [each.message for each in found.values() if not each.passed]
+    assert expected.sentence in (faults or [''])[0]
+    assert bool(faults) == bool(expected.sentence)
+    for name, points in (('lab', expected.lab), ('strict', expected.strict)):
+        rubric = load(name)
+        mine = {n: rubric.points_for(each) for n, each in found.items() if n in rubric.points}
+        assert sum(mine.values()) == pytest.approx(points)
+    graded = grade(read(folder), load('strict'), Limits(), sandbox=True)
+    items = {item.criterion: item for item in graded.items}
+    assert {name: items[name].message for name in RELAY} == {
+        name: each.message for name, each in found.items()
+    }
+    assert {name: items[name].points for name in RELAY} == mine
+
+
+@pytest.mark.parametrize('rubric', SHIPPED)
+def test_without_task_3_the_points_are_of_100_and_with_it_of_120(
+    tmp_path: Path, rubric: str
+) -> None:
+    for name, text in {'bike_model.py': MODEL, 'controller.py': CONTROLLER}.items():
+        (tmp_path / name).write_text(text, encoding='utf-8')
+    points = load(rubric)
+
+    def total() -> tuple[float, float]:
+        findings = judge(LocalCode(load_folder(tmp_path, budget=None)), points.settings)
+        worth = points.worth(findings)
+        return (
+            sum(points.points_for(each) for each in findings if each.criterion in worth),
+            sum(worth.values()),
+        )
+
+    assert total() == (100.0, 100.0)
+    (tmp_path / 'relay.py').write_text(TEMPLATE, encoding='utf-8')
+    assert total() == (100.0, 100.0)
+    (tmp_path / 'relay.py').write_text(ROS_2, encoding='utf-8')
+    assert total() == (120.0, 120.0)
+
+
+def test_rubric_can_require_task_3(tmp_path: Path) -> None:
+    file = tmp_path / 'mine.yaml'
+    file.write_text('criteria:\n  model.x: 10\n  relay.forward: 5\n', encoding='utf-8')
+    rubric = load(file)
+    missing = [Finding(name, 0.0, 'there is none', skipped=True) for name in CRITERIA]
+    assert (rubric.max_score, sum(rubric.worth(missing).values())) == (15.0, 15.0)
