@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from barc_sim.figures.drive_figure import JUMP
 from barc_sim.figures.ground_scene import GroundScene
 from barc_sim.figures.run_view import AHEAD, RunView, draw_cursor, format_speed
 from barc_sim.figures.style import BLUE, VERMILLION, limits, reading
@@ -19,9 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
     from barc_sim.simulation.log import Log
-
-#: [m] From one state to the next; more than this is a reset to the start.
-JUMP = 5.0
 
 
 class TopView(RunView):

@@ -122,7 +122,10 @@ def test_a_run_that_its_code_ended_is_marked(tmp_path: Path) -> None:
 
 def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
     page = page_of(make(tmp_path / 'bag', drive([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0)))
-    assert "The car's path" in page.text
+    assert 'Path, heading, speed and steering' in page.text
+    assert 'position along the road' not in ' '.join(str(image['alt']) for image in page.images)
+    assert '/vehicle_simulator' in page.text
+    assert 'barc_sim/nodes/simulator/node.py' in page.text
     assert 'No controller had a speed to hold' in page.text
     assert "The controller's terms" not in page.text
 

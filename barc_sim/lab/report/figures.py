@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib import rc_context, style
 from matplotlib.figure import Figure
 
+from barc_sim.figures.drive_figure import drive_figure
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import speed_figure, terms_figure
 from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION
@@ -33,6 +34,12 @@ def terms(log: Log) -> str | None:
     with _reproducible():
         figure = terms_figure(log)
         return None if figure is None else _svg(figure)
+
+
+def drive(log: Log) -> str:
+    """Return path, heading, speed and steering of a drive by hand."""
+    with _reproducible():
+        return _svg(drive_figure(log))
 
 
 def path(log: Log) -> str | None:

@@ -10,6 +10,8 @@ from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
+from barc_sim.bags.node_graph import table
+from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.report import figures
 from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND
@@ -35,6 +37,7 @@ _SETTINGS = {
     'platform': 'Platform',
 }
 _MAX_STRETCHES = 40  #: in the table
+_VISIBLE = 0.01  #: [m] beside the road's axis
 _FORMATTER = HtmlFormatter(nowrap=True)
 
 
@@ -69,6 +72,7 @@ def page(facts: Facts) -> str:
         sources=[(name, _highlighted(text)) for name, text in facts.sources.items()],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
         graph=_graph(facts),
+        nodes=table(facts.graph) if facts.graph else [],
     )
 
 
@@ -81,6 +85,15 @@ def _highlighted(text: str) -> str:
 
 def _figures(log: Log) -> Iterator[_Figure]:
     low, high = _range(log.speed)
+    steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
+    if steered or suits(log):
+        yield _Figure(
+            figures.drive(log),
+            'Path, heading, speed and steering',
+            f"The car's path from above; below it heading, speed (between {low} and {high} m/s) "
+            'and steering angle over time.',
+        )
+        return
     yield _Figure(
         figures.speed(log),
         'Speed, grade and command',
