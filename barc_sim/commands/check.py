@@ -24,7 +24,9 @@ NOT_PASSED = 1
 
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Check bike_model.py, controller.py and relay.py against the reference.'
+    parser.description = (
+        'Check bike_model.py, controller.py and relay.py against the reference, and run compose.py.'
+    )
     parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of these files')
     parser.add_argument(
@@ -77,6 +79,7 @@ def run(options: Namespace) -> int:
     path = None if options.no_plot else _path(options, folder)
     report = judge_folder(folder, settings)
     print_report(report, rubric)
+    composed = _composition(folder)
     if path:
         gains = f'{report.gains} · ' if report.gains else ''
         _draw(
@@ -86,7 +89,21 @@ def run(options: Namespace) -> int:
             f'{gains}seed {settings.seed}',
         )
     judged = [finding for finding in report.findings if not finding.skipped]
-    return 0 if all(finding.passed for finding in judged) else NOT_PASSED
+    return 0 if composed and all(finding.passed for finding in judged) else NOT_PASSED
+
+
+def _composition(folder: Path) -> bool:
+    """Print what is found of a `compose.py` in the folder; return whether nothing is wrong."""
+    from barc_sim.lab.user_code.loading import COMPOSE  # noqa: PLC0415
+
+    file = folder / COMPOSE
+    if not file.is_file():
+        return True
+    from barc_sim.runs.compose_check import judge_composition  # noqa: PLC0415 (slow)
+
+    right, sentence = judge_composition(file)
+    print(f'{COMPOSE}: {sentence}')  # noqa: T201
+    return right
 
 
 def _settings(settings: Settings, options: Namespace) -> Settings:

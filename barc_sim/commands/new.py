@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import barc_path
 from barc_sim.errors import UserError
+from barc_sim.lab.user_code.loading import COMPOSE, FILES
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
 
-_FILES = ('README.md', 'bike_model.py', 'controller.py', 'relay.py')
+_FILES = ('README.md', *FILES.values(), COMPOSE)
 
 
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Make a folder with templates of bike_model.py, controller.py and relay.py.'
+        f'Make a folder with templates of {", ".join(FILES.values())} and {COMPOSE}.'
     )
     parser.epilog = 'An existing file is never overwritten.'
     parser.add_argument('folder', type=Path, metavar='DIR', help='the folder to make')
@@ -64,6 +65,6 @@ def run(options: Namespace) -> None:
     """
     write(options.folder)
     barc, folder = barc_path(), shlex.quote(str(options.folder))
-    print(f'{folder}: write bike_model.py, controller.py and relay.py, as README.md explains')  # noqa: T201
+    print(f'{folder}: write {", ".join(_FILES[1:])}, as README.md explains')  # noqa: T201
     print(f'check   {barc} check {folder}')  # noqa: T201
     print(f'run     {barc} acc --lab {folder}')  # noqa: T201

@@ -13,7 +13,7 @@ from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.lab.user_code.relay_program import ROS_2, RelayProgram
 from barc_sim.runs.composition import Run, check_left_out, given
 from barc_sim.runs.conduct import conduct
-from barc_sim.runs.relay_process import RelayProcess
+from barc_sim.runs.program import Program
 from barc_sim.runs.terminal.display import DriveStatus, display
 from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
@@ -58,7 +58,7 @@ def _terminal() -> Terminal | None:
 class Teleop(Run):
     """The run with a simulator on the flat, the relay and, if there is a terminal, the keyboard."""
 
-    _process: RelayProcess | None = None
+    _process: Program | None = None
 
     def __init__(self, setup: Setup, terminal: Terminal | None) -> None:
         """Create the nodes; the terminal, if any, is closed at the end.
@@ -130,8 +130,8 @@ class Teleop(Run):
             if the relay's process has ended.
         """
         if self._program:
-            show = self.setup.output
-            self._process = RelayProcess(self._program.path, show, self._on_death)
+            show, file = self.setup.output, self._program.path
+            self._process = Program(f'the relay {file.name}', file, show, self._on_death)
         super().spin(stop)
         if self._death:
             raise UserError(self._death)

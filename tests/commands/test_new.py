@@ -13,7 +13,7 @@ from barc_sim.lab.user_code.loading import UserCodeError, load_folder
 if TYPE_CHECKING:
     from pathlib import Path
 
-FILES = ['README.md', 'bike_model.py', 'controller.py', 'relay.py']
+FILES = ['README.md', 'bike_model.py', 'compose.py', 'controller.py', 'relay.py']
 UNFINISHED = r'is not written yet \(TODO\)'
 
 

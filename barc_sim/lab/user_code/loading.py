@@ -47,6 +47,8 @@ __all__ = [
 
 #: The file of each part in a user's folder.
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
+#: The script of Task 3, which is run as it is.
+COMPOSE = 'compose.py'
 #: [s] Time budget to load a file: it might import SciPy.
 _LOADING = 20.0
 

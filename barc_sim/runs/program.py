@@ -1,4 +1,4 @@
-"""A relay that is a program of rclpy, in a process of its own beside the run."""
+"""A program of a student's, in a process of its own."""
 
 from __future__ import annotations
 
@@ -25,27 +25,35 @@ _LAST_WORDS = 2.0  #: [s] for the process to end by itself after a signal
 _SHOWN = 200  #: characters of its last line
 
 
-class RelayProcess:
-    """Runs a file with this Python, in this run's ROS domain, until `close`.
+class Program:
+    """Runs a file with this Python, in the ROS domain of the environment, until `close`.
 
     What it prints is shown line by line.
     """
 
     def __init__(
-        self, file: Path, show: Callable[[str], None], on_death: Callable[[str], None]
+        self,
+        name: str,
+        file: Path,
+        show: Callable[[str], None],
+        on_death: Callable[[str], None],
+        *,
+        folder: Path | None = None,
+        stdin: int = subprocess.DEVNULL,
     ) -> None:
-        """Start it; if it ends before `close`, `on_death` gets a sentence.
+        """Start it in `folder`, its own unless given.
 
-        Both are called in another thread.
+        If it ends before `close`, `on_death` gets a sentence that begins with `name`. Both
+        functions are called in another thread.
         """
-        self._file, self._show, self._on_death = file, show, on_death
+        self._name, self._show, self._on_death = name, show, on_death
         self._last = ''
         self._closing = False
         self._process = subprocess.Popen(  # noqa: S603 (the user's own file)
             [sys.executable, '-c', _START, sys.executable, '-u', str(file.resolve())],
-            cwd=file.resolve().parent,
+            cwd=folder or file.resolve().parent,
             env=os.environ,
-            stdin=subprocess.DEVNULL,
+            stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -53,7 +61,7 @@ class RelayProcess:
             # A Ctrl-C ends the run, which then ends this process.
             start_new_session=True,
         )
-        self._thread = threading.Thread(target=self._follow, name='relay process', daemon=True)
+        self._thread = threading.Thread(target=self._follow, name='program', daemon=True)
         self._thread.start()
 
     def _follow(self) -> None:
@@ -66,7 +74,7 @@ class RelayProcess:
         if not self._closing:
             end = f'signal {-code}' if code < 0 else f'exit code {code}'
             last = f': {self._last[:_SHOWN]}' if self._last and code else ''
-            self._on_death(f'the relay {self._file.name} has ended with {end}{last}')
+            self._on_death(f'{self._name} has ended with {end}{last}')
 
     def close(self) -> None:
         """End the process; a second call does nothing."""

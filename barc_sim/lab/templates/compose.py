@@ -1,0 +1,39 @@
+"""The drive by hand, composed: write make_nodes and main. Four nodes share one executor."""
+
+import rclpy
+from rclpy.executors import MultiThreadedExecutor
+
+# Classes of nodes. A node of your own is a class, too: from my_relay import MyRelay
+from barc_sim.control.keyboard.terminal import Terminal
+from barc_sim.nodes.keyboard.node import Keyboard
+from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.relay import Relay
+from barc_sim.nodes.simulator.node import VehicleSimulator
+
+
+def make_nodes():
+    """Return four nodes in a list. A topic has one publisher.
+
+    BagRecorder()         subscribes to every topic, writes bags/
+    VehicleSimulator()    subscribes to ecu, publishes z_vhcl
+    Relay()               subscribes to cmd_vel, publishes ecu; or a class of your own
+    Keyboard(Terminal())  publishes cmd_vel; `finished` is a future, done when q is pressed
+    """
+    # TODO: make each node
+
+    # Then replace the next line by: return [the nodes]
+    raise NotImplementedError
+
+
+def main():
+    """Run the nodes until q or Ctrl-C."""
+    rclpy.init()
+    # TODO: make a MultiThreadedExecutor, add each node to it, and spin
+    # TODO: at the end, call destroy_node() of each node: the recorder then finishes its bag
+
+    # Then remove the next line.
+    raise NotImplementedError
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,123 @@
+"""A student's `compose.py`, which is run for some seconds."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from command_line import call
+
+import barc_sim.lab
+from barc_sim.runs import compose_check
+from barc_sim.runs.compose_check import Verdict, judge_composition
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'compose.py').read_text()
+#: The template, finished.
+RIGHT = TEMPLATE.replace(
+    '    raise NotImplementedError',
+    '    return [BagRecorder(), VehicleSimulator(), Relay(), Keyboard(Terminal())]',
+    1,
+).replace(
+    '    raise NotImplementedError',
+    '    nodes = make_nodes()\n'
+    '    executor = MultiThreadedExecutor()\n'
+    '    for node in nodes:\n'
+    '        executor.add_node(node)\n'
+    '    try:\n'
+    '        executor.spin()\n'
+    '    except KeyboardInterrupt:\n'
+    '        pass\n'
+    '    finally:\n'
+    '        for node in nodes:\n'
+    '            node.destroy_node()',
+)
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Callable[[str], Verdict]:
+    """Return what judges the text of a script, in a process of its own."""
+    code = (
+        'import sys\nfrom pathlib import Path\n'
+        'from barc_sim.runs.compose_check import judge_composition\n'
+        'print(*judge_composition(Path(sys.argv[1])), sep="\\n")\n'
+    )
+
+    def judge(text: str) -> Verdict:
+        file = tmp_path / 'compose.py'
+        file.write_text(text, encoding='utf-8')
+        (tmp_path / 'judge.py').write_text(code, encoding='utf-8')
+
+        done = subprocess.run(
+            [sys.executable, str(tmp_path / 'judge.py'), str(file)],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=60,
+        )
+        right, sentence = done.stdout.splitlines()
+        assert sorted(path.name for path in tmp_path.iterdir()) == ['compose.py', 'judge.py']
+        return Verdict(right == 'True', sentence)
+
+    return judge
+
+
+def test_finished_template_is_right(judged: Callable[[str], Verdict]) -> None:
+    right, sentence = judged(RIGHT)
+    assert sentence == (
+        '4 nodes, /bag_recorder, /keyboard, /relay, /vehicle_simulator; each of /cmd_vel, /ecu, '
+        '/z_vhcl has one publisher'
+    )
+    assert right
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('old', 'new', 'sentence'),
+    [
+        ('Relay(), Key', 'Relay(), Relay(), Key', '/ecu has 2 publishers (relay, relay); expected'),
+        (
+            'Relay(), Key',
+            'Key',
+            '3 nodes, /bag_recorder, /keyboard, /vehicle_simulator; expected 4',
+        ),
+        ('Terminal())]', 'Terminal)]', 'it has ended with exit code 1: '),
+        ('rclpy.init()', 'rclpy.init(', 'it has ended with exit code 1: SyntaxError'),
+    ],
+)
+def test_mistake_is_a_sentence(
+    judged: Callable[[str], Verdict], old: str, new: str, sentence: str
+) -> None:
+    assert old in RIGHT
+    right, text = judged(RIGHT.replace(old, new))
+    assert not right
+    assert sentence in text
+
+
+def test_template_is_not_run(tmp_path: Path) -> None:
+    file = tmp_path / 'compose.py'
+    file.write_text(TEMPLATE, encoding='utf-8')
+    assert judge_composition(file) == (True, 'is not written yet (TODO)')
+
+
+def test_without_ros_it_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compose_check, 'has_ros', lambda: False)
+    file = tmp_path / 'compose.py'
+    file.write_text(RIGHT, encoding='utf-8')
+    assert judge_composition(file) == (True, 'not run: it needs ROS 2, which is not here')
+
+
+def test_check_prints_it(tmp_path: Path) -> None:
+    (tmp_path / 'relay.py').write_text('def relay(x, z):\n    return [x, 0.3 * z]\n')
+    (tmp_path / 'compose.py').write_text(TEMPLATE, encoding='utf-8')
+    done = call('check', str(tmp_path), '--no-plot')
+    assert done.returncode == 0
+    assert done.stdout.splitlines()[-1] == 'compose.py: is not written yet (TODO)'
