@@ -102,7 +102,9 @@ def overview(
     reports: Sequence[Report], failures: Mapping[str, Failure], rubric: Rubric, alike: Alike
 ) -> Iterator[Table]:
     """Yield the tables on a class: distribution, commonest mistakes, who needs a look."""
-    yield _distribution([report.score for report in reports], rubric.max_score)
+    # Those with Task 3 have more points to reach: what counts is the share.
+    shares = [report.score / report.max_score for report in reports]
+    yield _distribution([share * rubric.max_score for share in shares], rubric.max_score)
     mistakes: Counter[str] = Counter()
     criteria: dict[str, str] = {}
     for report in reports:
