@@ -21,7 +21,7 @@ from barc_sim.lab.report.facts import Facts, read
 from barc_sim.lab.report.page import page
 from barc_sim.lab.user_code import source
 from barc_sim.lab.user_code.gains import find_gains
-from barc_sim.lab.user_code.loading import FILES, find_file, find_name
+from barc_sim.lab.user_code.loading import COMPOSE, FILES, find_file, find_name
 from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
@@ -36,8 +36,6 @@ SUMMARY = 'summary.txt'
 _VIDEOS = ('.mp4', '.gif', '.webm', '.mkv', '.mov')
 _DESCRIPTIONS = ('description', 'readme', 'report')
 _TEXTS = ('.md', '.txt', '.rst', '.pdf')
-#: The lab's third task hands in a file that a run does not load.
-_COMPOSE = 'compose.py'
 
 
 class Part(NamedTuple):
@@ -136,7 +134,7 @@ def _code(folder: Path) -> Iterator[Part]:
     yield Part('code', text or 'no file', dict(files), missing=not files)
     for note in notes:
         yield Part('code', f'{note}: it is left out')
-    for part, name in (*((part, name) for part, name in FILES.items()), ('', _COMPOSE)):
+    for part, name in (*((part, name) for part, name in FILES.items()), ('', COMPOSE)):
         found = find_name([*files], part) if part else name if name in files else None
         if found is None:
             yield Part('code', name, missing=True)

@@ -30,7 +30,8 @@ _BARS = (0.32, 0.42)
 _TEXT = 0.515
 _TOP, _BOTTOM = 0.9, 0.46  # of the page's height: the criteria
 _MESSAGE = 66  # characters in a line of a message
-_LINES = 3
+_LINES = 3  # of a message, where there are not more rows than these
+_ROWS = 16
 # Matplotlib's settings are global, and several threads can draw.
 _DRAWING = threading.Lock()
 
@@ -64,13 +65,14 @@ def _draw_items(figure: Figure, items: tuple[Item, ...]) -> None:
     axes = figure.add_axes((0.0, _BOTTOM, 1.0, _TOP - _BOTTOM))
     axes.set(xlim=(0.0, 1.0), ylim=(len(items) - 0.4, -0.6))
     axes.axis('off')
+    most = _LINES if len(items) <= _ROWS else _LINES - 1
     for row, item in enumerate(items):
         _draw_bar(axes, row, item.points / item.max_points)
         points = f'{item.points:g} / {item.max_points:g}'
-        lines = textwrap.wrap(item.message, _MESSAGE, max_lines=_LINES, placeholder=' …')
+        lines = textwrap.wrap(item.message, _MESSAGE, max_lines=most, placeholder=' …')
         _text(axes, _LEFT, row, label(item.criterion), size=9)
         _text(axes, _BARS[1] + 0.078, row, points, size=9, ha='right')
-        _text(axes, _TEXT, row, '\n'.join(lines), size=7, color=MUTED, linespacing=1.15)
+        _text(axes, _TEXT, row, '\n'.join(lines), size=7, color=MUTED, linespacing=1.0)
 
 
 def _draw_bar(axes: Axes, row: int, share: float) -> None:
