@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import os
-import pty
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -70,6 +69,8 @@ class _Seen(NamedTuple):
 
 def _run(file: Path) -> tuple[_Seen | None, str]:
     """Return what is seen of the script's nodes once that is stable, and how the script died."""
+    import pty  # noqa: PLC0415 (of Unix)
+
     from barc_sim.ros.introspection.observer import observe  # noqa: PLC0415 (ROS may be absent)
     from barc_sim.runs.program import Program  # noqa: PLC0415 (signals of Unix)
 
