@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from user_files import replaced
+
 MODEL = """\
 #!/usr/bin/env python
 from numpy import sin, cos, tan, arctan, array, dot
@@ -85,19 +87,12 @@ class Work(NamedTuple):
     files: tuple[str, str] = ('bike_model.py', 'controller.py')
 
 
-def _edit(text: str, *pairs: tuple[str, str]) -> str:
-    for old, new in pairs:
-        assert old in text, old
-        text = text.replace(old, new)
-    return text
-
-
 def _pid(points: tuple[float, float, float], sentence: str, *pairs: tuple[str, str]) -> Work:
-    return Work(MODEL, _edit(CONTROLLER, *pairs), points, sentence)
+    return Work(MODEL, replaced(CONTROLLER, *pairs), points, sentence)
 
 
 def _model(points: tuple[float, float, float], sentence: str, *pairs: tuple[str, str]) -> Work:
-    return Work(_edit(MODEL, *pairs), CONTROLLER, points, sentence)
+    return Work(replaced(MODEL, *pairs), CONTROLLER, points, sentence)
 
 
 _SUM = 'self.int_error = self.int_error + error'

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.loading import BUDGET, FILES, load_files
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
 MODEL = """\
 from math import atan, copysign, cos, sin, tan
 
@@ -51,3 +58,17 @@ class PID:
             self.integral += increment
         return output
 """
+
+
+def load(path: Path, *, budget: float | None = BUDGET) -> Any:  # noqa: ANN401 (of any part)
+    """Load the part that the file at `path` has by its name."""
+    (part,) = (part for part, name in FILES.items() if name == path.name)
+    return getattr(load_files({part: path}, budget=budget), part)
+
+
+def replaced(text: str, *pairs: tuple[str, str]) -> str:
+    """Return `text` with each first string, which must be there, replaced by its second."""
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    return text

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 import pytest
 from student_code import WORKS, Work
 
-from barc_sim.errors import UserError
 from barc_sim.lab.check import CRITERIA, LocalCode, Settings, judge
 from barc_sim.lab.check.findings import RELAY
 from barc_sim.lab.check.worker import judge_folder
 from barc_sim.lab.grade import report
 from barc_sim.lab.grade.grade import grade
-from barc_sim.lab.grade.process import check
 from barc_sim.lab.grade.rubric import SHIPPED, load
 from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.submissions import Submission
@@ -36,15 +34,6 @@ def write(folder: Path, work: Work) -> Path:
 def submission(work: Work) -> Submission:
     texts = (work.model.encode(), work.controller.encode())
     return Submission('student', dict(zip(work.files, texts, strict=True)))
-
-
-@pytest.fixture(scope='session')
-def confinement() -> None:
-    """Skip where the kernel confines nothing."""
-    try:
-        check(sandbox=True)
-    except UserError as error:
-        pytest.skip(str(error))
 
 
 class Parts:

@@ -17,12 +17,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
+from user_files import load
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.control.types import new_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
-from barc_sim.lab.user_code.loading import load_controller
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
@@ -325,7 +325,7 @@ def test_another_controller_answers_with_the_nodes_gains_and_limit(
         '        self.integral = dt\n'
         '        return self.kp * (speed_reference - speed_current) + 0.25 * self.calls\n'
     )
-    one = bench(controller=UserController(load_controller(tmp_path / 'controller.py')), kp=2.0)
+    one = bench(controller=UserController(load(tmp_path / 'controller.py')), kp=2.0)
     assert one.answers([(20 * MS, 8.0), (40 * MS, 7.0), (60 * MS, 0.0)]) == [0.25, 2.5, 8.0]
     one.until(lambda: len(one.told) == 3)
     assert [told.integral for told in one.told] == [0.02, 0.02, 0.02]

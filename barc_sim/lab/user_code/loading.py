@@ -38,11 +38,8 @@ __all__ = [
     'UserPid',
     'UserRelay',
     'find_files',
-    'load_controller',
     'load_files',
     'load_folder',
-    'load_model',
-    'load_relay',
 ]
 
 #: The file of each part in a user's folder.
@@ -186,44 +183,6 @@ def load_files(
             + [phrase for folder in folders.values() for phrase in folder.tolerated]
         ),
     )
-
-
-def load_model(path: Path | str, *, budget: float | None = BUDGET) -> UserModel:
-    """Return the function `bikeFE` of the file `path`.
-
-    Raises
-    ------
-    UserCodeError
-        if there is none that can be used.
-    """
-    path = Path(path)
-    return _model(Folder(path.parent), path, budget)
-
-
-def load_controller(path: Path | str, *, budget: float | None = BUDGET) -> ControllerFactory:
-    """Return the class `PID` of the file `path`: kp, ki, kd -> a fresh controller.
-
-    Raises
-    ------
-    UserCodeError
-        if there is none that can be used.
-    """
-    path = Path(path)
-    return _controller(Folder(path.parent), path, budget)
-
-
-def load_relay(path: Path | str, *, budget: float | None = BUDGET) -> RelayFactory | RelayProgram:
-    """Return the class `Relay`, the function `relay`, or the program of ROS in the file `path`.
-
-    A call returns a fresh relay.
-
-    Raises
-    ------
-    UserCodeError
-        if there is none that can be used.
-    """
-    path = Path(path)
-    return _relay(Folder(path.parent), path, budget)
 
 
 def _model(folder: Folder, path: Path, budget: float | None) -> UserModel:

@@ -81,14 +81,6 @@ def lab(tmp_path: Path) -> Lab:
     return load
 
 
-def replaced(text: str, *pairs: tuple[str, str]) -> str:
-    """Return `text` with each first string, which must be there, replaced by its second."""
-    for old, new in pairs:
-        assert old in text
-        text = text.replace(old, new)
-    return text
-
-
 @pytest.fixture
 def model() -> str:
     """Return a right `bike_model.py`, as a user may write it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import replaced
 
 from barc_sim.lab.check.model import judge_beyond, judge_equations
 from barc_sim.lab.check.results import run_general, run_reverse
@@ -89,8 +90,7 @@ WRONG = {
 @pytest.mark.parametrize('name', WRONG)
 def test_the_cause_is_named(lab: Lab, model: str, name: str) -> None:
     old, new, equations, words = WRONG[name]
-    assert old in model
-    code = lab(model.replace(old, new))
+    code = lab(replaced(model, (old, new)))
     findings = judge_equations(code, seed=0)
     # Each mistake in an equation shows beyond the lab's road, too.
     if equations in {'general', 'reverse'}:

@@ -1,4 +1,4 @@
-"""Submissions to grade: right ones, and the kernel's leave to confine them."""
+"""Submissions to grade: right ones."""
 
 from __future__ import annotations
 
@@ -7,21 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.errors import UserError
-from barc_sim.lab.grade.process import check
-
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-
-@pytest.fixture(scope='session')
-def confinement() -> None:
-    """Skip where the kernel confines nothing."""
-    try:
-        check(sandbox=True)
-    except UserError as error:
-        pytest.skip(str(error))
 
 
 @pytest.fixture(scope='session')

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from user_files import CONTROLLER, MODEL
+from user_files import CONTROLLER, MODEL, load
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.lab.user_code import adapters
@@ -17,9 +17,7 @@ from barc_sim.lab.user_code.adapters import UserController, UserControllerFile, 
 from barc_sim.lab.user_code.loading import (
     ControllerFactory,
     RelayFactory,
-    load_controller,
     load_folder,
-    load_relay,
 )
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
@@ -42,12 +40,12 @@ class PID:
 
 def controllers(tmp_path: Path, text: str = P) -> ControllerFactory:
     (tmp_path / 'controller.py').write_text(text)
-    return load_controller(tmp_path / 'controller.py')
+    return load(tmp_path / 'controller.py')
 
 
 def relays(tmp_path: Path, text: str) -> RelayFactory:
     (tmp_path / 'relay.py').write_text(text)
-    return load_relay(tmp_path / 'relay.py')
+    return load(tmp_path / 'relay.py')
 
 
 @pytest.fixture

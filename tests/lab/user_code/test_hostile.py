@@ -7,10 +7,10 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import load
 
 from barc_sim.lab.user_code import call
 from barc_sim.lab.user_code.adapters import UserController
-from barc_sim.lab.user_code.loading import load_controller, load_model
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def test_what_a_model_returns_is_looked_at_with_care(tmp_path: Path, name: str) 
     before, returned = MODELS[name]
     file = tmp_path / 'bike_model.py'
     file.write_text(f'{before}\n{MODEL}{returned}\n')
-    model = load_model(file, budget=0.2)
+    model = load(file, budget=0.2)
     began = time.monotonic()
     with pytest.raises(UserCodeError, match=r'returned .*; expected four finite numbers'):
         model(*ARGUMENTS)
@@ -68,7 +68,7 @@ def test_what_a_model_returns_is_looked_at_with_care(tmp_path: Path, name: str) 
 def test_a_controller_that_refuses_to_be_looked_at(tmp_path: Path, method: str, fault: str) -> None:
     file = tmp_path / 'controller.py'
     file.write_text(f'{CONTROLLER}    def {method}(self, name):\n        {fault}\n')
-    factory = load_controller(file, budget=0.2)
+    factory = load(file, budget=0.2)
     if method == '__getattribute__':
         with pytest.raises(UserCodeError, match='whose acc_calculate cannot be read'):
             UserController(factory)
@@ -82,5 +82,5 @@ def test_a_replaced_signature_matters_to_nobody(
     monkeypatch.setattr(inspect, 'signature', inspect.signature)  # put back afterwards
     file = tmp_path / 'controller.py'
     file.write_text(f'import inspect\ninspect.signature = None\n{CONTROLLER}')
-    controller = UserController(load_controller(file))
+    controller = UserController(load(file))
     assert controller.acc_calculate(8.0, 0.0, 0.02) == 1.0

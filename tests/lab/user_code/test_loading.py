@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from user_files import load
 
 from barc_sim.lab.user_code.loading import (
     UserCodeError,
-    load_controller,
     load_files,
     load_folder,
-    load_model,
-    load_relay,
 )
 
 if TYPE_CHECKING:
@@ -42,7 +40,7 @@ def lab(tmp_path: Path, **files: str) -> Path:
 
 def model(tmp_path: Path, body: str, before: str = '') -> UserModel:
     path = lab(tmp_path, bike_model=f'{before}{HEAD}    {body}\n') / 'bike_model.py'
-    return load_model(path, budget=SHORT)
+    return load(path, budget=SHORT)
 
 
 @pytest.mark.parametrize(
@@ -158,27 +156,27 @@ def test_a_call_without_a_budget_starts_no_thread(
 ) -> None:
     monkeypatch.setattr('threading.Thread.start', None)
     path = lab(tmp_path, bike_model=f'{HEAD}    return [x, y, psi, v]\n') / 'bike_model.py'
-    assert load_model(path, budget=None)(*ROW)[3] == 8.0
+    assert load(path, budget=None)(*ROW)[3] == 8.0
 
 
 def test_the_geometry_is_told_to_those_who_ask_for_it(tmp_path: Path) -> None:
     head = HEAD.replace('ts)', 'ts, g=1, l_r=2)')
     path = lab(tmp_path, bike_model=f'{head}    return [g, l_r, 0, 0]\n') / 'bike_model.py'
-    f = load_model(path)
+    f = load(path)
     assert f(*ROW, l_f=1.5, l_r=1.25, g=9.5) == [9.5, 1.25, 0.0, 0.0]
     assert f(*ROW) == [1.0, 2.0, 0.0, 0.0]
 
 
 def test_any_keyword_is_told_to_those_who_take_any(tmp_path: Path) -> None:
     text = 'def bikeFE(*row, **options):\n    return [*options.values(), row[0]]\n'
-    f = load_model(lab(tmp_path, bike_model=text) / 'bike_model.py')
+    f = load(lab(tmp_path, bike_model=text) / 'bike_model.py')
     assert f(*ROW, l_f=1.5, l_r=1.25, g=9.5) == [1.5, 1.25, 9.5, 1.0]
 
 
 def test_extra_arguments_with_defaults_keep_them(tmp_path: Path) -> None:
     head = HEAD.replace('ts)', 'ts, gain=3.0)')
     path = lab(tmp_path, bike_model=f'{head}    return [gain, 0, 0, 0]\n') / 'bike_model.py'
-    assert load_model(path)(*ROW, l_f=1.5, l_r=1.5, g=9.8)[0] == 3.0
+    assert load(path)(*ROW, l_f=1.5, l_r=1.5, g=9.8)[0] == 3.0
 
 
 @pytest.mark.parametrize(
@@ -204,7 +202,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
     tmp_path: Path, text: str, sentence: str
 ) -> None:
     with pytest.raises(UserCodeError) as caught:
-        load_model(lab(tmp_path, bike_model=text) / 'bike_model.py')
+        load(lab(tmp_path, bike_model=text) / 'bike_model.py')
     assert sentence in str(caught.value)
     assert '\n' not in str(caught.value)
 
@@ -214,12 +212,12 @@ def test_a_loop_without_end_outside_of_functions_is_ended(
 ) -> None:
     monkeypatch.setattr('barc_sim.lab.user_code.loading._LOADING', SHORT)
     with pytest.raises(UserCodeError, match=r'line 2: loading the file took longer than 0.2 s'):
-        load_model(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
+        load(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError, match=r"nothing\.py' cannot be read: No such file"):
-        load_model(tmp_path / 'nothing.py')
+        load_files({'model': tmp_path / 'nothing.py'})
 
 
 PID = """
@@ -236,7 +234,7 @@ class PID:
 
 
 def controller(tmp_path: Path, text: str) -> ControllerFactory:
-    return load_controller(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT)
+    return load(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT)
 
 
 def test_each_controller_has_a_state_of_its_own(tmp_path: Path) -> None:
@@ -350,7 +348,7 @@ def test_a_method_that_takes_too_little_is_refused_when_a_controller_is_made(
     ],
 )
 def test_a_relay_is_a_function_or_a_class(tmp_path: Path, text: str) -> None:
-    new = load_relay(lab(tmp_path, relay=text) / 'relay.py')
+    new = load(lab(tmp_path, relay=text) / 'relay.py')
     assert new().relay(1.0, -1.0, 0.05) == (4.0, -0.5)
 
 
@@ -359,7 +357,7 @@ def test_relays_of_a_class_have_a_state_of_their_own(tmp_path: Path) -> None:
         'class Relay:\n    n = 0\n    def relay(self, x, z, dt):\n'
         '        self.n += dt\n        return 0, self.n\n'
     )
-    new = load_relay(lab(tmp_path, relay=text) / 'relay.py')
+    new = load(lab(tmp_path, relay=text) / 'relay.py')
     first = new()
     first.relay(0.0, 0.0, 1.0)
     assert first.relay(0.0, 0.0, 1.0) == (0.0, 2.0)
@@ -378,7 +376,7 @@ def test_relays_of_a_class_have_a_state_of_their_own(tmp_path: Path) -> None:
 )
 def test_a_relay_that_cannot_be_used_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(UserCodeError) as caught:
-        load_relay(lab(tmp_path, relay=text) / 'relay.py')
+        load(lab(tmp_path, relay=text) / 'relay.py')
     assert said in str(caught.value)
 
 
