@@ -10,7 +10,7 @@ import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from barc_sim.cli.ros_hint import ROS_PACKAGES, has_ros, needs_ros
 from barc_sim.errors import UserError
@@ -31,6 +31,13 @@ INTERRUPTED = 130
 
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser whose errors are one line; `--help` shows the rest."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
+        """Take what ArgumentParser takes; `-1e-3` is a number, as it is from Python 3.14 on."""
+        super().__init__(*arguments, **options)
+        self._negative_number_matcher = re.compile(
+            r'-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$', re.IGNORECASE
+        )
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
