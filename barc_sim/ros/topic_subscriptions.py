@@ -99,7 +99,7 @@ class TopicSubscriptions:
             qos = offered_qos.request(subscribers, self._depth)
             try:
                 self._begin(name, _class(subscribers[0].topic_type), qos)
-            except LookupError:
+            except (LookupError, RuntimeError):  # no definition, or another type in this process
                 self._unexpected.add(name)  # whether that matters, a publisher will show
 
     def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
@@ -130,6 +130,8 @@ class TopicSubscriptions:
         count = len(publishers)
         if recorded and not recorded.topic.offered_qos and not recorded.route:
             recorded = self._complete(recorded, publishers)
+            if not recorded:
+                return True
         type_name = recorded.topic.type if recorded else publishers[0].topic_type
         for other in {publisher.topic_type for publisher in publishers} - {type_name}:
             self.unknown[f'{name} as {other}'] = f'its type is {type_name}'
@@ -148,6 +150,8 @@ class TopicSubscriptions:
         except LookupError as error:
             self.unknown[name] = f'{type_name}: {error}'
             return False
+        except RuntimeError:  # of rcl: this process has the topic with another type
+            return True
         self.unknown.pop(name, None)
         recorded.publishers = count
         recorded.names |= {
@@ -160,7 +164,10 @@ class TopicSubscriptions:
     def _complete(
         self, early: RecordedTopic, publishers: Sequence[TopicEndpointInfo]
     ) -> RecordedTopic | None:
-        """Return a topic that had no publishers, with its first ones; None to begin anew.
+        """Return a topic that had no publishers, with its first ones.
+
+        None if they are of another type: then the next `discover` begins anew, as DDS refuses a
+        second type until the subscription is gone, which the writer may still be taking from.
 
         The subscription remains, as messages may wait in it; another requests what it did not.
         """
@@ -170,6 +177,7 @@ class TopicSubscriptions:
             with self._lock:
                 del self._topics[name]
             self._destroy(early)
+            self.wake()
             return None
         qos, requested = offered_qos.request(publishers, self._depth), early.subscriptions[0]
         subscriptions = [requested]

@@ -25,7 +25,6 @@ from mcap.records import Attachment
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.recovery import recover
-from barc_sim.commands.plot import settings
 from barc_sim.commands.regrade import in_words
 from barc_sim.figures import run_figures, side_view
 from barc_sim.lab.regrade.judging import judge
@@ -144,7 +143,7 @@ def _entries(data: bytes) -> list[tuple[bytes, bytes]]:
 
 
 def _plot(path: Path) -> None:
-    shown = settings(reader.info(path))
+    shown = run_figures.settings(reader.info(path))
     run_figures.speed_figure(reader.read(path), title='', settings=shown, figure=Figure())
 
 
