@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _MAX_SPEED = 100.0
 _MAX_DISTANCE = 1e6
 _MAX_CARS = 100
+_MAX_LAPS = 10**6
 
 
 def add_arguments(parser: Parser) -> None:
@@ -57,7 +58,13 @@ def add_arguments(parser: Parser) -> None:
         '--distance',
         type=number(0.0, _MAX_DISTANCE),
         metavar='M',
-        help='the run ends here; 0: only at Ctrl-C (180)',
+        help='a lap ends here; 0: only at Ctrl-C (180)',
+    )
+    parser.add_argument(
+        '--laps',
+        type=whole(0, _MAX_LAPS),
+        metavar='N',
+        help='the road begins anew so often, each time from standstill; 0: until Ctrl-C (1)',
     )
     parser.add_argument(
         '--cars',

@@ -30,16 +30,19 @@ from barc_sim.figures.style import (
     use_measurement,
 )
 from barc_sim.simulation import metrics
+from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.axes import Axes
 
+    from barc_sim.simulation.laps import Lap
     from barc_sim.simulation.log import Log
 
 SIZE = (9.6, 8.4)  #: [inch]
 _SHOWN = 120  # characters of a setting
+_MOST_LAPS = 5  #: in a caption
 
 
 class NotebookFigure(Figure):
@@ -85,6 +88,8 @@ def speed_figure(
         `figure`, or a new one without a window.
     """
     log = use_measurement(log)
+    caption = _caption(log)
+    log = _broken(log)
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
     heights = [4, 1.8, 1.4, 1.6] if has_error(log) else [4, 1.4, 1.6]
@@ -104,7 +109,7 @@ def speed_figure(
     speed.annotate(settings, (0.0, 1.0), (0.0, 8.0), 'axes fraction', 'offset points', color=MUTED)
     speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.06), ncols=3, borderaxespad=0.0)
     figure.align_ylabels()
-    figure.supxlabel(_caption(log), x=0.99, ha='right', fontsize=9, color=MUTED)
+    figure.supxlabel(caption, x=0.99, ha='right', fontsize=9, color=MUTED)
     return figure
 
 
@@ -122,6 +127,7 @@ def terms_figure(log: Log) -> Figure | None:
     """Draw the controller's terms against the position along the road; None if all are unknown."""
     if all(np.isnan(values).all() for values in log.terms.values()):
         return None
+    log = _broken(log)
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
     axes = figure.subplots()
     axes.step(
@@ -148,8 +154,11 @@ def terms_figure(log: Log) -> Figure | None:
 
 
 def _caption(log: Log) -> str:
-    """Return a line on the speed error; empty without a reference."""
-    result = metrics.summary(log)
+    """Return a line on the speed error, of each lap; empty without a reference."""
+    laps = [*laps_of(log)[0]]
+    if len(laps) > 1:
+        return _caption_of_laps(laps)
+    result = laps[0].summary
     parts = {
         f'after the first {metrics.RUN_UP:g} m': (
             result.rms_error_after_run_up,
@@ -163,6 +172,29 @@ def _caption(log: Log) -> str:
         if not np.isnan(rms)
     )
     return held and f'Speed error {held}'
+
+
+def _caption_of_laps(laps: list[Lap]) -> str:
+    held = [
+        f'lap {lap.number + 1} {lap.summary.rms_error_after_run_up:.3f} m/s'
+        for lap in laps
+        if not np.isnan(lap.summary.rms_error_after_run_up)
+    ]
+    if len(held) > _MOST_LAPS:
+        held[1 : 2 - _MOST_LAPS] = ['…']
+    if not held:
+        return ''
+    return f'RMS speed error after the first {metrics.RUN_UP:g} m: {", ".join(held)}'
+
+
+def _broken(log: Log) -> Log:
+    """Return the log with an unknown row between two laps, so that no line joins them."""
+    first = np.flatnonzero(np.diff(laps_of(log)[1])) + 1
+    if not first.size:
+        return log
+    return log.map(
+        lambda column: np.insert(column, first, False if column.dtype == np.bool_ else np.nan)
+    )
 
 
 def _draw_speed(axes: Axes, log: Log) -> None:

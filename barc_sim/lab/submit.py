@@ -177,7 +177,7 @@ def _gains(folder: Path, info: Mapping[str, str]) -> Part:
 
 
 def _course(bag: Path, facts: Facts, folder: Path) -> Part:
-    result, log = facts.summary, facts.log
+    result, log = facts.shown_lap.summary, facts.log
     text = f'{log.distance[-1]:.1f} m in {log.t[-1]:.1f} s'
     if result.max_error_after_run_up >= 0.0:
         text += (

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.control.controller import Controller, Gain
+    from barc_sim.simulation.laps import Lap, Laps
     from barc_sim.simulation.log import Log
 
 SIMULATOR = ('road', 'l_f', 'l_r', 'mass')  #: parameters of `vehicle_simulator` that the page shows
@@ -94,3 +97,38 @@ def _road(name: str | None) -> dict[str, list[float]] | None:
         return road_facts(Road.named(name))
     except UserError:  # a file that the simulator's process sees, and this one doesn't
         return None
+
+
+def lap_facts(laps: Laps) -> dict[str, Any]:
+    """Return the present lap, the one before, the best and the number of laps."""
+    return {
+        'count': laps.current.number + 1,
+        'current': _lap(laps.current),
+        'last': laps.last and _lap(laps.last),
+        'best': (best := laps.best) and _lap(best),
+    }
+
+
+def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
+    """Return the table of a lap's stretches."""
+    return [_known(asdict(stretch)) for stretch in lap.summary.stretches]
+
+
+def _lap(lap: Lap) -> dict[str, Any]:
+    summary = lap.summary
+    return _known(
+        {
+            'number': lap.number,
+            'start': lap.start,
+            'end': lap.end,
+            'rms': summary.rms_error_after_run_up,
+            'greatest': summary.max_error_after_run_up,
+            'overshoot': summary.overshoot,
+            'settling': summary.settling_time,
+        }
+    )
+
+
+def _known(fields: dict[str, Any]) -> dict[str, Any]:
+    """Return the fields with None for each number that is unknown."""
+    return {name: value if isfinite(value) else None for name, value in fields.items()}

@@ -14,8 +14,8 @@ from barc_sim.simulation.log import PID_STATE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.page.laps import Laps
     from barc_sim.page.rows import Sample
+    from barc_sim.simulation.laps import Laps
 
 NANOSECONDS = 1_000_000_000
 _PERIOD = 0.02  #: [s] between two polls

@@ -10,11 +10,11 @@ import numpy as np
 
 from barc_sim.figures.palette import QUANTITIES, term_colours
 from barc_sim.page.desktop import open_page
-from barc_sim.page.facts import driven_road, facts, road_facts
-from barc_sim.page.laps import laps_of
+from barc_sim.page.facts import driven_road, facts, lap_facts, road_facts
 from barc_sim.page.protocol import encode
 from barc_sim.page.rows import columns_in, rows_of
 from barc_sim.page.server import ViewServer
+from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
     from barc_sim.page.protocol import Request
@@ -41,12 +41,12 @@ class Replay:
                 'colours': QUANTITIES | term_colours((*log.terms,)),
             },
             replay={'title': title, 'missed': int(np.count_nonzero(log.missed))},
-            laps=laps_of(log)[0].facts(),
+            laps=lap_facts(laps_of(log)[0]),
         )
         self._messages: list[str | bytes] = [hello, rows_of(log)]
         if other:
             ghost, name = other
-            laps = laps_of(ghost)[0].facts()
+            laps = lap_facts(laps_of(ghost)[0])
             self._messages[1:1] = [
                 encode('other', title=name, columns=columns_in(ghost), laps=laps),
                 rows_of(ghost),

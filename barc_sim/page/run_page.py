@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
 from barc_sim.page.driver_arbiter import DriverArbiter
-from barc_sim.page.facts import SIMULATOR, facts
+from barc_sim.page.facts import SIMULATOR, facts, lap_facts, stretch_facts
 from barc_sim.page.protocol import (
     OTHERS,
     Drive,
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.page.feed import Feed
-    from barc_sim.page.laps import Laps
     from barc_sim.page.protocol import Request
     from barc_sim.page.server import Page
+    from barc_sim.simulation.laps import Laps
     from barc_sim.vehicle.road import Road
 
     #: Called with whether the request succeeded, and if not, with the reason.
@@ -200,7 +200,7 @@ class RunPage:
 
     def _send_status(self) -> None:
         missed, slipped, paused = self._status() if self.seen else Status()
-        laps = self.laps.facts()
+        laps = lap_facts(self.laps)
         factor, driver = self._feed.realtime_factor(), self._arbiter.driver
         for page in self._server.pages:
             page.send(
@@ -265,7 +265,7 @@ class RunPage:
             'end',
             reason=reason,
             bag=bag,
-            laps=self.laps.facts(),
-            stretches=self.laps.stretches(),
+            laps=lap_facts(self.laps),
+            stretches=stretch_facts(self.laps.current),
         )
         self._server.send(self._ended)

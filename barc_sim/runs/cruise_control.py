@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -19,7 +21,7 @@ from barc_sim.runs.terminal.display import (
     print_summaries,
     print_summary,
 )
-from barc_sim.simulation.metrics import SpeedErrors
+from barc_sim.simulation.laps import Laps
 from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import bikeFE
 
@@ -96,6 +98,7 @@ class CruiseControl(Run):
             namespace=namespace,
             given=given(
                 distance=options.distance,
+                laps=options.laps,
                 road=road.name if road else None,
                 realtime_factor=options.realtime_factor,
                 # Each car has its own noise.
@@ -151,11 +154,13 @@ class CruiseControl(Run):
             print(f'controller  {self._driven_with}')  # noqa: T201
         if self._tolerated:
             print(f'tolerated   {"; ".join(self._tolerated)}')  # noqa: T201
-        if len(self.cars) == 1:
-            (car,) = self.cars
-            print_summary(car.summary(), self.slipped)
+        summaries = {name: lap for car in self.cars for name, lap in car.summaries().items()}
+        if len(self.cars) > 1:
+            print_summaries('car', summaries, self.slipped)
+        elif len(summaries) > 1:
+            print_summaries('lap', summaries, self.slipped)
         else:
-            print_summaries({car.name: car.summary() for car in self.cars}, self.slipped)
+            print_summary(next(iter(summaries.values())), self.slipped)
 
 
 def _gains(options: Namespace) -> dict[str, float]:
@@ -188,7 +193,7 @@ def _check_no_options_for_controller(options: Namespace) -> None:
 
 
 class Car:
-    """A simulator, the speed errors of its car, and whether that still gets on."""
+    """A simulator, the laps of its car, and whether that still gets on."""
 
     simulator: Simulator
     distance = inf  #: [m] of the run's end
@@ -197,30 +202,41 @@ class Car:
         """Begin without a state; `reference` returns the speed to hold [m/s]."""
         self.name = name
         self._reference = reference
-        self._errors = SpeedErrors()
+        self._laps = Laps()
+        self._missed = [0]  # deadlines, before each lap
         self._progress = Progress(inf)
         self.show: Callable[[Status], None] | None = None  #: shows a state in the terminal
 
     def on_step(self, t: float, seen: Observation) -> None:
-        """Add the state's speed error, since the start or the latest reset, and show the state.
+        """Add the state, `t` [s] after the start of its lap, to the lap, and show it.
 
         The run of a car that does not get on ends.
         """
         if t == 0.0:
-            self._errors = SpeedErrors()
             self._progress = Progress(self.distance)
         x, speed, reference = seen.true.x, seen.true.v_x, self._reference()
-        self._errors.add(t, x, speed, reference, seen.theta_deg)
+        lap = self._laps.add(t, x, seen.true.y, speed, reference, seen.theta_deg)
+        if lap == len(self._missed):
+            self._missed.append(self.simulator.missed)
         if self._progress.add(t, x, speed, reference):
             self.simulator.end()
         if self.show:
-            self.show(CruiseStatus(t, x, speed, reference - speed, seen.theta_deg))
+            self.show(CruiseStatus(t, x, speed, reference - speed, seen.theta_deg, lap))
 
     @property
     def failure(self) -> str:
         """What the car did that never arrives; empty for others."""
         return self._progress.failure
 
-    def summary(self) -> Summary:
-        """Return the summary of the speed errors."""
-        return self._errors.summary(self.simulator.missed)
+    def summaries(self) -> dict[str, Summary]:
+        """Return the summary of each lap's speed errors, by the name of the car, or of the lap."""
+        laps = [*self._laps]
+        counts = [*self._missed, self.simulator.missed]
+        missed = [after - before for before, after in pairwise(counts)]
+        named = {}
+        for lap, count in zip(laps, missed[-len(laps) :], strict=True):
+            name = f'{lap.number + 1:3d}  {lap.start_distance:5.1f} to {lap.end_distance:5.1f} m'
+            if self.name:
+                name = self.name if len(laps) == 1 else f'{self.name} {name}'
+            named[name] = replace(lap.summary, missed_deadlines=count)
+        return named

@@ -5,12 +5,15 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.simulation.stepper import Settings, Stepper
+from barc_sim.errors import UserError
+from barc_sim.simulation.stepper_interface import Settings
 from barc_sim.vehicle.bike_model import Input
 from barc_sim.vehicle.parameters import PARAMETERS, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from barc_sim.simulation.stepper import Stepper
 
 #: [s] between two checks of a simulator's peers.
 CHECK_PERIOD = 1.0
@@ -59,18 +62,33 @@ def parameters(distance: float = 0.0) -> list[Parameter]:
         Parameter(
             'distance',
             distance,
-            'the run ends here [m]; 0: it does not end',
+            'a lap ends here [m]; 0: it does not end',
             (0.0, 1e6),
             read_only=True,
+        ),
+        Parameter(
+            'laps', 1, 'the run ends after so many; 0: it goes on', (0, 10**6), read_only=True
         ),
     ]
 
 
 def settings(values: Mapping[str, Any]) -> Settings:
-    """Return the stepper's settings of the parameters' values."""
+    """Return the stepper's settings of the parameters' values.
+
+    Raises
+    ------
+    UserError
+        There are several laps, and no distance at which one ends.
+    """
+    if values['laps'] != 1 and not values['distance']:
+        raise UserError(
+            f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
+            'above 0, or one lap'
+        )
     return Settings(
         realtime_factor=values['realtime_factor'],
         distance=values['distance'] or inf,
+        laps=values['laps'],
         command_timeout=values['command_timeout'],
         timeout_braking=values['timeout_braking'],
         greatest=Input(values['refuse_motor_above'], values['refuse_servo_above']),

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import time
 from enum import Enum
-from math import inf
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING
 
 from barc_sim.simulation.commands import Commands, out_of_order
 from barc_sim.simulation.pacing import TOLERATED, Pace
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.simulation.stepper_interface import Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.vehicle.bike_model import State
-    from barc_sim.vehicle.plant import Observation, Plant
+    from barc_sim.simulation.stepper_interface import Outputs
+    from barc_sim.vehicle.bike_model import Input, State
+    from barc_sim.vehicle.plant import Plant
 
+RESET = 'reset: the car is back at the start'
 _NANOSECONDS = 1_000_000_000
 
 
@@ -38,47 +39,6 @@ class _Request(Enum):
 
     STEP = 'take one step, while paused'
     RESET = 'put the car back to the start'
-
-
-class Settings(NamedTuple):
-    """The limits and times of a `Stepper`."""
-
-    realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
-    distance: float = inf  #: [m] the run ends here
-    command_timeout: float = 0.0  #: [s] without a command, after which the car brakes; 0: never
-    timeout_braking: float = 8.0  #: [m/s²] deceleration then
-    greatest: Input = Input(100.0, 1.5)  #: a command beyond is refused
-
-
-class Outputs(Protocol):
-    """What a `Stepper` calls."""
-
-    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
-        """Publish the state `t` [s] after the start, with its stamp [ns]."""
-
-    def start_deadlines(self) -> None:
-        """Call `Stepper.pass_deadline` every `Stepper.deadline_period` from now on."""
-
-    def stop_deadlines(self) -> None:
-        """Stop calling `Stepper.pass_deadline`."""
-
-    def deliver_commands(self) -> None:
-        """Pass commands that have arrived to `Stepper.take_command` at once."""
-
-    def prepare_start(self) -> None:
-        """Reset the node that commands, and call `Stepper.start` when it is ready."""
-
-    def finish(self) -> None:
-        """End the run."""
-
-    def warn_missed(self, state: int, missed: int) -> None:
-        """Warn that no command answered `state` in time."""
-
-    def warn_timeout(self, timeout: float) -> None:
-        """Warn that no command has arrived for `timeout` [s], and that the car brakes."""
-
-    def warn_behind(self, behind: float) -> None:
-        """Warn that stamps are `behind` [s] the wall clock, and publish the time from now on."""
 
 
 class Stepper:
@@ -104,14 +64,15 @@ class Stepper:
     PAUSED     resume               otherwise               RUNNING
     both       reset                answered                STARTING
     both       reset                unanswered              STARTING at answer, deadline or check
+    both       step                 lap is at its end       STARTING, or FINISHED after the last
     FINISHED   reset                                        STARTING
     =========  ===================  ======================  =====================================
 
-    A step publishes the next state; from a state at or beyond `distance`, or after `end`, it leads
-    to FINISHED.
-    If a place is stored, the step puts the car there; if commands are lost, it brakes. STARTING
-    begins with a new plant and no command. Other events change nothing in a phase, except that a
-    command or a place is stored for the next step.
+    A step publishes the next state. From a state at or beyond `distance` it ends the lap: the next
+    lap begins as after a reset, and the last one leads to FINISHED; so does any after `end`. If a
+    place is stored, the step puts the car there; if commands are lost, it brakes. STARTING begins
+    with a new plant and no command. Other events change nothing in a phase, except that a command
+    or a place is stored for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
     (`realtime_factor` 1) a pause or a slip thus leaves them `behind`; a reset sets them to the wall
@@ -125,6 +86,8 @@ class Stepper:
         Commands that had not arrived when they were due.
     behind
         Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
+    laps
+        Laps driven to their end; those that a reset has cut short do not count.
     """
 
     def __init__(
@@ -150,7 +113,7 @@ class Stepper:
         self._commands = Commands(timeout)
         self.phase = Phase.STARTING
         self.paused = False
-        self.steps = self.missed = 0
+        self.steps = self.missed = self.laps = 0
         self.behind = 0.0
         self._warned = False  # that stamps are behind, since the start or the latest reset
         self._first_step = self._stamp = 0
@@ -282,10 +245,11 @@ class Stepper:
             self._restart()
             return
         settings, plant = self._settings, self._plant
-        if (self._ends or plant.state.x >= settings.distance) and self._place is None:
-            self.phase = Phase.FINISHED
-            self._outputs.stop_deadlines()
-            self._outputs.finish()
+        if self._ends and self._place is None:
+            self._finish()
+            return
+        if plant.state.x >= settings.distance and self._place is None:
+            self._end_lap()
             return
         if self._place is not None:
             plant.place(self._place)
@@ -299,6 +263,19 @@ class Stepper:
         self._stamp += self._period_ns
         self._publish()
 
+    def _end_lap(self) -> None:
+        """Begin the next lap, or end the run after the last."""
+        self.laps += 1
+        if self.laps != self._settings.laps:
+            self._restart(f'lap {self.laps} is driven: the road begins anew')
+            return
+        self._finish()
+
+    def _finish(self) -> None:
+        self.phase = Phase.FINISHED
+        self._outputs.stop_deadlines()
+        self._outputs.finish()
+
     def _publish(self) -> None:
         if self._settings.realtime_factor == 1.0:
             self.behind = max((self._wall_clock() - self._stamp) / _NANOSECONDS, 0.0)
@@ -309,7 +286,9 @@ class Stepper:
         self._outputs.publish_state(t, self._plant.observe(), self._stamp)
         self.steps += 1
 
-    def _restart(self) -> None:
+    def _restart(self, why: str = RESET) -> None:
+        if self.phase is Phase.FINISHED:
+            self.laps = 0
         self.phase = Phase.STARTING
         self._request = self._place = None
         self._ends = False
@@ -317,7 +296,7 @@ class Stepper:
         self._plant = self._new_plant()
         self._commands = Commands(self._settings.command_timeout)
         self._first_step = self.steps
-        self._outputs.prepare_start()
+        self._outputs.prepare_start(why)
 
     def _start_deadlines(self) -> None:
         if self._pace and self.phase is Phase.RUNNING:

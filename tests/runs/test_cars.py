@@ -70,7 +70,9 @@ def test_each_car_is_regraded_by_its_own_parameters(
 def test_a_line_is_printed_for_each_car() -> None:
     done = call('acc', '--cars', '2', '--realtime-factor', 'max', '--no-bag')
     assert done.returncode == 0, done.stderr
-    lines = re.findall(r'^(car\d) +([\d.]+) +([\d.]+) +(\d+)$', done.stdout, re.MULTILINE)
+    lines = re.findall(
+        r'^(car\d) +([\d.]+) +([\d.]+) +[\d.]+% +[\d.]+ +(\d+)$', done.stdout, re.MULTILINE
+    )
     assert lines == [('car1', '0.0207', '0.1263', '0'), ('car2', '0.0207', '0.1263', '0')]
 
 

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from barc_sim.simulation.stepper import Phase, Settings, Stepper
+from barc_sim.simulation.stepper import Phase, Stepper
+from barc_sim.simulation.stepper_interface import Settings
 from barc_sim.vehicle.bike_model import Input, State
 from barc_sim.vehicle.plant import Observation, Plant
 from barc_sim.vehicle.road import Road
@@ -30,6 +31,7 @@ class Engine:
         self.deadlines = False
         self.starts = self.ends = 0
         self.warnings: list[str] = []
+        self.log: list[str] = []
         self.late: list[tuple[Input, int]] = []  #: commands that are delivered on request only
         self.stepper = Stepper(
             lambda: Plant(road=Road.flat()),
@@ -52,7 +54,8 @@ class Engine:
         while self.late:
             self.stepper.take_command(*self.late.pop(0))
 
-    def prepare_start(self) -> None:
+    def prepare_start(self, why: str) -> None:
+        self.log.append(why)
         self.starts += 1
 
     def finish(self) -> None:
@@ -248,6 +251,49 @@ def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance() -> No
     engine.stepper.pass_deadline()
     assert engine.stepper.single_step() == (False, 'the run has ended')
     assert engine.stepper.steps == len(xs)
+
+
+@pytest.mark.parametrize('reset_first', [False, True])
+def test_lap_begins_as_after_a_reset_and_the_last_ends_the_run(reset_first: bool) -> None:
+    engine = lock_step(distance=0.5, laps=2)
+    starts = engine.starts
+    if reset_first:  # a lap that is cut short does not count
+        engine.answer(8.0)
+        engine.stepper.reset()
+        engine.answer(8.0)
+        engine.stepper.start()
+        assert (engine.stepper.laps, engine.log) == (0, ['reset: the car is back at the start'])
+    first = len(engine.published) - 1
+    while engine.stepper.phase is Phase.RUNNING:
+        engine.answer(8.0)
+    assert (engine.stepper.phase, engine.ends) == (Phase.STARTING, 0)
+    assert engine.starts == starts + 1 + reset_first
+    assert engine.log[-1] == 'lap 1 is driven: the road begins anew'
+    second = len(engine.published)
+    engine.stepper.start()
+    while engine.stepper.phase is Phase.RUNNING:
+        engine.answer(8.0)
+    assert (engine.stepper.phase, engine.ends, engine.stepper.laps) == (Phase.FINISHED, 1, 2)
+    lap, next_lap = engine.published[first:second], engine.published[second:]
+    assert [(t, seen) for t, seen, _ in lap] == [(t, seen) for t, seen, _ in next_lap]
+    stamps = [stamp for *_, stamp in engine.published]
+    assert stamps == [START + k * PERIOD for k in range(len(stamps))]
+
+
+def test_laps_go_on_until_the_run_is_stopped_and_a_reset_of_an_ended_run_counts_anew() -> None:
+    engine = lock_step(distance=0.001, laps=0)
+    for _ in range(5):
+        while engine.stepper.phase is Phase.RUNNING:
+            engine.answer(8.0)
+        assert engine.stepper.phase is Phase.STARTING
+        engine.stepper.start()
+    engine = lock_step(distance=0.001, laps=1)
+    for _ in range(2):
+        while engine.stepper.phase is Phase.RUNNING:
+            engine.answer(8.0)
+        assert engine.stepper.phase is Phase.FINISHED
+        engine.stepper.reset()
+        engine.stepper.start()
 
 
 def test_car_without_commands_brakes_after_the_timeout() -> None:

@@ -13,7 +13,7 @@ from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.bags.records import files
 from barc_sim.figures.style import use_measurement
 from barc_sim.lab.user_code.adapters import FOLDER
-from barc_sim.simulation import metrics
+from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from barc_sim.simulation.laps import Lap, Laps
     from barc_sim.simulation.log import Log
 
 #: Larger values are from a damaged bag.
@@ -34,10 +35,15 @@ class Facts:
     name: str
     log: Log
     info: Mapping[str, str]
-    summary: metrics.Summary
+    laps: Laps
     graph: NodeGraph | None
     sources: Mapping[str, str]  #: user code, by file name
     hashes: Mapping[str, str]  #: SHA-256 of the sources and of the bag's files, by name
+
+    @property
+    def shown_lap(self) -> Lap:
+        """The lap whose figures are shown: the best, or the only one."""
+        return self.laps.best or self.laps.current
 
 
 def read(path: Path, namespace: str | None = None) -> Facts:
@@ -63,7 +69,7 @@ def read(path: Path, namespace: str | None = None) -> Facts:
         name=directory.resolve().name,
         log=log,
         info=info,
-        summary=metrics.summary(log),
+        laps=laps_of(log)[0],
         graph=_graph(info.get('graph')),
         sources={name: data.decode(errors='replace') for name, data in attached.items()},
         hashes=hashes,

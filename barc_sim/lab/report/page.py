@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from barc_sim.lab.report.facts import Facts
+    from barc_sim.simulation.laps import Laps
     from barc_sim.simulation.log import Log
+    from barc_sim.simulation.metrics import Summary
 
 _DASH = '–'  # noqa: RUF001 (the usual sign for an empty cell)
 _SETTINGS = {
@@ -56,7 +58,8 @@ class _Figure(NamedTuple):
 
 def page(facts: Facts) -> str:
     """Return the report."""
-    result = facts.summary
+    shown = facts.shown_lap
+    result = shown.summary
     held = not np.isnan(facts.log.reference).all()
     return render(
         'report',
@@ -64,7 +67,9 @@ def page(facts: Facts) -> str:
         failure=facts.info.get('failure'),
         settings=[(_SETTINGS[key], facts.info[key]) for key in _SETTINGS if key in facts.info],
         figures=[*_figures(facts.log)],
-        errors=[*_errors(facts)] if held else [],
+        laps=[*_laps(facts.laps)] if held and facts.laps.finished else [],
+        shown=shown.number + 1,
+        errors=[*_errors(result)] if held else [],
         more_stretches=max(len(result.stretches) - _MAX_STRETCHES, 0),
         overshoot=_number(result.overshoot, '.1%'),
         settling_band=f'{SETTLING_BAND:.0%}',
@@ -112,14 +117,27 @@ def _range(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[str, s
     return (f'{known.min():.3g}', f'{known.max():.3g}') if known.size else (_DASH, _DASH)
 
 
-def _errors(facts: Facts) -> Iterator[tuple[str, str, str, str]]:
+def _laps(laps: Laps) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each lap: where, RMS and greatest error, overshoot, settling time."""
+    for lap in laps:
+        result = lap.summary
+        start, end = _number(lap.start_distance, '.1f'), _number(lap.end_distance, '.1f')
+        yield (
+            f'lap {lap.number + 1}, {start} to {end} m',
+            _number(result.rms_error_after_run_up, '.4f'),
+            _number(result.max_error_after_run_up, '.4f'),
+            _number(result.overshoot, '.1%'),
+            _number(result.settling_time, '.2f'),
+        )
+
+
+def _errors(result: Summary) -> Iterator[tuple[str, str, str, str]]:
     """Yield the rows of the table: where, grade, RMS error, greatest error."""
-    result = facts.summary
 
     def row(where: str, grade: str, rms: float, greatest: float) -> tuple[str, str, str, str]:
         return where, grade, _number(rms, '.4f'), _number(greatest, '.4f')
 
-    yield row('whole run', '', result.rms_error, result.max_error)
+    yield row('in all', '', result.rms_error, result.max_error)
     after = f'after the first {RUN_UP:g} m'
     yield row(after, '', result.rms_error_after_run_up, result.max_error_after_run_up)
     for part in result.stretches[:_MAX_STRETCHES]:

@@ -69,14 +69,16 @@ class VehicleSimulator(StepperCounts, Node):
     0.1 s behind the wall clock.
 
     The service `reset` restarts the run once the present state is answered: state, held command
-    and noise are as at first, the controller or relay is reset, too, and stamps continue. The
+    and noise are as at first, the controller or relay is reset, too, and stamps continue. So does
+    each of the `laps` at its end, a state at or beyond `distance`. The
     service `pause` stops and resumes simulated time; meanwhile `step` takes one step. A message on
     `initialpose` puts the car there, at rest, in place of the next step.
 
     Attributes
     ----------
     finished
-        Done when a state at or beyond `distance` has been published and answered, or by `finish`.
+        Done when the last lap's state at or beyond `distance` is published and answered, or by
+        `finish`.
     road
         The road, read once.
     values
@@ -189,10 +191,10 @@ class VehicleSimulator(StepperCounts, Node):
         """Take the commands that wait in the subscription, before its callback is due."""
         self._drain()
 
-    def prepare_start(self) -> None:
+    def prepare_start(self, why: str) -> None:
         """Reset the nodes that command, and begin after that."""
         self._gate.close()
-        self.get_logger().info('reset: the car is back at the start')
+        self.get_logger().info(why)
 
     def finish(self) -> None:
         """End the run; may be called from any thread."""

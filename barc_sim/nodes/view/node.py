@@ -31,7 +31,7 @@ from barc_sim.vehicle.parameters import Parameter
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from barc_sim.page.laps import Laps
+    from barc_sim.simulation.laps import Laps
     from barc_sim.vehicle.road import Road
 
 

@@ -131,10 +131,10 @@ class LocalSimulator(StepperCounts):
         self.on_reset()
         self._stepper.start()
 
-    def prepare_start(self) -> None:
+    def prepare_start(self, why: str) -> None:
         """Begin anew."""
         self._host.loop.soon(self.begin)
-        self._node.info('reset: the car is back at the start')
+        self._node.info(why)
 
     def finish(self) -> None:
         """End the run; may be called from any thread."""

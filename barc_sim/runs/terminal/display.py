@@ -42,11 +42,13 @@ class CruiseStatus(NamedTuple):
     speed: float  #: [m/s]
     error: float  #: [m/s]
     grade_deg: float
+    lap: int = 0  #: shown from 1, the second one, on
 
     def text(self) -> str:
         """Return the line for it."""
+        lap = f'lap {self.lap + 1}  ' if self.lap else ''
         return (
-            f'{self.t:6.2f} s  {self.distance:6.1f} m  {self.speed:6.3f} m/s  '
+            f'{lap}{self.t:6.2f} s  {self.distance:6.1f} m  {self.speed:6.3f} m/s  '
             f'error {self.error:+.3f} m/s  grade {self.grade_deg:+.0f}°'
         )
 
@@ -211,21 +213,29 @@ def print_summary(summary: Summary, slipped: int) -> None:
     )
 
 
-def print_summaries(summaries: Mapping[str, Summary], slipped: int) -> None:
-    """Print a line for each car, by its name; `slipped` is all cars' together."""
+def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -> None:
+    """Print a line for each car or lap, the `kind`, by its name; `slipped` is all cars' together.
+
+    A lap that a reset has cut short has its line, too.
+    """
     console = Console(highlight=False)
     table = Table(title='Speed error after 10 m', title_justify='left', box=None, pad_edge=False)
-    for heading in ('car', 'RMS, m/s', 'greatest, m/s', 'missed deadlines'):
-        table.add_column(heading, justify='left' if heading == 'car' else 'right')
+    headings = ('RMS, m/s', 'greatest, m/s', 'overshoot', 'settling, s', 'missed')
+    table.add_column(kind, no_wrap=True)
+    for heading in headings:
+        table.add_column(heading, justify='right')
     for name, summary in summaries.items():
         table.add_row(
             name,
             _figure(summary.rms_error_after_run_up, '.4f'),
             _figure(summary.max_error_after_run_up, '.4f'),
+            _figure(summary.overshoot, '.1%'),
+            _figure(summary.settling_time, '.2f'),
             str(summary.missed_deadlines),
         )
     console.print(table)
-    console.print(f'clock slips {slipped}')
+    missed = sum(summary.missed_deadlines for summary in summaries.values())
+    console.print(f'missed deadlines {missed}, clock slips {slipped}')
 
 
 def _figure(value: float, form: str) -> str:

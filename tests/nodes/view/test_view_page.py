@@ -25,6 +25,7 @@ from std_srvs.srv import SetBool, Trigger
 from barc_sim.control.pid import PID
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.view.node import ViewNode
+from barc_sim.page.facts import lap_facts, stretch_facts
 from barc_sim.page.protocol import Status
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
@@ -420,9 +421,9 @@ def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(
     wait_until(lambda: 0.5 < tab.number('#position') < 5.0)
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').textContent"
     tab.until(f"{last} !== '\u2013'")
-    assert view.laps.facts()['last']['rms'] == pytest.approx(float(tab.run(last)), abs=6e-4)
+    assert lap_facts(view.laps)['last']['rms'] == pytest.approx(float(tab.run(last)), abs=6e-4)
     # The lap in the chart is broken at the reset: its states have another number.
-    laps = view.laps.facts()
+    laps = lap_facts(view.laps)
     assert laps['current']['start'] == pytest.approx(laps['last']['end'] + TS)
 
 
@@ -483,7 +484,7 @@ def test_end_card_has_the_score_and_the_next_commands(
     wait_until(lambda: tab.text('#state') == 'Paused')
     view.end('The run has ended.', bag='bags/one')
     tab.until("!document.querySelector('#end-card').hidden")
-    laps, stretches = view.laps.facts(), view.laps.stretches()
+    laps, stretches = lap_facts(view.laps), stretch_facts(view.laps.current)
     card = tab.text('#end-card')
     assert f'{laps["current"]["rms"]:.3f} m/s' in card
     assert f'{stretches[1]["max_error"]:.3f}' in card

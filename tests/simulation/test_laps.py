@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from barc_sim.control.pid import PID
-from barc_sim.page.laps import Laps, laps_of
+from barc_sim.page.facts import lap_facts, stretch_facts
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.laps import Laps, laps_of
 from barc_sim.simulation.log import Log
 
 
@@ -27,7 +28,7 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
     tuned = closed_loop()
     laps, numbers = laps_of(joined(tuned, weak, tuned))
     assert numbers == [0] * len(tuned) + [1] * len(weak) + [2] * len(tuned)
-    facts = laps.facts()
+    facts = lap_facts(laps)
     assert facts['count'] == 3
     for name, log, number in (('current', tuned, 2), ('last', weak, 1), ('best', tuned, 0)):
         summary = metrics.summary(log)
@@ -35,7 +36,7 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
         assert facts[name]['rms'] == pytest.approx(summary.rms_error_after_run_up)
         assert facts[name]['greatest'] == pytest.approx(summary.max_error_after_run_up)
         assert facts[name]['overshoot'] == pytest.approx(summary.overshoot)
-    assert [stretch['theta_deg'] for stretch in laps.stretches()][:2] == [0.0, 10.0]
+    assert [stretch['theta_deg'] for stretch in stretch_facts(laps.current)][:2] == [0.0, 10.0]
 
 
 def test_a_reset_after_a_pause_begins_a_lap() -> None:
@@ -55,4 +56,17 @@ def test_short_lap_is_not_the_best() -> None:
     short = closed_loop(distance=15.0)
     weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
     laps, _ = laps_of(joined(weak, short, tuned))
-    assert laps.facts()['best']['number'] == 0
+    assert lap_facts(laps)['best']['number'] == 0
+
+
+def test_reset_after_a_long_pause_begins_a_lap() -> None:
+    laps = Laps()
+    assert laps.add(0.0, 0.0, 0.0, 0.0, 8.0, 0.0) == 0
+    assert laps.add(4.0, 32.0, 0.0, 8.0, 8.0, 10.0) == 0
+    assert laps.add(64.0, 0.0, 0.0, 0.0, 8.0, 0.0) == 1
+
+
+def test_every_lap_has_its_row_also_one_that_was_cut_short() -> None:
+    laps, _ = laps_of(joined(closed_loop(), closed_loop(distance=15.0), closed_loop()))
+    assert [round(lap.end_distance) for lap in laps] == [180, 15, 180]
+    assert [lap.number for lap in laps] == [0, 1, 2]

@@ -1,0 +1,67 @@
+"""Laps: the road begins anew, in both engines, and each lap has its row in what reads the run."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import yaml
+from command_line import barc, call
+
+from barc_sim.bags import reader
+from barc_sim.figures.run_figures import speed_figure
+from barc_sim.simulation.laps import laps_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from barc_sim.simulation.log import Log
+
+pytestmark = pytest.mark.usefixtures('ros_domain')
+ROW = re.compile(r' +(\d+)  +0\.0 to +(\d+\.\d) m +0\.\d+ +0\.\d+ +0\.3% +1\.00 +0')
+
+
+def drive(folder: Path, engine: str, *options: str) -> tuple[str, Path]:
+    """Drive in lock-step; return what the run prints, and its bag."""
+    words = ('--engine', engine, '--realtime-factor', 'max', '--bag-dir', str(folder))
+    done = call('acc', *words, *options)
+    assert done.returncode == 0, done.stderr
+    return done.stdout, next(folder.iterdir())
+
+
+def lap_of(log: Log, number: int) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+    """Return the columns of a lap, but for the time."""
+    rows = np.array(laps_of(log)[1]) == number
+    columns = log.map(lambda values: values[rows]).columns()
+    return {name: values for name, values in columns.items() if name != 't'}
+
+
+@pytest.mark.parametrize('engine', ['local', 'ros'])
+def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path, engine: str) -> None:
+    _, single = drive(tmp_path / 'single', engine)
+    out, several = drive(tmp_path / 'several', engine, '--laps', '2')
+    assert [ROW.match(line).groups() for line in out.splitlines() if ROW.match(line)] == [  # type: ignore[union-attr]
+        ('1', '180.1'),
+        ('2', '180.1'),
+    ]
+    expected = lap_of(reader.read(single), 0)
+    log = reader.read(several)
+    for number in range(2):
+        lap = lap_of(log, number)
+        for name, values in expected.items():
+            assert lap[name].tobytes() == values.tobytes(), name
+    parameters = yaml.safe_load(reader.info(several)['parameters'])
+    assert parameters['/vehicle_simulator']['ros__parameters']['laps'] == 2
+    assert 'lap 1 0.021 m/s, lap 2 0.021 m/s' in speed_figure(log).get_supxlabel()
+    barc('report', str(several), '-o', str(tmp_path / 'report.html'))
+    report = (tmp_path / 'report.html').read_text()
+    assert 'lap 1, 0.0 to 180.1 m' in report
+    assert 'lap 2, 0.0 to 180.1 m' in report
+
+
+def test_laps_without_a_distance_are_refused() -> None:
+    done = barc('acc', '--laps', '3', '--distance', '0', '--no-bag', '--engine', 'local')
+    assert done.returncode == 2
+    assert 'laps 3 with distance 0, at which no lap ends' in done.stderr
