@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.pid import PID
+from barc_sim.control.pid import ACCELERATION_LIMIT, PID
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.errors import UserError
 from barc_sim.figures.palette import FORCES, QUANTITIES, term_colours
-from barc_sim.page.protocol import COLUMNS, OTHERS
+from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, TUNABLE
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.road import Road
 
@@ -23,7 +23,19 @@ if TYPE_CHECKING:
     from barc_sim.simulation.laps import Lap, Laps
     from barc_sim.simulation.log import Log
 
-SIMULATOR = ('road', 'l_f', 'l_r', 'mass')  #: parameters of `vehicle_simulator` that the page shows
+_OF_RUN = ('road', 'distance', 'laps')
+#: Parameters of `vehicle_simulator` that the page shows.
+OF_SIMULATOR = ('l_f', 'l_r', 'mass', *_OF_RUN, *CAR)
+#: Names of the sliders that are not called as their gain.
+_SHORT = {
+    'speed_reference': 'speed',
+    'acceleration_limit': 'limit',
+    'noise_v_x': 'noise',
+    'motor_delay': 'delay',
+    'motor_limit': 'limit',
+}
+#: The preset that shows windup: the motor has a limit that the controller does not know.
+_WINDUP = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0, 'acceleration_limit': 100.0, 'motor_limit': 6.0}
 
 
 def facts(
@@ -38,7 +50,8 @@ def facts(
     `kind` declares the controller's gains, a slider each, and the terms to draw. `road` replaces
     the one that the simulator's parameter names.
     """
-    sliders = {**kind.gains, **OTHERS}
+    sliders = {**kind.gains, **OTHERS, **CAR}
+    known = {**simulator, **controller}
     return {
         'mode': mode,
         'columns': COLUMNS,
@@ -49,15 +62,29 @@ def facts(
         'colours': QUANTITIES | term_colours((*kind.terms,)),
         'forces': FORCES,
         'sliders': {
-            name: {'label': _label(name, gain), 'max': gain.slider}
+            name: {
+                'label': _label(name, gain),
+                'short': _SHORT.get(name, name.replace('_', ' ')),
+                'unit': '' if gain.unit == '-' else gain.unit,
+                'max': gain.slider,
+                'node': TUNABLE[name],
+            }
             for name, gain in sliders.items()
         },
-        'presets': {name: dict(gains) for name, gains in getattr(kind, 'presets', {}).items()},
+        'presets': _presets(kind),
         'controller_type': next(
             (name for name, known in TYPES.items() if known is kind), DEFAULT_TYPE
         ),
-        'tuning': {name: controller[name] for name in sliders if name in controller},
+        'tuning': {name: known[name] for name in sliders if name in known},
+        'run': {name: simulator[name] for name in _OF_RUN if name in simulator},
     }
+
+
+def _presets(kind: type[Controller]) -> dict[str, dict[str, float]]:
+    """Return the values of each preset; all but the windup have the usual limits."""
+    limits = {'acceleration_limit': ACCELERATION_LIMIT, 'motor_limit': 0.0}
+    presets = {name: {**gains, **limits} for name, gains in getattr(kind, 'presets', {}).items()}
+    return presets | ({'Windup': _WINDUP} if presets else {})
 
 
 def _label(name: str, gain: Gain) -> str:

@@ -36,8 +36,15 @@ OTHERS = {
     'speed_reference': Gain(SPEED_REFERENCE, 'm/s', 'speed to hold', 20.0),
     'acceleration_limit': Gain(ACCELERATION_LIMIT, 'm/s²', 'acceleration limit', 20.0),
 }
-#: The parameters of any controller that the page may set.
-TUNABLE = (*GAINS, *OTHERS)
+#: The sliders of the car: parameters of the simulator that may be set while it drives.
+CAR = {
+    'noise_v_x': Gain(0.0, 'm/s', 'noise of the measured speed', 1.0),
+    'motor_delay': Gain(0.0, 's', 'delay of the motor', 0.5),
+    'motor_limit': Gain(0.0, 'm/s²', 'limit of the motor, 0: none', 20.0),
+}
+CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
+#: The parameters that the page may set, and the node of each.
+TUNABLE = dict.fromkeys((*GAINS, *OTHERS), CONTROLLER) | dict.fromkeys(CAR, SIMULATOR)
 
 
 class RequestError(ValueError):
@@ -53,7 +60,7 @@ class Drive(NamedTuple):
 
 
 class Tune(NamedTuple):
-    """Set one of the controller's parameters."""
+    """Set a parameter of the controller or the car."""
 
     name: str
     value: float
@@ -111,7 +118,7 @@ def parse(message: str | bytes) -> Request:
         if drive.brake < 0.0:
             raise RequestError('the brake is from 0 to 1')
         return drive
-    if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in TUNABLE:
+    if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in [*TUNABLE]:
         return Tune(fields['name'], _number(fields['value'], 1e9))
     if kind == 'reset' and not fields:
         return Reset()

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
 from barc_sim.page.driver_arbiter import DriverArbiter
-from barc_sim.page.facts import SIMULATOR, facts, lap_facts, stretch_facts
+from barc_sim.page.facts import OF_SIMULATOR, facts, lap_facts, stretch_facts
 from barc_sim.page.protocol import (
+    CONTROLLER,
     OTHERS,
+    SIMULATOR,
+    TUNABLE,
     Drive,
     Pause,
     Reset,
@@ -55,13 +58,13 @@ class Clients(Protocol):
     def pause(self, on: bool, on_done: OnDone) -> None:
         """Pause or resume simulated time."""
 
-    def tune(self, name: str, value: float, on_done: OnDone) -> None:
-        """Set a parameter of the controller."""
+    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter of a node."""
 
     def parameters(
         self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
     ) -> bool:
-        """Request parameters of `vehicle_simulator` or `controller`; False if it is not there."""
+        """Request parameters of a node; False if it is not there."""
 
 
 class RunPage:
@@ -111,12 +114,12 @@ class RunPage:
         feed: Feed,
         clients: Clients,
         drive: Callable[[Drive], None],
-        changes: Callable[[], Iterable[tuple[str, float]]],
+        changes: Callable[[], Iterable[tuple[str, str, float]]],
     ) -> None:
         """Serve the page.
 
         `feed` has the states; `drive` publishes a driver's input; `changes` returns the
-        controller's parameters that have changed since the last call.
+        parameters that have changed since the last call: node, name and value.
         """
         self._feed, self._clients = feed, clients
         self._drive, self._changes = drive, changes
@@ -166,7 +169,7 @@ class RunPage:
                 page.send(encode('refused', what='drive', why='another page is driving'))
         elif isinstance(request, Tune):
             on_done = partial(self._on_done, page, request.name)
-            self._clients.tune(*request, on_done=on_done)
+            self._clients.tune(TUNABLE[request.name], *request, on_done=on_done)
         elif isinstance(request, Pause):
             on_done = partial(self._on_paused, page, request)
             self._clients.pause(request.on, on_done=on_done)
@@ -219,14 +222,15 @@ class RunPage:
         """Request the parameters that are unknown, and take those that have changed."""
         if not self._simulator:
             on_values = partial(self._on_parameters, self._simulator)
-            self._request('vehicle_simulator', SIMULATOR, on_values)
+            self._request(SIMULATOR, OF_SIMULATOR, on_values)
         if self._kind is None:
-            self._request('controller', ('controller_type',), self._on_controller_type)
+            self._request(CONTROLLER, ('controller_type',), self._on_controller_type)
         elif not self._controller:
             on_values = partial(self._on_parameters, self._controller)
-            self._request('controller', (*self._kind.gains, *OTHERS), on_values)
-        if changed := dict(self._changes()):
-            self._on_parameters(self._controller, changed)
+            self._request(CONTROLLER, (*self._kind.gains, *OTHERS), on_values)
+        known = {SIMULATOR: self._simulator, CONTROLLER: self._controller}
+        for node, name, value in self._changes():
+            self._on_parameters(known[node], {name: value})
 
     def _request(
         self, node: str, parameters: Sequence[str], on_values: Callable[[dict[str, Any]], None]
@@ -241,7 +245,7 @@ class RunPage:
     def _on_controller_type(self, values: dict[str, Any]) -> None:
         """Take the declaration of the controller's type; the PID's if it names none."""
         self._kind = TYPES.get(values.get('controller_type', ''), PID)
-        self._retry_at.pop('controller', None)
+        self._retry_at.pop(CONTROLLER, None)
         self._update_parameters()
 
     def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:

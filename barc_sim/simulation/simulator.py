@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.errors import UserError
 from barc_sim.simulation.stepper_interface import Settings
 from barc_sim.vehicle.bike_model import Input
-from barc_sim.vehicle.parameters import PARAMETERS, Parameter
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +56,7 @@ class StepperCounts:
 
 def parameters(distance: float = 0.0) -> list[Parameter]:
     """Return the parameters' declarations; `distance` [m] is the default of the parameter."""
-    table = [parameter._replace(read_only=True) for parameter in PARAMETERS]
+    table = [parameter._replace(read_only=parameter.name not in LIVE) for parameter in PARAMETERS]
     return [
         *table,
         Parameter(

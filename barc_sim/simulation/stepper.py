@@ -120,6 +120,7 @@ class Stepper:
         self._request: _Request | None = None
         self._place: State | None = None
         self._ends = False
+        self._change: Callable[[Plant], None] | None = None
 
     @property
     def slipped(self) -> int:
@@ -215,6 +216,10 @@ class Stepper:
         if self.phase is Phase.PAUSED:
             self._step_when_answered()
 
+    def change(self, change: Callable[[Plant], None]) -> None:
+        """Call `change` with the plant before the next step; may be called from any thread."""
+        self._change = change
+
     def reset(self) -> None:
         """Put the car back to the start, as soon as the present state is answered."""
         if self._commands.answered or self.phase in {Phase.STARTING, Phase.FINISHED}:
@@ -251,6 +256,9 @@ class Stepper:
         if plant.state.x >= settings.distance and self._place is None:
             self._end_lap()
             return
+        if self._change:
+            change, self._change = self._change, None
+            change(plant)
         if self._place is not None:
             plant.place(self._place)
             self._place, self._ends = None, False

@@ -62,16 +62,26 @@ class Channel:
 
     def __init__(self, actuator: Actuator, ts: float) -> None:
         """Begin at zero, in steps of `ts` seconds, with only zeros commanded before."""
+        self._ts = ts
+        self.value = 0.0
+        self._queue = deque([0.0, 0.0])
+        self.replace(actuator)
+
+    def replace(self, actuator: Actuator) -> None:
+        """Work as `actuator` from now on; commands on their way stay on it.
+
+        Where the delay is shorter, the oldest of them are dropped; where it is longer, the one that
+        acts now acts meanwhile.
+        """
         self._actuator = actuator
-        whole, early = divmod(actuator.delay / ts, 1.0)
+        whole, early = divmod(actuator.delay / self._ts, 1.0)
         if not _WHOLE < early < 1.0 - _WHOLE:
             whole, early = whole + round(early), 0.0
         #: Share of a step for which the older command still acts.
         self._early = early
-        self._ts = ts
         size = int(whole) + 2
-        self._queue = deque([0.0] * size, maxlen=size)
-        self.value = 0.0
+        _, acting, *waiting = self._queue
+        self._queue = deque([*[acting] * (size - len(waiting)), *waiting], maxlen=size)
 
     def advance(self, command: float) -> float:
         """Go one step after `command`; return the mean of the value over the step."""
@@ -83,10 +93,10 @@ class Channel:
         self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
         return early * mean + (1.0 - early) * late
 
-    def stop(self) -> None:
-        """Set the value to zero, and drop the waiting commands."""
-        self.value = 0.0
-        self._queue.extend([0.0] * len(self._queue))
+    def hold(self, value: float) -> None:
+        """Set the value, as if it had been commanded for long."""
+        self.value = value
+        self._queue.extend([value] * len(self._queue))
 
     def _cut(self, command: float) -> float:
         return max(-self._actuator.limit, min(command, self._actuator.limit))
@@ -118,10 +128,19 @@ class Actuators:
         self.now = Input(self._motor.value, self._servo.value)
         return mean
 
+    def replace(self, motor: Actuator, servo: Actuator) -> None:
+        """Work as these actuators from now on; commands on their way stay on it."""
+        channels = ((self._motor, motor, self.now.motor), (self._servo, servo, self.now.servo))
+        for channel, actuator, now in channels:
+            if self.obey:  # nothing is on its way, and the channel has had no part so far
+                channel.hold(now)
+            channel.replace(actuator)
+        self.obey = motor == servo == Actuator()
+
     def stop(self) -> None:
         """Set both to zero, and drop the waiting commands."""
-        self._motor.stop()
-        self._servo.stop()
+        self._motor.hold(0.0)
+        self._servo.hold(0.0)
         self.now = Input()
 
     def brake(self, command: Input) -> Input:
@@ -130,7 +149,7 @@ class Actuators:
         The brakes have no delay, lag or limit. The motor is cut off meanwhile, and begins anew
         from zero.
         """
-        self._motor.stop()
+        self._motor.hold(0.0)
         servo = self._servo.advance(command.servo)
         self.now = Input(command.motor, self._servo.value)
         return Input(command.motor, servo)

@@ -102,6 +102,8 @@ PARAMETERS = [
     ),
 ]
 
+#: Those that can be changed while the car drives: they take effect with the next step.
+LIVE = frozenset(parameter.name for parameter in (*_NOISE, *_ACTUATORS))
 NANOSECONDS = 1_000_000_000
 
 
@@ -122,7 +124,7 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
         road=road or Road.named(values['road']),
         vehicle=Vehicle(*(values[name] for name in Vehicle._fields)),
         ts=period_ns(values) / NANOSECONDS,
-        noise=Deviation(*(values[f'noise_{name}'] for name in Deviation._fields)),
+        noise=_noise(values),
         seed=values['seed'],
         model=model,
         motor=_actuator(values, 'motor'),
@@ -131,6 +133,15 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
         dynamics=values['dynamics'],
         lateral=LateralParameters(*(values[name] for name in LateralParameters._fields)),
     )
+
+
+def retune(values: Mapping[str, Any], plant: Plant) -> None:
+    """Give the plant the `LIVE` parameters of `values`; all else stays as it is."""
+    plant.retune(_noise(values), _actuator(values, 'motor'), _actuator(values, 'servo'))
+
+
+def _noise(values: Mapping[str, Any]) -> Deviation:
+    return Deviation(*(values[f'noise_{name}'] for name in Deviation._fields))
 
 
 def _actuator(values: Mapping[str, Any], name: str) -> Actuator:

@@ -119,6 +119,11 @@ class Plant:
             self._held = command
         self._step(self._actuators.advance(self._held))
 
+    def retune(self, noise: Deviation, motor: Actuator, servo: Actuator) -> None:
+        """Replace noise and actuators; commands on their way stay on it."""
+        self._sensor.deviation = noise
+        self._actuators.replace(motor, servo)
+
     def place(self, state: State) -> None:
         """Put the car there, with no command held or on its way."""
         self.state = state

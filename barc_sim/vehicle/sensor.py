@@ -37,24 +37,29 @@ class Sensor:
     The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
     every measurement draws six numbers: the noise of one signal does not depend on whether another
     has any.
+
+    Attributes
+    ----------
+    deviation
+        The standard deviations.
     """
 
     def __init__(self, deviation: Deviation | None = None, seed: int = 0) -> None:
         """Measure with standard deviations `deviation`, zero unless given."""
-        self._deviation = deviation or Deviation()
+        self.deviation = deviation or Deviation()
         self._random = Random(seed)  # noqa: S311 (a simulation, not a secret)
 
     @property
     def is_noisy(self) -> bool:
         """Whether any signal has noise."""
-        return any(self._deviation)
+        return any(self.deviation)
 
     def measure(self, true: Motion) -> tuple[Motion, Deviation]:
         """Return the motion as measured, and its error: measured minus true."""
-        if not any(self._deviation):
-            return true, self._deviation
+        if not any(self.deviation):
+            return true, self.deviation
         gauss = self._random.gauss
-        error = Deviation(*[sigma * gauss(0.0, 1.0) for sigma in self._deviation])
+        error = Deviation(*[sigma * gauss(0.0, 1.0) for sigma in self.deviation])
         cos_psi, sin_psi = cos(true.psi), sin(true.psi)
         x = true.x + error.s * cos_psi + error.ey * -sin_psi
         y = true.y + error.s * sin_psi + error.ey * cos_psi

@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from barc_sim.control.lqr import LQR
+from barc_sim.control.pid import speed_controller
 from barc_sim.page.facts import driven_road, facts
+from barc_sim.page.protocol import CAR, OTHERS, TUNABLE
 from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.metrics import summary
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 
@@ -23,13 +28,32 @@ def test_a_road_that_the_simulator_names_is_told() -> None:
 def test_sliders_and_terms_follow_from_the_controllers_declaration() -> None:
     told = facts('acc', {}, {'kp': 30.0, 'observer_gain': 0.5}, LQR)
     assert told['terms'] == ['feedback', 'compensation']
-    assert [*told['sliders']] == [*LQR.gains, 'speed_reference', 'acceleration_limit']
+    assert [*told['sliders']] == [*LQR.gains, *OTHERS, *CAR]
     assert told['sliders']['observer_gain'] == {
         'label': 'Gain of the disturbance observer, observer_gain',
+        'short': 'observer gain',
+        'unit': '',
         'max': 1.0,
+        'node': 'controller',
     }
     assert facts('acc', {}, {})['sliders']['kp']['label'] == 'Proportional gain, kp [1/s]'
     assert told['tuning'] == {'observer_gain': 0.5}
+
+
+def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_motor() -> None:
+    presets = facts('acc', {}, {})['presets']
+    assert {name for values in presets.values() for name in values} <= TUNABLE.keys()
+    assert [name for name, values in presets.items() if values['motor_limit']] == ['Windup']
+    windup = presets['Windup']
+    knows = {**windup, 'acceleration_limit': windup['motor_limit']}
+    overshoots = []
+    for values in (windup, knows):
+        limit = values['acceleration_limit']
+        controller = speed_controller(values['kp'], values['ki'], values['kd'], limit)
+        log = closed_loop(Plant(motor=Actuator(limit=values['motor_limit'])), controller)
+        overshoots.append(summary(log).overshoot)
+    assert overshoots[0] > 0.5
+    assert overshoots[1] < 0.1
 
 
 @pytest.mark.parametrize('simulator', [{}, {'road': 'no/such/file.csv'}])

@@ -12,9 +12,11 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from barc_sim.simulation.stepper import Phase, Stepper
 from barc_sim.simulation.stepper_interface import Settings
+from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Input, State
 from barc_sim.vehicle.plant import Observation, Plant
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import Deviation
 
 START = 10**18  #: [ns]
 PERIOD = 20_000_000  #: [ns]
@@ -294,6 +296,17 @@ def test_laps_go_on_until_the_run_is_stopped_and_a_reset_of_an_ended_run_counts_
         assert engine.stepper.phase is Phase.FINISHED
         engine.stepper.reset()
         engine.stepper.start()
+
+
+def test_change_of_the_plant_takes_effect_with_the_next_step() -> None:
+    engine = lock_step()
+    delay = Actuator(delay=2 * PERIOD / 1e9)
+    engine.stepper.change(lambda plant: plant.retune(Deviation(), delay, Actuator()))
+    for _ in range(4):
+        engine.answer(5.0)
+    speeds = [seen.true.v_x for _, seen, _ in engine.published]
+    assert speeds[:3] == [0.0, 0.0, 0.0]
+    assert 0.0 < speeds[3] < speeds[4]
 
 
 def test_car_without_commands_brakes_after_the_timeout() -> None:

@@ -164,3 +164,25 @@ def test_brakes_act_at_once_and_the_motor_begins_anew() -> None:
     assert actuators.now.servo > steered
     assert [actuators.advance(Input(2.0, 0.3)).motor for _ in range(5)] == [0.0] * 5
     assert actuators.advance(Input(2.0, 0.3)).motor > 0.0
+
+
+# Replaced while it works
+
+
+@pytest.mark.parametrize(('before', 'after'), [(0, 3), (1, 4), (4, 1), (5, 0)])
+def test_replaced_delay_counts_from_the_next_command(before: int, after: int) -> None:
+    actuators = Actuators(Actuator(delay=before * TS), Actuator(), TS)
+    for k in range(1, 11):
+        actuators.advance(Input(float(k)))
+    actuators.replace(Actuator(delay=after * TS), Actuator())
+    acted = [actuators.advance(Input(float(k))).motor for k in range(11, 21)]
+    # Where the delay grew, the command that acts now acts meanwhile.
+    assert acted == [max(k - after, 10.0 - before) for k in range(11, 21)]
+
+
+def test_replaced_limit_cuts_what_is_on_its_way() -> None:
+    actuators = Actuators(Actuator(delay=2 * TS), Actuator(), TS)
+    for _ in range(5):
+        actuators.advance(Input(6.0))
+    actuators.replace(Actuator(delay=2 * TS, limit=4.0), Actuator())
+    assert actuators.advance(Input(6.0)).motor == 4.0

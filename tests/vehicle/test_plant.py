@@ -269,3 +269,12 @@ def test_model_of_ones_own_goes_with_actuators() -> None:
         own.advance(Input(3.0, 0.1))
         labs.advance(Input(3.0, 0.1))
     assert own.state == labs.state
+
+
+def test_noise_can_be_turned_on_between_two_steps() -> None:
+    plant = Plant(seed=3)
+    assert plant.observe().error == Deviation()
+    plant.retune(Deviation(v_x=0.5), Actuator(), Actuator())
+    noisy = plant.observe()
+    assert noisy.error == Plant(seed=3, noise=Deviation(v_x=0.5)).observe().error
+    assert noisy.measured.v_x == noisy.true.v_x + noisy.error.v_x != noisy.true.v_x

@@ -39,11 +39,13 @@ from barc_sim.simulation.simulator import (
 )
 from barc_sim.simulation.stepper import Stepper
 from barc_sim.vehicle.bike_model import Input, bikeFE
-from barc_sim.vehicle.parameters import plant
+from barc_sim.vehicle.parameters import plant, retune
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from rclpy.parameter import Parameter as RosParameter
 
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
@@ -82,7 +84,7 @@ class VehicleSimulator(StepperCounts, Node):
     road
         The road, read once.
     values
-        The parameters, by name; none of them changes.
+        The parameters, by name. Noise and actuators may be changed while the car drives.
     inputs
         The topics that it subscribes to, with their types.
     """
@@ -119,6 +121,7 @@ class VehicleSimulator(StepperCounts, Node):
         self.values = values = declare(self, parameters(distance))
         self.road = road or Road.named(values['road'])
         self._stepper = Stepper(partial(plant, values, model, self.road), self, settings(values))
+        self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
         self._on_step = on_step
         self.finished: Future = Future()
@@ -235,6 +238,10 @@ class VehicleSimulator(StepperCounts, Node):
         )
         if why:
             self._refused.add(lambda: why)
+
+    def _on_parameters(self, changed: list[RosParameter]) -> None:
+        self.values.update({parameter.name: parameter.value for parameter in changed})
+        self._stepper.change(partial(retune, self.values))
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         place = to_state_at_rest(message.pose.pose)

@@ -130,23 +130,23 @@ class ViewNode(Node):
         twist.linear.z = -brake
         self._cmd_vel_pub.publish(twist)
 
-    def _changes(self) -> Iterator[tuple[str, float]]:
-        controller = f'{self.get_namespace().rstrip("/")}/controller'
+    def _changes(self) -> Iterator[tuple[str, str, float]]:
+        namespace = f'{self.get_namespace().rstrip("/")}/'
         for event, _ in take(self._events, _DEPTH):
-            if event.node == controller:
-                yield from _tuned(event)
+            if event.node.startswith(namespace):
+                yield from _tuned(event, event.node.removeprefix(namespace))
 
 
-def _tuned(event: ParameterEvent) -> Iterator[tuple[str, float]]:
-    """Yield the valid changes of an event that the page shows; any node may have sent it."""
+def _tuned(event: ParameterEvent, node: str) -> Iterator[tuple[str, str, float]]:
+    """Yield the valid changes of an event of `node` that the page shows."""
     for parameter in event.changed_parameters:
         value = parameter.value
         if (
-            parameter.name in TUNABLE
+            TUNABLE.get(parameter.name) == node
             and value.type == ParameterType.PARAMETER_DOUBLE
             and isfinite(value.double_value)
         ):
-            yield parameter.name, value.double_value
+            yield node, parameter.name, value.double_value
 
 
 def main(args: list[str] | None = None) -> int:

@@ -9,6 +9,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.page.protocol import CONTROLLER, SIMULATOR
 from barc_sim.ros import names
 from barc_sim.ros.executor import QuickCallbackGroup
 
@@ -22,14 +23,12 @@ if TYPE_CHECKING:
     OnDone = Callable[[bool, str], None]
 
 
-_SET = 'controller/set_parameters'
 _SERVICES = {
     names.RESET_SIMULATOR: Trigger,
     names.RESET_CONTROLLER: Trigger,
     names.PAUSE_SIMULATOR: SetBool,
-    _SET: SetParameters,
-    'controller/get_parameters': GetParameters,
-    'vehicle_simulator/get_parameters': GetParameters,
+    **{f'{node}/set_parameters': SetParameters for node in (CONTROLLER, SIMULATOR)},
+    **{f'{node}/get_parameters': GetParameters for node in (CONTROLLER, SIMULATOR)},
 }
 
 
@@ -61,16 +60,16 @@ class NodeClients:
         """Pause or resume simulated time."""
         self._request(names.PAUSE_SIMULATOR, SetBool.Request(data=on), _success, on_done)
 
-    def tune(self, name: str, value: float, on_done: OnDone) -> None:
-        """Set a parameter of the controller."""
+    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter of a node."""
         parameter = Parameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
-        self._request(_SET, request, _set_success, on_done)
+        self._request(f'{node}/set_parameters', request, _set_success, on_done)
 
     def parameters(
         self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
     ) -> bool:
-        """Request parameters of `vehicle_simulator` or `controller`; False if it is not there."""
+        """Request parameters of a node; False if it is not there."""
         client = self._clients[f'{node}/get_parameters']
 
         def on_response(response: GetParameters.Response) -> None:

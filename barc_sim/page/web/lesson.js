@@ -1,6 +1,6 @@
 // The lesson beside the picture: forces, the controller's equation, laps, and the end.
 
-import { copy, make, reading, show } from './look.js';
+import { copy, make, quote, reading, show } from './look.js';
 
 const NAMES = { motor: 'Motor', gravity: 'Gravity', drag: 'Drag', friction: 'Friction' };
 
@@ -123,5 +123,3 @@ export class Lesson {
   }
 }
 
-/** Return a word as a shell takes it. */
-export const quote = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);

@@ -95,6 +95,9 @@ export function save(name, blob) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
+/** Return a word as a shell takes it. */
+export const quote = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`);
+
 /** Copy a text; return whether that was possible. */
 export async function copy(text) {
   try {

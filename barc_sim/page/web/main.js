@@ -143,7 +143,7 @@ const connection = new Connection({
     showMessage(reason);
     document.body.toggleAttribute('data-ended', true);
     if (fields.laps) showLaps(fields.laps);
-    lesson.end(fields, facts.mode === 'acc' ? tuning.command(facts.controller_type) : 'barc teleop');
+    lesson.end(fields, facts.mode === 'acc' ? tuning.command(facts.controller_type, facts.run) : 'barc teleop');
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
   },
   lost() {
@@ -170,7 +170,7 @@ const reset = () => connection.send('reset');
 const pause = () => connection.send('pause', { on: !paused });
 element('reset-controller').addEventListener('click', () => connection.send('reset_controller'));
 element('copy-command').addEventListener('click', async () => {
-  const command = tuning.command(facts.controller_type);
+  const command = tuning.command(facts.controller_type, facts.run);
   element('tuning-note').textContent = (await copy(command)) ? `Copied: ${command}` : command;
 });
 element('theme').addEventListener('click', (event) => {

@@ -1,9 +1,11 @@
-// Sliders that set the controller's parameters while it drives.
+// Sliders that set parameters of the controller and the car while it drives.
 
-import { make } from './look.js';
+import { make, quote } from './look.js';
 
 const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
+const TITLES = { vehicle_simulator: 'Car' }; // of a node's sliders, below those of the controller
+const USUAL = { acceleration_limit: 8, road: 'lab', distance: 180, laps: 1 };
 
 export class Tuning {
   /** `set` takes a parameter's name and its value. */
@@ -16,7 +18,7 @@ export class Tuning {
     this.#build({});
   }
 
-  /** Show the controller's sliders, {name: {label, max}}, and the values that it has. */
+  /** Show the sliders, {name: {label, max, node}}, and the values that they have. */
   show(sliders, values) {
     if (JSON.stringify(sliders) !== JSON.stringify(this.sliders)) this.#build(sliders);
     for (const [name, value] of Object.entries(values)) {
@@ -46,18 +48,29 @@ export class Tuning {
     })));
   }
 
-  /** Return the command that runs with the present values; `type` is the controller's. */
-  command(type) {
-    const shown = Object.keys(this.values).map((name) => [name, this.inputs[name].number.valueAsNumber]);
-    const { speed_reference: speed, acceleration_limit: limit, ...gains } = Object.fromEntries(shown);
-    return [
-      'barc acc',
-      ...(type === 'pid' ? [] : [`--controller-type ${type}`]),
-      ...Object.entries(gains).map(([name, value]) => `--gain ${name}=${value}`),
-      ...(speed === undefined ? [] : [`--speed ${speed}`]),
-      ...(limit === undefined || limit === 8 ? []
-        : [`--ros-args -p controller:acceleration_limit:=${limit.toFixed(6).replace(/0+$/, '0')}`]),
-    ].join(' ');
+  /** Return the command of such a `run` with the present values; `type` is the controller's. */
+  command(type, run) {
+    const words = ['barc acc'];
+    const car = [];
+    if (type !== 'pid') words.push(`--controller-type ${type}`);
+    for (const [name, { node }] of Object.entries(this.sliders)) {
+      if (!(name in this.values)) continue;
+      const value = this.inputs[name].number.valueAsNumber;
+      if (node === 'vehicle_simulator') {
+        if (value) car.push(`-p ${node}:${name}:=${Number.isInteger(value) ? value.toFixed(1) : value}`);
+      } else if (name === 'speed_reference') {
+        words.push(`--speed ${value}`);
+      } else if (name === 'acceleration_limit') {
+        if (value !== USUAL[name]) words.push(`--acceleration-limit ${value}`);
+      } else {
+        words.push(`--gain ${name}=${value}`);
+      }
+    }
+    for (const [name, value] of Object.entries(run)) {
+      if (value !== USUAL[name]) words.push(`--${name} ${quote(String(value))}`);
+    }
+    if (car.length) words.push('--ros-args', ...car);
+    return words.join(' ');
   }
 
   /** Show why a value was refused, and the present one. */
@@ -70,12 +83,15 @@ export class Tuning {
     this.sliders = sliders;
     this.values = {};
     this.inputs = {};
-    this.form.replaceChildren(
-      ...Object.entries(sliders).map(([name, facts]) => this.#row(name, facts)),
-    );
+    const rows = Object.entries(sliders).map(([name, facts]) => [facts.node, this.#row(name, facts)]);
+    const groups = Object.groupBy(rows, ([node]) => node);
+    this.form.replaceChildren(...Object.entries(groups).flatMap(([node, members]) => [
+      ...(node in TITLES ? [make('h3', { textContent: TITLES[node] })] : []),
+      ...members.map(([, row]) => row),
+    ]));
   }
 
-  #row(name, { label, max }) {
+  #row(name, { label, short, unit, max }) {
     const row = document.createElement('div');
     row.className = 'tune';
     const slider = Object.assign(document.createElement('input'), {
@@ -84,10 +100,8 @@ export class Tuning {
     const number = Object.assign(document.createElement('input'), {
       type: 'number', id: name, step: 'any', disabled: true,
     });
-    const title = Object.assign(document.createElement('label'), {
-      htmlFor: name, textContent: label,
-    });
-    slider.setAttribute('aria-label', label);
+    const title = make('label', { htmlFor: name, title: label }, `${short} `, make('small', {}, unit));
+    for (const input of [slider, number]) input.ariaLabel = label;
     this.inputs[name] = { slider, number };
     let [timer, waiting] = [null, null];
     const send = (value) => {
@@ -110,14 +124,13 @@ export class Tuning {
       if (Number.isFinite(value)) send(value);
       else this.#place(name, this.values[name]);
     });
-    row.append(title, number, slider);
+    row.append(title, slider, number);
     return row;
   }
 
   #place(name, value) {
     const { slider, number } = this.inputs[name];
-    slider.max = Math.max(this.sliders[name].max, value);
-    slider.value = value;
+    slider.value = value; // the slider ends where its range does; the number shows all
     number.value = Number(value.toPrecision(6));
   }
 }

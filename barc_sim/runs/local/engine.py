@@ -167,7 +167,7 @@ class LocalEngine:
         )
         topic = DriverTopic(host, host.node('view').name, self._relay)
         clients = LocalClients(host, simulator, self._controller, page.call)
-        serve(page, host, clients, self._controller, topic.publish)
+        serve(page, host, clients, topic.publish)
         if not options.quiet:
             print(f'live page  {page.url}', flush=True)  # noqa: T201
         open_page(page.url)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sys
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from barc_sim.bags.cdr import NANOSECONDS
 from barc_sim.bags.messages import message_class
+from barc_sim.errors import UserError
 from barc_sim.runs.local.loop import Loop
 from barc_sim.runs.local.parameters import EVERY_NODES, RosArguments, checked
 from barc_sim.runs.local.topics import Publisher, Topics
@@ -37,6 +39,8 @@ class LocalNode:
     ----------
     parameters
         The values of its parameters, by name.
+    changes
+        The parameters set while the run goes on, of all nodes: node, name and value.
     """
 
     def __init__(self, host: LocalHost, name: str) -> None:
@@ -44,6 +48,7 @@ class LocalNode:
         self.name = name
         self._host = host
         self._next: dict[str, float] = {}  # [s] by warning
+        self.changes = host.changes
         self._rosout = self.publisher('/rosout', 'rcl_interfaces/msg/Log')
         self._events = self.publisher('/parameter_events', 'rcl_interfaces/msg/ParameterEvent')
         self.parameters: dict[str, Any] = {}
@@ -67,15 +72,19 @@ class LocalNode:
         self._set(values)
         return values
 
-    def change(self, table: Iterable[Parameter], values: Mapping[str, Any]) -> None:
-        """Change parameters of `table` while the run goes on.
-
-        Raises
-        ------
-        UserError
-            A value has the wrong type or is out of range.
-        """
-        self._set(checked(self.name, table, values), 'changed_parameters')
+    def tune(self, table: Iterable[Parameter], name: str, value: float) -> str:
+        """Set a parameter of `table` while the run goes on; return why that is refused, or ''."""
+        declared = next((each for each in table if each.name == name), None)
+        if declared is None:
+            return f'{self.name} has no parameter {name}'
+        if declared.read_only:
+            return f'parameter {name} of {self.name} is set at the start'
+        try:
+            self._set(checked(self.name, [declared], {name: value}), 'changed_parameters')
+        except UserError as error:
+            return str(error)
+        self.changes.append((self.name, name, value))
+        return ''
 
     def _set(self, values: Mapping[str, Any], kind: str = 'new_parameters') -> None:
         self.parameters |= values
@@ -138,6 +147,8 @@ class LocalHost:
     ----------
     nodes
         The nodes, in the order of their making.
+    changes
+        The parameters set while the run goes on: node, name and value.
     """
 
     def __init__(self, ros_args: Iterable[str]) -> None:
@@ -152,6 +163,7 @@ class LocalHost:
         self.loop = Loop()
         self.topics = Topics()
         self.nodes: list[LocalNode] = []
+        self.changes: deque[tuple[str, str, float]] = deque()
 
     def node(self, name: str) -> LocalNode:
         """Return a new node."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.cruise_control import TYPE, CruiseControl
 from barc_sim.control.types import DEFAULT_TYPE
-from barc_sim.errors import UserError
 from barc_sim.simulation.publishers import AnswerPublishers, StatePublishers
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
@@ -21,7 +19,7 @@ from barc_sim.simulation.simulator import (
     stamps_behind,
 )
 from barc_sim.simulation.stepper import Phase, Stepper
-from barc_sim.vehicle.parameters import plant
+from barc_sim.vehicle.parameters import plant, retune
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -67,8 +65,7 @@ class LocalSimulator(StepperCounts):
         """
         self._host = host
         self._node = node = host.node('vehicle_simulator')
-        values = node.declare(parameters(distance), given)
-        self.values = values
+        self.values = values = node.declare(parameters(distance), given)
         self.road = road or Road.named(values['road'])
         self._stepper = stepper = Stepper(
             partial(plant, values, model, self.road), self, settings(values)
@@ -89,6 +86,14 @@ class LocalSimulator(StepperCounts):
         why = self._stepper.refusal(stamp) or self._stepper.take_command(command, stamp)
         if why:
             self._node.warning(f'refused {why}', period=1.0)
+
+    def tune(self, name: str, value: float) -> str:
+        """Set a parameter while the run goes on; return why that is refused, or ''."""
+        if why := self._node.tune(parameters(), name, value):
+            return why
+        self.values[name] = value
+        self._stepper.change(partial(retune, self.values))
+        return ''
 
     def pause(self, *, on: bool) -> None:
         """Pause simulated time, or resume it."""
@@ -190,7 +195,6 @@ class LocalController:
             lambda sentence: node.warning(sentence(), period=1.0),
         )
         self._control.configure(node.declare(self._control.parameters(acceleration_limit), given))
-        self._changed: deque[tuple[str, float]] = deque()
         self.reset = self._control.reset
         self.reset()
         self._publishers = AnswerPublishers(node.publisher, self._control.controller)
@@ -207,23 +211,10 @@ class LocalController:
 
     def tune(self, name: str, value: float) -> str:
         """Set a parameter while the run goes on; return why that is refused, or ''."""
-        table = {each.name: each for each in self._control.parameters()}
-        if name not in table:
-            return f'the controller has no parameter {name}'
-        try:
-            self._node.change([table[name]], {name: value})
-        except UserError as error:
-            return str(error)
+        if why := self._node.tune(self._control.parameters(), name, value):
+            return why
         self._control.configure({name: value})
-        self._changed.append((name, value))
         return ''
-
-    def take_changes(self) -> list[tuple[str, float]]:
-        """Return the parameters that have changed since the last call."""
-        taken = []
-        while self._changed:
-            taken.append(self._changed.popleft())
-        return taken
 
     def answer(self, stamp: int, seen: Observation) -> Input | None:
         """Return the command for the state stamped `stamp` [ns], and publish it."""

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.page.feed import Feed, controller_values, is_valid
+from barc_sim.page.protocol import SIMULATOR
 from barc_sim.page.rows import FIELDS, STATE_FIELDS
 from barc_sim.simulation.log import CONTROLLER_STATE, PID_STATE, STATE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from barc_sim.page.protocol import Drive
     from barc_sim.page.rows import Sample
@@ -90,11 +91,12 @@ class LocalClients:
         """Pause or resume simulated time."""
         self._do(partial(self._simulator.pause, on=on), on_done)
 
-    def tune(self, name: str, value: float, on_done: OnDone) -> None:
-        """Set a parameter of the controller."""
+    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter of a node."""
+        of = self._simulator if node == SIMULATOR else self._controller
 
         def tune() -> None:
-            why = self._controller.tune(name, value) if self._controller else 'there is none'
+            why = of.tune(name, value) if of else 'the run has no controller'
             self._deliver(partial(on_done, not why, why))
 
         self._host.loop.call(tune)
@@ -109,7 +111,7 @@ class LocalClients:
     def parameters(
         self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
     ) -> bool:
-        """Request parameters of `vehicle_simulator` or `controller`; False if it is not there."""
+        """Request parameters of a node; False if it is not there."""
         for each in self._host.nodes:
             if each.name == node:
                 values = {name: each.parameters[name] for name in names if name in each.parameters}
@@ -122,7 +124,6 @@ def serve(
     page: RunPage,
     host: LocalHost,
     clients: LocalClients,
-    controller: LocalController | None,
     drive: Callable[[DriverInput], None],
 ) -> None:
     """Serve `page`; what a driver does in it is passed to `drive`, in the loop's thread."""
@@ -131,6 +132,8 @@ def serve(
         request = DriverInput(command.linear, command.angular, command.brake)
         host.loop.call(partial(drive, request))
 
-    page.start(
-        LocalFeed(host), clients, pass_on, controller.take_changes if controller else lambda: ()
-    )
+    def changes() -> Iterator[tuple[str, str, float]]:
+        while host.changes:
+            yield host.changes.popleft()
+
+    page.start(LocalFeed(host), clients, pass_on, changes)

@@ -290,6 +290,23 @@ def test_bad_parameter_is_refused_and_leaves_the_topic_free(
     world.simulator()
 
 
+def test_noise_and_actuators_can_be_changed_while_the_car_drives(world: World) -> None:
+    seen: list[Any] = []
+    simulator = world.simulator(
+        realtime_factor=LOCK_STEP, on_step=lambda _, observed: seen.append(observed)
+    )
+    world.driver(partial(command, 1.0))
+    world.until(lambda: len(seen) > 5)
+    assert not any(seen[3].error)
+    (result,) = simulator.set_parameters([Parameter('noise_v_x', value=0.5)])
+    assert result.successful
+    after = len(seen)
+    world.until(lambda: len(seen) > after + 2)
+    assert seen[after + 1].error.v_x != 0.0
+    (refused,) = simulator.set_parameters([Parameter('noise_v_x', value=-1.0)])
+    assert not refused.successful
+
+
 def test_second_simulator_of_a_topic_is_refused_until_the_first_is_gone(world: World) -> None:
     first = world.simulator()
     with pytest.raises(UserError, match=r'another simulator publishes /z_vhcl .*__ns:=/car2'):

@@ -28,7 +28,7 @@ from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator.node import VehicleSimulator
 from barc_sim.nodes.view.node import ViewNode
-from barc_sim.page.protocol import COLUMNS, OTHERS, Status, encode
+from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor import QuickExecutor
@@ -303,13 +303,15 @@ def test_road_axles_and_gains_come_from_the_nodes(ros: Context) -> None:
     controller = CruiseController(context=ros)
     with spinning(ros, view, simulator, controller), page(view) as client:
         facts = client.receive('hello')
-        while not (facts['tuning'] and facts['road']):
+        while not ('kp' in facts['tuning'] and facts['road']):
             facts = client.receive('facts')
     assert facts['mode'] == 'acc'
     assert facts['axles'] == [-1.25, 1.5]
     assert facts['road']['grades_deg'][:3] == [0.0, 10.0, 0.0]
     others = {'speed_reference': 8.0, 'acceleration_limit': 8.0}
-    assert facts['tuning'] == {'kp': 30.0, 'ki': 200.0, 'kd': 0.1, **others}
+    car = dict.fromkeys(CAR, 0.0)
+    assert facts['tuning'] == {'kp': 30.0, 'ki': 200.0, 'kd': 0.1, **others, **car}
+    assert facts['run'] == {'road': 'lab', 'distance': 0.0, 'laps': 1}
 
 
 def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
@@ -319,14 +321,14 @@ def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
     controller = CruiseController(context=ros, parameter_overrides=overrides)
     with spinning(ros, view, simulator, controller), page(view) as client:
         facts = client.receive('hello')
-        while not facts['tuning']:
+        while facts['tuning'].keys() != facts['sliders'].keys():
             facts = client.receive('facts')
         client.request('tune', name='observer_gain', value=1.0)
         until(lambda: controller.get_parameter('observer_gain').value == 1.0)
         while not np.isfinite(client.column('feedback')).any():
             client.receive('status')
     assert facts['terms'] == [*LQR.terms]
-    assert facts['tuning'].keys() == facts['sliders'].keys() == {*LQR.gains, *OTHERS}
+    assert facts['tuning'].keys() == {*LQR.gains, *OTHERS, *CAR}
     shown = np.isfinite(client.column('feedback'))
     total = client.column('feedback')[shown] + client.column('compensation')[shown]
     np.testing.assert_array_equal(np.clip(total, -8.0, 8.0), client.column('motor')[shown])
@@ -350,6 +352,16 @@ def test_slider_sets_a_parameter_on_all_pages(ros: Context) -> None:
     assert refusal['what'] == 'kp'
     assert '-2000000.0' in refusal['why']
     assert controller.get_parameter('kp').value == 30.0
+
+
+def test_slider_sets_a_parameter_of_the_car(ros: Context) -> None:
+    view = ViewNode(context=ros)
+    simulator = VehicleSimulator(context=ros)
+    with spinning(ros, view, simulator), page(view) as client:
+        client.request('tune', name='motor_delay', value=0.25)
+        while client.receive('facts')['tuning'].get('motor_delay') != 0.25:
+            pass
+        assert simulator.values['motor_delay'] == 0.25
 
 
 def test_namespace_applies_to_its_clients(ros: Context) -> None:

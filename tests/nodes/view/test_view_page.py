@@ -26,7 +26,7 @@ from barc_sim.control.pid import PID
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.view.node import ViewNode
 from barc_sim.page.facts import lap_facts, stretch_facts
-from barc_sim.page.protocol import Status
+from barc_sim.page.protocol import CAR, Status
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
@@ -56,6 +56,10 @@ class Car(Node):
         self.declare_parameter('l_f', 1.5)
         self.declare_parameter('l_r', 1.5)
         self.declare_parameter('mass', Vehicle().mass)
+        self.declare_parameter('distance', 180.0)
+        self.declare_parameter('laps', 0)
+        for name in CAR:
+            self.declare_parameter(name, 0.0)
         self._road = Road.named(road)
         self.state = State()
         self.command = Input()
@@ -376,7 +380,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(
     tab = open_(view.url)
     tab.until("document.querySelector('#kp').value === '30'")
     names = "Array.from(document.querySelectorAll('#presets button'), (b) => b.textContent)"
-    assert tab.run(names) == [*PID.presets]
+    assert tab.run(names) == [*PID.presets, 'Windup']
     tab.click('#presets button:nth-child(2)')
     wait_until(lambda: tab.number('#term-integral') > 0.1)
     tab.click('#presets button')
@@ -388,7 +392,16 @@ def test_presets_set_all_gains_and_the_integral_is_reset(
     wait_until(lambda: tab.number('#term-integral') == 0.0)
     tab.run('navigator.clipboard.writeText = async (text) => { window.copied = text; }')
     tab.click('#copy-command')
-    tab.until("window.copied === 'barc acc --gain kp=4 --gain ki=0 --gain kd=0 --speed 8'")
+    command = 'barc acc --gain kp=4 --gain ki=0 --gain kd=0 --speed 8 --laps 0'
+    tab.until(f"window.copied === '{command}'")
+    tab.run(
+        "(() => { const n = document.querySelector('#noise_v_x'); n.value = 0.25;"
+        "n.dispatchEvent(new Event('change')); })()"
+    )
+    wait_until(lambda: car.get_parameter('noise_v_x').value == 0.25)
+    tab.click('#copy-command')
+    noisy = f'{command} --ros-args -p vehicle_simulator:noise_v_x:=0.25'
+    tab.until(f"window.copied === '{noisy}'")
 
 
 def test_forces_and_terms_are_those_of_the_messages(
@@ -488,7 +501,7 @@ def test_end_card_has_the_score_and_the_next_commands(
     card = tab.text('#end-card')
     assert f'{laps["current"]["rms"]:.3f} m/s' in card
     assert f'{stretches[1]["max_error"]:.3f}' in card
-    assert 'barc acc --gain kp=30 --gain ki=200 --gain kd=0.1 --speed 8' in card
+    assert 'barc acc --gain kp=30 --gain ki=200 --gain kd=0.1 --speed 8 --laps 0' in card
     assert 'barc replay --web bags/one' in card
     assert tab.run(OVERFLOW) == []
 

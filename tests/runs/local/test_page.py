@@ -14,6 +14,7 @@ import pytest
 from browser import CHROMIUM, Browser, wait_until
 from elsewhere import ELSEWHERE
 from page_client import connect_page, rows
+from rosbags.highlevel import AnyReader
 
 from barc_sim import read_bag
 
@@ -82,8 +83,8 @@ def test_page_drives_by_hand(start: Callable[..., Any], tmp_path: Path) -> None:
     assert log.speed.max() > 1.0
 
 
-def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
-    process, url = start('acc', '--distance', '0', '--no-bag')
+def test_page_tunes_and_pauses(start: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = start('acc', '--laps', '0')
     with connect_page(url) as socket:
         wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
         socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
@@ -91,6 +92,8 @@ def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
         socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': -2e6}))
         refused = wait(socket, lambda m: m.get('type') == 'refused')
         assert 'kp of controller must lie between' in refused['why']
+        socket.send(json.dumps({'type': 'tune', 'name': 'motor_delay', 'value': 0.3}))
+        wait(socket, lambda m: m.get('tuning', {}).get('motor_delay') == 0.3)
         socket.send(json.dumps({'type': 'pause', 'on': True}))
         wait(socket, lambda m: bool(m.get('paused')))
         process.send_signal(signal.SIGINT)
@@ -98,6 +101,18 @@ def test_page_tunes_and_pauses(start: Callable[..., Any]) -> None:
         assert end['reason'] == 'The run has ended.'
     process.communicate(timeout=PATIENCE)
     assert process.returncode == 0
+    with AnyReader([next((tmp_path / 'bags').iterdir())]) as reader:
+        events = [
+            reader.deserialize(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.topic == '/parameter_events'
+        ]
+    changed = [
+        (event.node, parameter.name, parameter.value.double_value)  # type: ignore[attr-defined]
+        for event in events
+        for parameter in event.changed_parameters  # type: ignore[attr-defined]
+    ]
+    assert changed == [('/controller', 'kp', 20.0), ('/vehicle_simulator', 'motor_delay', 0.3)]
 
 
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
