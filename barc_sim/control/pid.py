@@ -120,8 +120,8 @@ class PID:
         'P': {'kp': 4.0, 'ki': 0.0, 'kd': 0.0},
         'PI': {'kp': 4.0, 'ki': 8.0, 'kd': 0.0},
         'PID': {'kp': 4.0, 'ki': 8.0, 'kd': 0.5},
-        'Too much I': {'kp': 0.3, 'ki': 40.0, 'kd': 0.0},
         'Tuned': {'kp': KP, 'ki': KI, 'kd': KD},
+        'Too much I': {'kp': 0.3, 'ki': 40.0, 'kd': 0.0},
     }
 
     def __init__(

@@ -11,8 +11,16 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+NO_BROWSER = 'BARC_SIM_NO_BROWSER'
+
+
 def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:
-    """Open `url` without waiting for the browser; return False where there is no desktop."""
+    """Open `url` without waiting for the browser; return False where there is no desktop.
+
+    `BARC_SIM_NO_BROWSER` in the environment keeps it from opening.
+    """
+    if environment.get(NO_BROWSER):
+        return False
     screen = environment.get('DISPLAY') or environment.get('WAYLAND_DISPLAY')
     if not screen or environment.get('SSH_CONNECTION'):  # the user sits at another screen
         return False

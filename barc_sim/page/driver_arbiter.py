@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from barc_sim.page.protocol import Drive
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable
 
 IDLE = 3.0  #: [s] without a key held after which another page may drive
 STALE = 0.5  #: [s] without a message of the driving page after which its keys count as released
@@ -32,11 +27,11 @@ class DriverArbiter:
     """
 
     def __init__(self) -> None:
-        self.driver: Hashable | None = None
+        self.driver: object | None = None
         self._command = self._sent = _REST
         self._received = self._published = float('-inf')  # [s]
 
-    def request(self, page: Hashable, command: Drive, now: float) -> bool:
+    def request(self, page: object, command: Drive, now: float) -> bool:
         """Take the command of `page` at `now` [s]; return False if another page drives."""
         if self.driver != page:
             if command == _REST:
@@ -49,7 +44,7 @@ class DriverArbiter:
         self._command = command
         return True
 
-    def leave(self, page: Hashable) -> None:
+    def leave(self, page: object) -> None:
         """Brake if the closed `page` held a key."""
         if self.driver == page:
             self.driver = None

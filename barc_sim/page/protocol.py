@@ -80,7 +80,34 @@ class Pause(NamedTuple):
     on: bool
 
 
-Request = Drive | Tune | Reset | ResetController | Pause
+class Finish(NamedTuple):
+    """End the run."""
+
+
+class Compare(NamedTuple):
+    """Show the run before this one, after the end."""
+
+
+class Again(NamedTuple):
+    """Drive again with the present values, after the end."""
+
+
+Request = Drive | Tune | Reset | ResetController | Pause | Finish | Compare | Again
+_PLAIN: dict[str, Request] = {
+    'reset': Reset(),
+    'reset_controller': ResetController(),
+    'finish': Finish(),
+    'compare': Compare(),
+    'again': Again(),
+}
+
+
+class File(NamedTuple):
+    """A file to download."""
+
+    kind: str  #: media type
+    name: str
+    body: bytes
 
 
 class Status(NamedTuple):
@@ -120,10 +147,8 @@ def parse(message: str | bytes) -> Request:
         return drive
     if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in [*TUNABLE]:
         return Tune(fields['name'], _number(fields['value'], 1e9))
-    if kind == 'reset' and not fields:
-        return Reset()
-    if kind == 'reset_controller' and not fields:
-        return ResetController()
+    if kind in [*_PLAIN] and not fields:
+        return _PLAIN[kind]
     if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
         return Pause(fields['on'])
     raise RequestError('unknown request')

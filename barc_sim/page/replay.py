@@ -17,8 +17,8 @@ from barc_sim.page.server import ViewServer
 from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
+    from barc_sim.page.interfaces import OpenPage
     from barc_sim.page.protocol import Request
-    from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
 
 _LONG = 3600.0
@@ -45,26 +45,30 @@ class Replay:
         )
         self._messages: list[str | bytes] = [hello, rows_of(log)]
         if other:
-            ghost, name = other
-            laps = lap_facts(laps_of(ghost)[0])
-            self._messages[1:1] = [
-                encode('other', title=name, columns=columns_in(ghost), laps=laps),
-                rows_of(ghost),
-            ]
+            self._messages[1:1] = other_run(*other)
 
     def greet(self) -> list[str | bytes]:
         """Return the messages with the whole run."""
         return list(self._messages)
 
-    def receive(self, page: Page, request: Request) -> None:
+    def receive(self, page: OpenPage, request: Request) -> None:
         """Do nothing: a recorded run cannot be driven."""
 
-    def leave(self, page: Page) -> None:
+    def leave(self, page: OpenPage) -> None:
         """Do nothing."""
 
     def pulse(self) -> float:
         """Do nothing, rarely."""
         return _LONG
+
+    def file(self, name: str) -> None:
+        """Return None: there is nothing to download."""
+
+
+def other_run(log: Log, title: str) -> list[str | bytes]:
+    """Return the messages that show a second run beside the first."""
+    laps = lap_facts(laps_of(log)[0])
+    return [encode('other', title=title, columns=columns_in(log), laps=laps), rows_of(log)]
 
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from threading import Event
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
@@ -15,7 +16,10 @@ from barc_sim.page.protocol import (
     OTHERS,
     SIMULATOR,
     TUNABLE,
+    Again,
+    Compare,
     Drive,
+    Finish,
     Pause,
     Reset,
     ResetController,
@@ -30,41 +34,15 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.page.feed import Feed
-    from barc_sim.page.protocol import Request
-    from barc_sim.page.server import Page
+    from barc_sim.page.interfaces import Clients, Offer, OpenPage
+    from barc_sim.page.protocol import File, Request
     from barc_sim.simulation.laps import Laps
     from barc_sim.vehicle.road import Road
 
-    #: Called with whether the request succeeded, and if not, with the reason.
-    OnDone = Callable[[bool, str], None]
-
 _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
+_LONGEST_END = 2.0  #: [s] to wait for the end's message
 _RETRY_AFTER = 1.0  #: [s] after which an unanswered request is repeated
-
-
-class Clients(Protocol):
-    """Passes a page's requests to the simulator and the controller, without waiting.
-
-    What is passed back is called in the server's thread.
-    """
-
-    def reset(self, on_done: OnDone) -> None:
-        """Reset the car to the start."""
-
-    def reset_controller(self, on_done: OnDone) -> None:
-        """Reset the controller alone."""
-
-    def pause(self, on: bool, on_done: OnDone) -> None:
-        """Pause or resume simulated time."""
-
-    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
-        """Set a parameter of a node."""
-
-    def parameters(
-        self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
-    ) -> bool:
-        """Request parameters of a node; False if it is not there."""
 
 
 class RunPage:
@@ -83,11 +61,13 @@ class RunPage:
         port: int,
         status: Callable[[], Status],
         road: Road | None,
+        finish: Callable[[], None] | None = None,
     ) -> None:
         """Take the port; `start` serves the page.
 
         `status` returns the facts that no topic carries, from the first state on. `road` replaces
-        the one that the simulator's parameter names.
+        the one that the simulator's parameter names. `finish` ends the run; without it, the page
+        cannot.
 
         Raises
         ------
@@ -97,6 +77,8 @@ class RunPage:
         self._mode = mode
         self._status = status
         self._road = road
+        self._finish = finish
+        self._offer: Offer | None = None  # after the end
         self._arbiter = DriverArbiter()
         self._simulator: dict[str, Any] = {}
         self._controller: dict[str, Any] = {}
@@ -135,12 +117,30 @@ class RunPage:
         """The laps of the run so far."""
         return self._feed.laps
 
+    @property
+    def is_watched(self) -> bool:
+        """Whether a page is open."""
+        return bool(self._server.pages)
+
     def end(self, reason: str, bag: str = '') -> None:
         """Show the pages the end of the run, its reason and `bag`, the bag's path.
 
-        May be called from any thread.
+        Returns when the feed and the clients are not used any more. May be called from any thread
+        but the server's.
         """
-        self._server.call(partial(self._end, reason, bag))
+        done = Event()
+
+        def end() -> None:
+            self._end(reason, bag)
+            done.set()
+
+        self._server.call(end)
+        done.wait(_LONGEST_END)
+
+    def keep(self, offer: Offer) -> None:
+        """Offer the pages what they can do after the end; may be called from any thread."""
+        self._offer = offer
+        self._server.call(lambda: self._server.send(offer.message()))
 
     def close(self) -> None:
         """Close all pages and the port."""
@@ -154,14 +154,26 @@ class RunPage:
         yield self._feed.history()
         if self._ended is not None:
             yield self._ended
+        if self._offer:
+            yield self._offer.message()
+
+    def file(self, name: str) -> File | None:
+        """Return a file that is offered after the end."""
+        return self._offer.file(name) if self._offer else None
 
     def _facts(self) -> dict[str, Any]:
         kind = self._kind or PID
-        return facts(self._mode, self._simulator, self._controller, kind, self._road)
+        known = facts(self._mode, self._simulator, self._controller, kind, self._road)
+        return known | {'can_finish': self._finish is not None}
 
-    def receive(self, page: Page, request: Request) -> None:
+    def receive(self, page: OpenPage, request: Request) -> None:
         """Handle a page's request."""
-        if isinstance(request, Drive):
+        if self._ended is not None:
+            self._receive_after_end(page, request)
+        elif isinstance(request, Finish):
+            if self._finish:
+                self._finish()
+        elif isinstance(request, Drive):
             now = time.monotonic()
             if self._arbiter.request(page, request, now):
                 self._publish(now)
@@ -179,13 +191,28 @@ class RunPage:
             on_done = partial(self._on_done, page, 'reset the controller')
             self._clients.reset_controller(on_done=on_done)
 
-    def leave(self, page: Page) -> None:
+    def _receive_after_end(self, page: OpenPage, request: Request) -> None:
+        if isinstance(request, Tune):  # for the next run
+            known = {SIMULATOR: self._simulator, CONTROLLER: self._controller}
+            self._on_parameters(known[TUNABLE[request.name]], {request.name: request.value})
+        elif self._offer and isinstance(request, Compare):
+            for message in self._offer.compare():
+                page.send(message)
+        elif self._offer and isinstance(request, Again):
+            values: dict[str, float] = self._facts()['tuning'] if self._mode == 'acc' else {}
+            self._server.send(encode('again', address=self._offer.again(values)))
+
+    def leave(self, page: OpenPage) -> None:
         """Release the keys of a page that has closed."""
+        if self._ended is not None:
+            return
         self._arbiter.leave(page)
         self._publish(time.monotonic())
 
     def pulse(self) -> float:
         """Send new rows and, in turn, the status; return the time to the next call [s]."""
+        if self._ended is not None:
+            return _SLOW_PERIOD
         now = time.monotonic()
         self._publish(now)
         if rows := self._feed.poll():
@@ -193,7 +220,7 @@ class RunPage:
         if now >= self._next_status:
             self._next_status = now + _STATUS_PERIOD
             self._update_parameters()
-            if self._ended is None and self._server.pages:
+            if self._server.pages:
                 self._send_status()
         return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
 
@@ -252,11 +279,11 @@ class RunPage:
         known.update(values)
         self._server.send(encode('facts', **self._facts()))
 
-    def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
+    def _on_done(self, page: OpenPage, what: str, done: bool, why: str) -> None:
         if not done:
             page.send(encode('refused', what=what, why=why))
 
-    def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
+    def _on_paused(self, page: OpenPage, request: Pause, done: bool, why: str) -> None:
         if done:
             self._paused = request.on
             self._send_status()
@@ -270,6 +297,6 @@ class RunPage:
             reason=reason,
             bag=bag,
             laps=lap_facts(self.laps),
-            stretches=stretch_facts(self.laps.current),
+            stretches=stretch_facts(self.laps.best or self.laps.current),
         )
         self._server.send(self._ended)

@@ -10,7 +10,7 @@ from http import HTTPStatus
 from pathlib import Path
 from secrets import compare_digest, token_hex, token_urlsafe
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
@@ -25,9 +25,9 @@ from barc_sim.page.protocol import RequestError, encode, parse
 from barc_sim.page.token import kept_token
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Mapping
 
-    from barc_sim.page.protocol import Request
+    from barc_sim.page.interfaces import Host
 
 _FILES = Path(__file__).with_name('web')
 _TYPES = {
@@ -58,22 +58,6 @@ _QUIET.addHandler(logging.NullHandler())
 _QUIET.propagate = False
 
 
-class Host(Protocol):
-    """The source of a page's content; the server's thread calls all of it."""
-
-    def greet(self) -> Iterable[str | bytes]:
-        """Return the messages for a new page."""
-
-    def receive(self, page: Page, request: Request) -> None:
-        """Handle a request of a page."""
-
-    def leave(self, page: Page) -> None:
-        """Handle that a page has closed."""
-
-    def pulse(self) -> float:
-        """Do the periodic work; return the time to the next call [s]."""
-
-
 class Page:
     """An open page."""
 
@@ -82,7 +66,7 @@ class Page:
         self._connection = connection
         self._second = self._messages = 0
 
-    def send(self, message: str) -> None:
+    def send(self, message: str | bytes) -> None:
         """Send a message without waiting."""
         broadcast([self._connection], message)
 
@@ -221,7 +205,7 @@ class ViewServer:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
             await asyncio.sleep(self._host.pulse())
 
-    def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
+    async def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error, or None for a websocket that may open."""
         token, slash, name = request.path.partition('?')[0][1:].partition('/')
         if not compare_digest(token.encode(), self._token.encode()):
@@ -235,10 +219,15 @@ class ViewServer:
             return _refuse(HTTPStatus.FORBIDDEN, 'A page of another origin cannot connect.')
         if name == 'run':
             return _response(HTTPStatus.OK, 'text/plain', self._run_id.encode())
-        name = name or 'index.html'
-        if name not in self._files or not slash:
-            return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
-        return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
+        return await self._file(name or 'index.html' if slash else '')
+
+    async def _file(self, name: str) -> Response:
+        if name in self._files:
+            return _response(HTTPStatus.OK, _TYPES[Path(name).suffix], self._files[name])
+        if file := await asyncio.to_thread(self._host.file, name):
+            disposition = {'Content-Disposition': f'attachment; filename="{file.name}"'}
+            return _response(HTTPStatus.OK, file.kind, file.body, disposition)
+        return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
 
     async def _on_page(self, connection: ServerConnection) -> None:
         if len(self._pages) >= _MOST_PAGES:
@@ -291,6 +280,9 @@ def _refuse(status: HTTPStatus, text: str) -> Response:
     return _response(status, 'text/plain; charset=utf-8', f'{text}\n'.encode())
 
 
-def _response(status: HTTPStatus, kind: str, body: bytes) -> Response:
+def _response(
+    status: HTTPStatus, kind: str, body: bytes, more: Mapping[str, str] | None = None
+) -> Response:
     headers = {'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close'}
-    return Response(status.value, status.phrase, Headers({**_HEADERS, **headers}), body)
+    headers |= _HEADERS | dict(more or {})
+    return Response(status.value, status.phrase, Headers(headers), body)

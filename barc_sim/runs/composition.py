@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.lab.user_code.loading import UserCode
+    from barc_sim.page.run_page import RunPage
     from barc_sim.runs.engine import Engine, Simulator
     from barc_sim.runs.terminal.display import Display
     from barc_sim.runs.terminal.user_output import UserOutput
@@ -110,12 +111,15 @@ class Run(ABC):
         if self.bag:
             self.bag.recorder.add_metadata({'failure': failure})
 
-    def close(self) -> None:
-        """End the nodes, with the results in the bag; again, do nothing."""
+    def close(self, *, keep_page: bool = False) -> RunPage | None:
+        """End the nodes, with the results in the bag; again, do nothing.
+
+        With `keep_page`, the page stays open, and is returned if there is one.
+        """
         if self.bag and not self._closed:
             self.bag.end(self.simulators)
         self._closed = True
-        self._engine.close()
+        return self._engine.close(keep_page=keep_page)
 
     def discard(self) -> None:
         """End the nodes, and delete the bag."""

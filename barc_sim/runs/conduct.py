@@ -10,6 +10,7 @@ from barc_sim.cli.parser import report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, UserCodeError, find_files, load_files
 from barc_sim.runs.composition import Setup
+from barc_sim.runs.ended_run import serve_ended_run
 from barc_sim.runs.engine import uses_ros
 from barc_sim.runs.terminal.user_output import UserOutput
 from barc_sim.vehicle.road import Road
@@ -53,10 +54,12 @@ def conduct(
         ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
     if stop.requested.is_set():  # during the imports
         return 0
+    page = None
     with _engine(options, ros_args, ros=ros) as engine:
         run = create(Setup(options, argv, road, user_code, output, engine))
         try:
             run.spin(stop)
+            page = run.close(keep_page=not stop.requested.is_set())
         except (UserError, UserCodeError) as error:
             if not (run.has_begun or isinstance(error, UserCodeError)):
                 run.discard()
@@ -65,6 +68,8 @@ def conduct(
         finally:
             run.close()
     run.print_end()
+    if page:
+        serve_ended_run(page, run, stop)
     if run.failure:
         report(f'barc {options.mode}', run.failure)
     return 1 if run.failure or (run.bag and run.bag.recorder.failure) else 0

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard.terminal import Terminal
+    from barc_sim.page.run_page import RunPage
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.road import Road
@@ -164,8 +165,11 @@ class Engine(Protocol):
     def spin(self) -> None:
         """Run until every simulator has finished."""
 
-    def close(self) -> None:
-        """End the nodes, the recorder last; a second call does nothing."""
+    def close(self, *, keep_page: bool = False) -> RunPage | None:
+        """End the nodes, the recorder last; a second call does nothing.
+
+        With `keep_page`, the page of a run of one car stays open, and is returned.
+        """
 
 
 def add_engine_option(parser: ArgumentParser) -> None:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard.terminal import Terminal
     from barc_sim.nodes.view.node import ViewNode
+    from barc_sim.page.run_page import RunPage
 
 
 class RosEngine:
@@ -137,6 +138,7 @@ class RosEngine:
                 port=options.view_port and options.view_port + number,
                 status=partial(_status, simulator),
                 road=simulator.road,
+                finish=self._finish,
                 namespace=simulator.get_namespace(),
             )
             if not options.quiet:
@@ -185,12 +187,15 @@ class RosEngine:
             simulator.finished.add_done_callback(check)
         return finished
 
-    def close(self) -> None:
+    def close(self, *, keep_page: bool = False) -> RunPage | None:
         """Destroy the nodes, the recorder last; a second call does nothing."""
-        for view in self._views if self._nodes else ():
+        views = self._views if self._nodes else []
+        for view in views:
             view.end('The run has ended.', bag=str(self._recorder.path) if self._recorder else '')
+        page = views[0].release_page() if keep_page and len(views) == 1 else None
         while self._nodes:
             self._nodes.pop().destroy_node()
+        return page
 
 
 def _status(simulator: VehicleSimulator) -> Status:

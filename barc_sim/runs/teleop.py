@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.control.keyboard.terminal import Terminal
+    from barc_sim.page.run_page import RunPage
     from barc_sim.runs.composition import Setup
     from barc_sim.runs.engine import Relay, Simulator
     from barc_sim.vehicle.plant import Observation
@@ -136,10 +137,11 @@ class Teleop(Run):
         if self._death:
             raise UserError(self._death)
 
-    def close(self) -> None:
+    def close(self, *, keep_page: bool = False) -> RunPage | None:
         """End the nodes, with the results in the bag, and then the relay's process."""
-        super().close()
+        page = super().close(keep_page=keep_page)
         self._end_process()
+        return page
 
     def discard(self) -> None:
         """End the nodes and the relay's process, and delete the bag."""

@@ -10,7 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.page.protocol import Drive, Pause, RequestError, Reset, Tune, encode, parse
+from barc_sim.page.protocol import (
+    Again,
+    Compare,
+    Drive,
+    Finish,
+    Pause,
+    RequestError,
+    Reset,
+    Tune,
+    encode,
+    parse,
+)
 
 MALFORMED = [
     '',
@@ -55,6 +66,10 @@ MALFORMED = [
         ('{"type":"drive","linear":1,"angular":-0.5}', Drive(1.0, -0.5)),
         ('{"type":"drive","linear":0,"angular":0,"brake":1}', Drive(brake=1.0)),
         ('{"type":"tune","name":"kp","value":3}', Tune('kp', 3.0)),
+        ('{"type":"tune","name":"motor_delay","value":0.1}', Tune('motor_delay', 0.1)),
+        ('{"type":"finish"}', Finish()),
+        ('{"type":"compare"}', Compare()),
+        ('{"type":"again"}', Again()),
         ('{"type":"tune","name":"speed_reference","value":-2.5}', Tune('speed_reference', -2.5)),
         ('{"type":"reset"}', Reset()),
         ('{"type":"pause","on":false}', Pause(on=False)),

@@ -12,20 +12,21 @@ from contextlib import ExitStack, suppress
 from threading import Event
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
+from urllib.request import urlopen
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import Drive, Reset, encode
+from barc_sim.page.protocol import Drive, File, Reset, encode
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from barc_sim.page.interfaces import OpenPage
     from barc_sim.page.protocol import Request
-    from barc_sim.page.server import Page
 
 DEADLINE = 20.0
 
@@ -41,18 +42,22 @@ class Host:
         """Greet the page."""
         return [encode('hello'), b'history']
 
-    def receive(self, page: Page, request: Request) -> None:
+    def receive(self, page: OpenPage, request: Request) -> None:
         """Record the request, and answer."""
         self.received.append(request)
         page.send(encode('refused', what='drive', why='test'))
 
-    def leave(self, page: Page) -> None:  # noqa: ARG002 (the server's)
+    def leave(self, page: OpenPage) -> None:  # noqa: ARG002 (the server's)
         """Count the page."""
         self.left += 1
 
     def pulse(self) -> float:
         """Do nothing."""
         return 0.01
+
+    def file(self, name: str) -> File | None:
+        """Return a file to download."""
+        return File('text/plain', 'notes.txt', b'notes') if name == 'notes' else None
 
 
 @pytest.fixture
@@ -147,6 +152,12 @@ def test_nothing_else_is_served_and_nothing_without_the_token(
         client.sendall(f'GET {path} HTTP/1.1\r\nHost: x\r\n\r\n'.encode())
         answer = client.makefile('rb').read()
     assert answer.startswith(b'HTTP/1.1 %d ' % status)
+
+
+def test_file_of_the_host_is_a_download(server: ViewServer) -> None:
+    with urlopen(f'{server.url}notes', timeout=DEADLINE) as answer:  # noqa: S310 (our own)
+        assert answer.read() == b'notes'
+        assert answer.headers['Content-Disposition'] == 'attachment; filename="notes.txt"'
 
 
 @pytest.mark.parametrize(

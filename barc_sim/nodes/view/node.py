@@ -54,6 +54,8 @@ class ViewNode(Node):
         state on.
     road
         Replaces the road that the simulator's parameter names.
+    finish
+        Ends the run; without it, the page cannot.
     options
         Those of `rclpy.node.Node`.
 
@@ -76,6 +78,7 @@ class ViewNode(Node):
         port: int = 0,
         status: Callable[[], Status] = Status,
         road: Road | None = None,
+        finish: Callable[[], None] | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
         super().__init__('view', **options)
@@ -91,7 +94,10 @@ class ViewNode(Node):
         )
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
-        self._page = page = RunPage(values['mode'], values['host'], values['port'], status, road)
+        self._page = page = RunPage(
+            values['mode'], values['host'], values['port'], status, road, finish
+        )
+        self._is_page_released = False
         self.url = page.url
         self._cmd_vel_pub = publisher(self, Twist, names.CMD_VEL)
         clients, feed = NodeClients(self, page.call), StateFeed(self)
@@ -117,9 +123,15 @@ class ViewNode(Node):
         """
         self._page.end(reason, bag)
 
+    def release_page(self) -> RunPage:
+        """Return the page, which has ended, so that it outlives the node."""
+        self._is_page_released = True
+        return self._page
+
     def destroy_node(self) -> None:
-        """Close all pages and the port, and destroy the node."""
-        self._page.close()
+        """Close all pages and the port unless they are released, and destroy the node."""
+        if not self._is_page_released:
+            self._page.close()
         super().destroy_node()
 
     # The server's thread calls the methods below.

@@ -9,8 +9,8 @@ const SAMPLES = 4096; // rows that the limits are taken from
 
 export class Chart {
   /**
-   * `lines`: {column, colour, width, dash, hidden}, the first one at the bottom; `span`: the least
-   * difference of the limits; `widest`: the widest limits.
+   * `lines`: {column, colour, width, dash, hidden, leads}, the first one at the bottom; the limits
+   * follow those that lead. `span`: the least difference of the limits; `widest`: the widest.
    */
   constructor(surface, lines, span, widest) {
     this.surface = surface;
@@ -79,7 +79,9 @@ export class Chart {
   /** Return limits on whole ticks around the visible values. */
   #limits(history, view) {
     let [low, high] = [Infinity, -Infinity];
-    const lines = this.lines.filter((line) => !line.hidden);
+    const shown = this.lines.filter((line) => !line.hidden);
+    const leading = shown.filter((line) => line.leads);
+    const lines = leading.length ? leading : shown;
     for (const { history: rows, first, last } of [{ history, ...view }, ...view.ghosts]) {
       const stride = Math.max(1, Math.floor((last - first) / SAMPLES));
       for (let row = first; row <= last; row += stride) {

@@ -27,6 +27,7 @@ export class Connection {
     this.on = on;
     this.attempts = 0;
     this.ended = false;
+    this.follows = false;
     this.#open();
   }
 
@@ -85,12 +86,27 @@ export class Connection {
     else this.#open();
   }
 
+  /** Open the page of the next run at `address` as soon as that has started. */
+  async follow(address) {
+    this.follows = true;
+    for (;;) {
+      await sleep(RETRY_AFTER[0]);
+      try {
+        const response = await fetch(new URL('run', address), { cache: 'no-store' });
+        if (response.ok && await response.text() !== this.run) break;
+      } catch { /* it has not started yet */ }
+    }
+    location.replace(address);
+    if (address === location.href) location.reload();
+  }
+
   /** After the end, report the next run at this address or port. */
   async #lookForNextRun() {
     const ended = this.run;
     for (;;) {
       await sleep(NEXT_RUN);
       const run = await fetchRun();
+      if (this.follows) return;
       if (run === MOVED) this.on.moved();
       else if (run && run !== ended) this.on.next();
       else continue;

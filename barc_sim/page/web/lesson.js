@@ -75,9 +75,29 @@ export class Lesson {
     }
   }
 
+  /** Offer downloads, the run before and another run; `request` sends what is asked for. */
+  offer({ files, before, again }, request) {
+    const button = (text, type, once) => make('button', {
+      type: 'button',
+      textContent: text,
+      onclick: (event) => {
+        request(type);
+        if (once) event.currentTarget.disabled = true;
+      },
+    });
+    const names = { 'report.html': 'Download report', 'bag.zip': 'Download bag' };
+    document.getElementById('offers').replaceChildren(
+      ...(again ? [button('Drive again', 'again', true)] : []),
+      ...(before ? [button('Compare with the run before', 'compare', true)] : []),
+      ...files.map((name) => make('a', {
+        className: 'button', href: name, download: '', textContent: names[name],
+      })),
+    );
+  }
+
   /** Show how the run went, and what to do next. */
   end({ reason, bag, laps, stretches }, command) {
-    const score = laps?.current ?? {};
+    const score = laps?.best ?? laps?.current ?? {};
     const figures = [
       ['RMS error', score.rms, 3, 'm/s'], ['Greatest error', score.greatest, 3, 'm/s'],
       ['Overshoot', score.overshoot == null ? null : 100 * score.overshoot, 1, '%'],
@@ -87,7 +107,9 @@ export class Lesson {
     const known = score.rms != null;
     this.card.replaceChildren(
       make('h2', { id: 'end-heading' }, reason),
+      make('div', { className: 'offers', id: 'offers' }),
       ...(known ? [
+        ...(laps.count > 1 ? [make('p', {}, `Lap ${score.number + 1}, the best of ${laps.count}:`)] : []),
         make('dl', {}, ...figures.map(([name, value, digits, unit]) => make(
           'div', {}, make('dt', {}, name), make('dd', {}, `${reading(value, digits)} ${unit}`),
         ))),
@@ -102,8 +124,8 @@ export class Lesson {
           ))),
         )),
       ] : []),
-      make('div', { className: 'next' }, ...[
-        ['Run again', command],
+      make('details', { className: 'next' }, make('summary', {}, 'Commands'), ...[
+        ['Copy command', command],
         ...(bag ? [
           ['Plot', `barc plot ${quote(bag)}`], ['Report', `barc report ${quote(bag)}`],
           ['Replay here', `barc replay --web ${quote(bag)}`],

@@ -34,7 +34,7 @@ const stale = () => { drawn = {}; };
 const surface = (id) => new Surface(element(id), stale);
 const [scene, course, dial] = ['scene', 'course', 'dial'].map(surface);
 const speedChart = new Chart(surface('speed-chart'), [], 1, [-150, 150]);
-const commandChart = new Chart(surface('command-chart'), [], 4, [-10, 10]);
+const commandChart = new Chart(surface('command-chart'), [], 4, [-100, 100]);
 const speedPart = { chart: speedChart, legend: element('speed-legend') };
 const commandPart = { chart: commandChart, legend: element('command-legend') };
 const readColours = watchColours(stale);
@@ -54,7 +54,8 @@ function prepareCharts({ mode, terms, colours }) {
     : [line('absolute_speed', 2.5, { colour: colours.speed, name: 'speed' })];
   commandChart.lines = [
     ...(acc ? terms.map((term) => line(term, 1.5)).reverse() : []),
-    line('motor', 2.5, { name: 'command' }),
+    // Its limits hold for the terms, too: the first proportional term would hide all else.
+    line('motor', 2.5, { name: 'command', leads: true }),
   ];
   explorer.name(speedPart);
   explorer.name(commandPart);
@@ -95,6 +96,7 @@ const connection = new Connection({
     document.title = `${title} – barc_sim`;
     tuning.show(fields.sliders, fields.tuning);
     tuning.offer(fields.presets);
+    element('finish').hidden = !fields.can_finish;
     const prepared = JSON.stringify([fields.mode, fields.terms, fields.colours]);
     if (prepared !== this.prepared) {
       this.prepared = prepared;
@@ -146,6 +148,17 @@ const connection = new Connection({
     lesson.end(fields, facts.mode === 'acc' ? tuning.command(facts.controller_type, facts.run) : 'barc teleop');
     for (const button of document.querySelectorAll('.actions button')) button.disabled = true;
   },
+  /** Offer what the run's process still does after the end. */
+  kept(offer) {
+    document.body.toggleAttribute('data-kept', offer.again);
+    element('tuning-heading').textContent = 'The next run';
+    const request = (type) => connection.send(type);
+    lesson.offer(offer, request);
+  },
+  again({ address }) {
+    showMessage('The next run starts.');
+    connection.follow(address);
+  },
   lost() {
     setState('lost', 'Reconnecting');
     showMessage('The connection to the run was lost. This page reconnects by itself.');
@@ -190,6 +203,7 @@ document.addEventListener('fullscreenchange', () => {
 });
 element('reset').addEventListener('click', reset);
 element('pause').addEventListener('click', pause);
+element('finish').addEventListener('click', () => connection.send('finish'));
 new Driving(
   (linear, angular, brake) => connection.send('drive', { linear, angular, brake }),
   () => facts.mode === 'teleop' && !facts.replay && !ended,

@@ -53,16 +53,16 @@ export function drawSide(surface, road, facts, state, ghosts) {
   const right = camera[0] + ((1 - AHEAD) * width) / scale + 1;
   drawGround(context, road, toScreen, left, right, height);
   drawPosts(context, road, toScreen, state.x, width / scale);
-  for (const ghost of ghosts) {
+  for (const [k, ghost] of ghosts.entries()) {
     context.globalAlpha = 0.3;
     drawCar(context, wheelsAt(ghost.x).map(toScreen), scale, axles, ghost.x);
     context.globalAlpha = 1;
     const [h, e] = wheelsAt(ghost.x)[0];
-    const [x, y] = toScreen([h, e + 2]);
+    const [x, y] = toScreen([h, e + 1.8]);
     context.fillStyle = colours.ink;
     context.font = font(12);
     context.textAlign = 'left';
-    context.fillText(ghost.name, x, y);
+    context.fillText(ghost.name, x, y - 16 * k);
   }
   const placed = wheels.map(toScreen);
   drawCar(context, placed, scale, axles, state.x);

@@ -164,6 +164,7 @@ class LocalEngine:
             options.view_port,
             lambda: Status(simulator.missed, simulator.slipped, simulator.paused),
             simulator.road,
+            simulator.finish,
         )
         topic = DriverTopic(host, host.node('view').name, self._relay)
         clients = LocalClients(host, simulator, self._controller, page.call)
@@ -183,15 +184,16 @@ class LocalEngine:
         else:
             self._host.loop.run(lambda: simulator.finished)
 
-    def close(self) -> None:
+    def close(self, *, keep_page: bool = False) -> RunPage | None:
         """Restore the terminal, and finish the bag; a second call does nothing."""
         if self._keyboard:
             self._keyboard.close()
             self._keyboard = None
-        if self._page:
-            bag = str(self._recorder.path) if self._recorder else ''
-            self._page.end('The run has ended.', bag)
-            self._page.close()
-            self._page = None
+        page, self._page = self._page, None
+        if page:
+            page.end('The run has ended.', str(self._recorder.path) if self._recorder else '')
+            if not keep_page:
+                page.close()
         if self._recorder:
             self._recorder.close()
+        return page if keep_page else None

@@ -17,9 +17,10 @@ from barc_sim.simulation.log import CONTROLLER_STATE, PID_STATE, STATE
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from barc_sim.page.interfaces import OnDone
     from barc_sim.page.protocol import Drive
     from barc_sim.page.rows import Sample
-    from barc_sim.page.run_page import OnDone, RunPage
+    from barc_sim.page.run_page import RunPage
     from barc_sim.runs.local.host import LocalHost
     from barc_sim.runs.local.nodes import LocalController, LocalSimulator
 

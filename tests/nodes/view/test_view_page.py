@@ -478,6 +478,7 @@ def test_end_is_explained(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab
     tab = open_(view.url)
     view.end('The run has ended: Ctrl-C was pressed.', bag='bags/my run')
     wait_until(lambda: tab.text('#message') == 'The run has ended: Ctrl-C was pressed.')
+    tab.click('#end-card summary')
     assert "barc report 'bags/my run'" in tab.text('#end-card')
     assert 'barc teleop' in tab.text('#end-card')
     assert tab.run(OVERFLOW) == []
@@ -498,6 +499,7 @@ def test_end_card_has_the_score_and_the_next_commands(
     view.end('The run has ended.', bag='bags/one')
     tab.until("!document.querySelector('#end-card').hidden")
     laps, stretches = lap_facts(view.laps), stretch_facts(view.laps.current)
+    tab.click('#end-card summary')
     card = tab.text('#end-card')
     assert f'{laps["current"]["rms"]:.3f} m/s' in card
     assert f'{stretches[1]["max_error"]:.3f}' in card
