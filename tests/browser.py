@@ -246,11 +246,12 @@ class Tab:
 
     def dark(self, *, on: bool) -> None:
         """Prefer dark colours, or light ones."""
-        value = 'dark' if on else 'light'
-        self.ask(
-            'Emulation.setEmulatedMedia',
-            features=[{'name': 'prefers-color-scheme', 'value': value}],
-        )
+        self.media(prefers_color_scheme='dark' if on else 'light')
+
+    def media(self, kind: str = '', **features: str) -> None:
+        """Set features of the medium, such as `forced_colors='active'`, and its kind ('print')."""
+        given = [{'name': k.replace('_', '-'), 'value': v} for k, v in features.items()]
+        self.ask('Emulation.setEmulatedMedia', media=kind, features=given)
 
     def violations(self, axe: Path) -> list[str]:
         """Return what the checker axe-core, in the file `axe`, finds wrong on the page."""

@@ -59,7 +59,7 @@ export class Lesson {
     headings[0].textContent = 'this run';
     headings[1].textContent = 'other run';
     headings[1].title = title;
-    headings[2].textContent = '';
+    for (const cell of document.querySelectorAll('.laps :is(th, td):nth-child(4)')) cell.hidden = true;
     if (this.shown) this.showLaps(this.shown);
   }
 
@@ -70,7 +70,7 @@ export class Lesson {
       const { figure, digits, scale } = row.dataset;
       [...row.querySelectorAll('td')].forEach((cell, i) => {
         const value = (this.other ? [laps.current, this.other.current] : [laps.current, laps.last, laps.best])[i]?.[figure];
-        show(cell, this.other && i === 2 ? '' : reading(value == null ? value : value * (scale ?? 1), Number(digits)));
+        show(cell, reading(value == null ? value : value * (scale ?? 1), Number(digits)));
       });
     }
   }

@@ -6,6 +6,7 @@ import { Connection } from './connection.js';
 import { drawDial } from './dial.js';
 import { Driving } from './drive.js';
 import { Explorer } from './explorer.js';
+import { Goal } from './goal.js';
 import { History } from './history.js';
 import { Lesson } from './lesson.js';
 import { copy, make, reading, show, Surface, watchColours } from './look.js';
@@ -41,6 +42,7 @@ const readColours = watchColours(stale);
 const player = new Player(history);
 const explorer = new Explorer(history, player, [speedPart, commandPart], stale);
 const lesson = new Lesson();
+const goal = new Goal(stale);
 
 /** Prepare the charts for a mode and a controller's terms. */
 function prepareCharts({ mode, terms, colours }) {
@@ -247,7 +249,8 @@ function draw(milliseconds) {
   if (drawn.time === time && drawn.count === history.count && drawn.settled) return;
   const charts = !(now - drawn.charts < CHART_PERIOD);
   if (facts.mode === 'teleop') {
-    top.draw(scene, history, facts.axles, state);
+    if (state) goal.update(history, state.t, (facts.axles[0] + facts.axles[1]) / 2);
+    top.draw(scene, history, facts.axles, state, goal, state && goal.ghost(history, state.t));
   } else {
     const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
       { ...rows.state(Math.min(state.t - shift, end)), name }

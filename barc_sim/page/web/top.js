@@ -15,13 +15,13 @@ export class TopView {
     this.span = NaN; // [m] across the shorter side
   }
 
-  draw(surface, history, axles, state) {
+  draw(surface, history, axles, state, goal, ghost) {
     const context = surface.begin();
     const { width, height } = surface;
     context.fillStyle = colours.ground;
     context.fillRect(0, 0, width, height);
     if (!state) return;
-    const wanted = 20 + 0.7 * Math.min(Math.abs(state.speed), 60);
+    const wanted = (goal.on ? 36 : 20) + 0.7 * Math.min(Math.abs(state.speed), 60);
     this.span = Number.isNaN(this.span) ? wanted : this.span + ease(0.04) * (wanted - this.span);
     const scale = Math.min(width, height) / this.span;
     const toScreen = (x, y) => [
@@ -29,13 +29,17 @@ export class TopView {
     ];
     drawGrid(context, width, height, scale, state, toScreen);
     drawPath(context, history, state, toScreen);
-    const [x, y] = toScreen(state.x, state.y);
-    context.save();
-    context.translate(x, y);
-    context.rotate(-state.psi);
-    context.scale(scale, -scale);
-    drawCar(context, axles, Number.isNaN(state.servo) ? 0 : state.servo, scale);
-    context.restore();
+    goal.draw(context, scale, toScreen);
+    for (const [car, alpha] of [[ghost, 0.35], [state, 1]]) {
+      if (!car) continue;
+      context.save();
+      context.globalAlpha = alpha;
+      context.translate(...toScreen(car.x, car.y));
+      context.rotate(-car.psi);
+      context.scale(scale, -scale);
+      drawCar(context, axles, Number.isNaN(car.servo) ? 0 : car.servo, scale);
+      context.restore();
+    }
     drawScaleBar(context, scale);
   }
 }

@@ -310,6 +310,60 @@ def test_two_thumbs_drive(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab
     wait_until(lambda: car.twists[-1] == (0.0, 0.0))
 
 
+#: Two attempts past the cones into the box: the first touches a cone, the second is slower.
+ATTEMPTS = """Promise.all([import('./goal.js'), import('./history.js')]).then(([g, h]) => {
+  const goal = new g.Goal();
+  const history = new h.History();
+  history.name(['t', 'x', 'y', 'psi', 'absolute_speed', 'lap'], false);
+  const rows = [];
+  let t = 0;
+  for (const [lap, speed, clear] of [[0, 10, 0], [1, 5, 3], [2, 8, 3]]) {
+    let x = 0;
+    for (; x < 80; x += 0.02 * speed, t += 0.02) {
+      const y = x < 62 ? clear * Math.cos(Math.PI * (x - 20) / 12) : 0;
+      rows.push([t, x, y, 0, speed, lap]);
+    }
+    for (let k = 0; k < 100; k += 1, t += 0.02) rows.push([t, 80, 0, 0, 0, lap]);
+  }
+  goal.on = true;
+  const found = [];
+  for (const row of rows) {
+    history.add(new Float64Array(row));
+    goal.update(history, row[0], 0);
+    if (goal.attempt.end !== null && found.length === row[5]) {
+      const { touched, missed, start, end } = goal.attempt;
+      const { best } = goal;
+      found.push([touched.size, missed.size, end - start, best.faults, best.end - best.start]);
+    }
+  }
+  const ghost = goal.ghost(history, goal.attempt.start + 1);
+  return [found, goal.best.start === goal.attempt.start, ghost];
+})"""
+
+
+def test_goal_counts_cones_and_times_and_keeps_the_best(
+    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+) -> None:
+    view, car = teleop
+    tab = open_(view.url)
+    (first, second, third), best_is_third, ghost = tab.run(ATTEMPTS)
+    assert first[:2] == [4, 4]  # straight over all cones
+    assert first[2] == first[4] == pytest.approx(80 / 10, abs=0.1)
+    assert second[:2] == third[:2] == [0, 0]
+    assert (second[3], third[3]) == (0, 0)
+    assert second[4] == pytest.approx(80 / 5, abs=0.1)  # without a fault, though slower
+    assert third[4] == pytest.approx(80 / 8, abs=0.1)
+    assert best_is_third
+    assert ghost is None
+    assert tab.run("document.querySelector('#goal-panel').hidden") is True
+    tab.click('#goal')
+    car.state = State(x=19.0)
+    tab.press('ArrowUp')
+    wait_until(lambda: tab.text('#goal-touched') == '1')
+    tab.release('ArrowUp')
+    assert tab.run(OVERFLOW) == []
+
+
 def test_watching_page_shows_that_another_one_drives(
     teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
 ) -> None:
@@ -700,6 +754,43 @@ def test_checker_finds_no_accessibility_violation(
     either.end('The run has ended.', bag='bags/run 1')
     tab.until("!document.querySelector('#end-card').hidden")
     assert tab.violations(AXE) == []
+    offer = "{ files: ['report.html', 'bag.zip'], before: 'a', again: true }"
+    tab.run(f"import('./lesson.js').then((m) => new m.Lesson().offer({offer}))")
+    tab.run("document.body.toggleAttribute('data-kept', true)")
+    assert tab.violations(AXE) == []
+    tab.media(forced_colors='active')
+    assert tab.violations(AXE) == []
+    tab.resize(1440, 900)
+    assert tab.run(OVERFLOW) == []
+
+
+def test_every_control_is_reached_by_tab_with_a_visible_focus(
+    either: ViewNode, open_: Callable[..., Tab]
+) -> None:
+    tab = open_(either.url, width=1440, height=900)
+    tab.until("!document.querySelector('#finish').matches(':disabled')")
+    controls = tab.run(
+        "Array.from(document.querySelectorAll('button, input, select, a'))"
+        '.filter((e) => e.checkVisibility() && !e.disabled).length'
+    )
+    reached = set()
+    tab.run("document.body.focus(); document.querySelectorAll('*').forEach((e, k) => { e.n = k; })")
+    for _ in range(controls):
+        tab.type('Tab')
+        number, outline = tab.run(
+            '[document.activeElement.n, getComputedStyle(document.activeElement).outlineStyle]'
+        )
+        reached.add(number)
+        assert outline == 'solid'
+    assert len(reached) == controls
+
+
+def test_printed_page_has_no_controls(either: ViewNode, open_: Callable[..., Tab]) -> None:
+    tab = open_(either.url, width=800, height=1100)
+    tab.media('print')
+    controls = "document.querySelectorAll('.actions *, .transport *, .presets *, .pads *')"
+    assert not tab.run(f'Array.from({controls}).some((e) => e.checkVisibility())')
+    assert tab.run(OVERFLOW) == []
 
 
 #: What is wider than the page, leaves its panel or is cut, by name.
