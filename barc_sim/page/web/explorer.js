@@ -60,6 +60,17 @@ export class Explorer {
     }));
   }
 
+  /** Show or hide a line, by its column. */
+  reveal(column, shown) {
+    for (const { chart } of this.charts) {
+      for (const line of chart.lines) {
+        if (line.column !== column || line.hidden === !shown) continue;
+        line.hidden = !shown;
+        line.output.parentElement.setAttribute('aria-pressed', shown);
+      }
+    }
+  }
+
   /** Return the ghosts of a state: {name, history, start, end, shift [s]}. */
   ghosts(state) {
     const row = this.history.row(state.t);

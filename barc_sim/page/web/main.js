@@ -104,7 +104,11 @@ const connection = new Connection({
       this.prepared = prepared;
       prepareCharts(fields);
       lesson.prepare(fields);
+      this.noisy = false;
     }
+    const noisy = fields.tuning.noise_v_x > 0;
+    if (noisy !== this.noisy) explorer.reveal('measured_speed', noisy); // else it is the speed
+    this.noisy = noisy;
     stale();
   },
   /** Prepare for the rows of a second run, which come next. */

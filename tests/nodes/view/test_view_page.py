@@ -453,6 +453,8 @@ def test_presets_set_all_gains_and_the_integral_is_reset(
         "n.dispatchEvent(new Event('change')); })()"
     )
     wait_until(lambda: car.get_parameter('noise_v_x').value == 0.25)
+    # With noise, the measured speed is another one than the speed: its line is shown.
+    tab.until("document.querySelector('#speed-legend li:last-child button').ariaPressed === 'true'")
     tab.click('#copy-command')
     noisy = f'{command} --ros-args -p vehicle_simulator:noise_v_x:=0.25'
     tab.until(f"window.copied === '{noisy}'")
