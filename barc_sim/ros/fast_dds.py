@@ -21,11 +21,6 @@ _USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 
 _SHARED_MEMORY = Path('/dev/shm')  # noqa: S108 (where Fast DDS has it)
 _LOCK = re.compile(r'(fastrtps_[0-9a-f]{16})_el')
-_BYTE = '([0-9a-f]{2})'
-# Vendor, host, then the process's number, its lowest byte first.
-_DATA_SHARING = re.compile(
-    rf'fast_datasharing_01\.0f\.[0-9a-f]{{2}}\.[0-9a-f]{{2}}\.{_BYTE}\.{_BYTE}\.'
-)
 
 
 def use_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
@@ -44,10 +39,6 @@ def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
     repairs what participants share, the ports.
 
     A lock younger than `least_age` [s] stays: its process may be about to take it.
-
-    Each writer has a file `fast_datasharing_<GUID>`, too, without a lock. The GUID has the lower
-    half of its process's number: the file stays while any process has such a number, or while a
-    container that shares the folder, and hides its processes, uses Fast DDS.
     """
     removed = 0
     with suppress(OSError):
@@ -55,33 +46,7 @@ def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
         for name in names:
             if (found := _LOCK.fullmatch(name)) and _is_old(folder / name, least_age):
                 removed += _remove(folder / name, folder / found[1])
-        locks = [folder / name for name in names if _LOCK.fullmatch(name)]
-        shared = [(n, *found.groups()) for n in names if (found := _DATA_SHARING.match(n))]
-        if shared and not _held_by_hidden_processes(locks):
-            processes = [path.name for path in Path('/proc').iterdir()]
-            living = {int(number) & 0xFFFF for number in processes if number.isdecimal()}
-            for name, low, high in shared:
-                if int(high + low, 16) not in living and _is_old(folder / name, least_age):
-                    folder.joinpath(name).unlink(missing_ok=True)
-                    removed += 1
     return removed
-
-
-def _held_by_hidden_processes(locks: list[Path]) -> bool:
-    """Return whether a lock is held, and by no process of which the system shows us the locks."""
-    shown = {
-        int(line.split()[5].rpartition(':')[2])
-        for line in Path('/proc/locks').read_text(encoding='ascii').splitlines()
-        if '->' not in line
-    }
-    for lock in locks:
-        with suppress(FileNotFoundError), lock.open('rb') as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except OSError:
-                if os.fstat(file.fileno()).st_ino not in shown:
-                    return True
-    return False
 
 
 def _is_old(lock: Path, least_age: float) -> bool:

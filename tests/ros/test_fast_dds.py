@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import fcntl
-import os
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -79,43 +80,38 @@ def test_missing_folder_is_no_error(tmp_path: Path) -> None:
     assert sweep(tmp_path / 'none') == 0
 
 
-def data_sharing(folder: Path, process: int) -> Path:
-    """Return the file of a writer of the process."""
-    low, high = process & 0xFF, process >> 8 & 0xFF
-    path = folder / f'fast_datasharing_01.0f.78.fd.{low:02x}.{high:02x}.4c.a8.00.00.00.00_0.0.15.4'
-    path.write_bytes(b'')
-    return path
+_LAST_WORDS = """
+import os
+from barc_sim.ros.fast_dds import use_profiles
+use_profiles(os.environ)
+import rclpy
+from rclpy.duration import Duration
+from std_msgs.msg import Float64
+rclpy.init()
+node = rclpy.create_node('node')
+got = []
+subscription = node.create_subscription(Float64, 'topic', got.append, 10)
+publisher = node.create_publisher(Float64, 'topic', 10)
+while not publisher.get_subscription_count():
+    rclpy.spin_once(node, timeout_sec=0.01)
+publisher.publish(Float64(data=5.0))
+node.destroy_publisher(publisher)
+for _ in range(200):
+    rclpy.spin_once(node, timeout_sec=0.01)
+    if got:
+        break
+own = f'.{os.getpid() & 255:02x}.{os.getpid() >> 8 & 255:02x}.'
+shared = [name for name in os.listdir('/dev/shm') if 'datasharing' in name and own in name]
+print(got, shared)
+rclpy.shutdown()
+"""
 
 
-def dead_process() -> int:
-    """Return the number of no process, in its lower half."""
-    living = {int(path.name) & 0xFFFF for path in Path('/proc').iterdir() if path.name.isdecimal()}
-    return next(number for number in range(60_000, 100, -1) if number not in living)
-
-
-def test_shared_data_of_a_dead_process_is_removed(tmp_path: Path) -> None:
-    dead, own = data_sharing(tmp_path, dead_process()), data_sharing(tmp_path, os.getpid())
-
-    assert sweep(tmp_path, least_age=-1.0) == 1
-    assert not dead.exists()
-    assert own.exists()
-
-
-def test_shared_data_that_is_new_stays(tmp_path: Path) -> None:
-    path = data_sharing(tmp_path, dead_process())
-
-    assert sweep(tmp_path) == 0
-    assert path.exists()
-
-
-def test_shared_data_stays_while_a_hidden_process_uses_fast_dds(
-    segment: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = data_sharing(segment.parent, dead_process())
-    monkeypatch.setattr('pathlib.Path.read_text', lambda *_, **__: '')  # /proc/locks
-
-    with segment.with_name(f'{NAME}_el').open('rb') as held:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        assert sweep(segment.parent, least_age=-1.0) == 0
-
-    assert path.exists()
+def test_a_message_outlives_its_publisher_and_shares_no_file(ros_domain: int) -> None:
+    """Data of a fixed size that is shared is gone with its publisher, and leaves a file."""
+    del ros_domain
+    pytest.importorskip('rclpy')
+    done = subprocess.run(
+        [sys.executable, '-c', _LAST_WORDS], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == '[std_msgs.msg.Float64(data=5.0)] []\n'
