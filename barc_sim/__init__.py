@@ -37,8 +37,9 @@ A controller of one's own::
     >>> log = simulate(controller=Proportional())
 
 Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
-those of the PID in `control/pid.py`. `simulation/stepper.py` decides each deadline, and
-`lab/check/terms.py` judges the terms of a user's PID.
+those of the PID in `control/pid.py`. `simulation/stepper.py` (`pass_deadline`) decides each
+deadline of a run, and `bags/samples.py` those of a bag. `lab/check/terms.py` judges the terms of a
+user's PID, `lab/check/windup.py` its integral at the limit.
 """
 
 from __future__ import annotations

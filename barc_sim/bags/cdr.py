@@ -1,9 +1,8 @@
 """Messages of a fixed layout as CDR, without message objects.
 
 CDR is the encoding of DDS (OMG formal/2008-01-04, 15.3, PLAIN_CDR). A message here begins with a
-header or a time; doubles follow, and then flags. Its place in the bytes is then fixed, as long as
-the header's frame is empty, and a `struct` packs it in a tenth of the time that a message object
-needs to be made and serialized.
+header or a time; doubles follow, and then flags. Each field then has a fixed place in the bytes, as
+long as the header's frame is empty, so that a `struct` can pack the whole message.
 """
 
 from __future__ import annotations
@@ -21,10 +20,11 @@ HEADER, TIME = 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time'
 
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _STAMP = slice(4, 12)
+_LAST = 2**31 - 1  #: [s]
 _TIMES = (Struct('>iI'), Struct('<iI'))  # big-endian, little-endian
-_NO_FRAME = b'\1\0\0\0\0'  # its length with the end, and the end
+_NO_FRAME = b'\1\0\0\0\0'  # an empty string: its length with the final zero, and that zero
 _FRAME = slice(12, 17)
-#: By the kind that a message starts with: what is packed before the fields. A double begins at a
+#: By the type of a message's first field: what is packed before the others. A double begins at a
 #: multiple of 8, counted from behind the four bytes that name the encoding.
 _LEADING = {HEADER: '<4siI5s3x', TIME: '<4siI'}
 _KINDS = {kind.replace('/msg', each): kind for kind in _LEADING for each in ('/msg', '')}
@@ -35,6 +35,15 @@ def leading_time(data: bytes) -> int:
     """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
     sec, nanosec = _TIMES[data[1] & 1].unpack(data[_STAMP])
     return int(sec) * NANOSECONDS + int(nanosec)
+
+
+def split_time(stamp: int) -> tuple[int, int]:
+    """Return a time [ns] as seconds and nanoseconds; the inverse of `leading_time`.
+
+    Nanoseconds beyond a second stay where the seconds are at their end, as a stranger may send it.
+    """
+    sec, nanosec = divmod(stamp, NANOSECONDS)
+    return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * NANOSECONDS)
 
 
 class FixedLayout:
@@ -56,10 +65,10 @@ class FixedLayout:
     def pack(self, stamp: int, fields: Mapping[str, float]) -> bytes:
         """Return the message stamped `stamp` [ns] with `fields`, by name."""
         values = map(fields.__getitem__, self.names)
-        return self._pack(_LITTLE_ENDIAN, *divmod(stamp, NANOSECONDS), *self._frame, *values)
+        return self._pack(_LITTLE_ENDIAN, *split_time(stamp), *self._frame, *values)
 
     def fits(self, data: bytes) -> bool:
-        """Return whether `data`, of this type, lies as this says: with an empty frame."""
+        """Return whether `data`, of this type, has this layout: its frame is empty."""
         return (
             data[:4] == _LITTLE_ENDIAN
             and len(data) >= self._size
@@ -82,9 +91,9 @@ def fixed_layout(fields: Mapping[str, Any]) -> FixedLayout | None:
 
     The kinds are those of a `.msg` file, or those of a class of rclpy.
     """
-    first, *names = fields
-    leading = _KINDS.get(fields[first])
+    first, *names = fields or ('',)
+    leading = _KINDS.get(fields.get(first, ''))
     codes = ''.join(_CODES.get(fields[name], ' ') for name in names)
-    # What needs no alignment comes last; behind a time alone, doubles would be out of step.
-    fixed = re.fullmatch(r'\?*' if leading == TIME else r'd*\?*', codes)
+    # Doubles are aligned behind a header alone; flags need no alignment.
+    fixed = re.fullmatch(r'\?*' if leading == TIME else r'd+\?*', codes)
     return FixedLayout(leading, names, codes) if leading and fixed else None

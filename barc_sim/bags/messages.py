@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.bags.cdr import HEADER, NANOSECONDS, TIME, fixed_layout
+from barc_sim.bags.cdr import HEADER, TIME, fixed_layout, split_time
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.schemas import definition, shipped
 
@@ -84,7 +84,7 @@ def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
     begins_with_time = header or kinds[0][1] == TIME
 
     def pack_any(stamp: int, fields: Mapping[str, Any]) -> bytes:
-        sec, nanosec = divmod(stamp, NANOSECONDS)
+        sec, nanosec = split_time(stamp)
         first: Any = message_class(TIME)(sec=sec, nanosec=nanosec)
         if header:
             first = message_class(HEADER)(stamp=first, frame_id='')

@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
-from barc_sim.bags.cdr import NANOSECONDS
+from barc_sim.bags.cdr import NANOSECONDS, split_time
 from barc_sim.control.driver import DriverInput
 from barc_sim.vehicle.bike_model import State
 
@@ -20,7 +20,7 @@ _NORM_TOLERANCE = 1e-3
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     """Return a header stamped `stamp_ns` [ns]."""
-    sec, nanosec = divmod(stamp_ns, NANOSECONDS)
+    sec, nanosec = split_time(stamp_ns)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
 

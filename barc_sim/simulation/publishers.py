@@ -17,28 +17,28 @@ if TYPE_CHECKING:
 
 
 class Publisher(Protocol):
-    """Publishes the messages of one topic; none need be made where they are not `wanted`."""
+    """Publishes the messages of one topic."""
 
-    wanted: bool
+    wanted: bool  #: whether anybody receives them; otherwise they need not be made
 
     def publish(self, stamp: int, fields: Mapping[str, Any]) -> None:
         """Publish the message stamped `stamp` [ns] with `fields`, by name."""
 
 
 if TYPE_CHECKING:
-    #: Returns a publisher on a topic, given its name and type.
-    Publishers = Callable[[str, str], Publisher]
+    #: Makes a publisher on a topic, given its name and type.
+    MakePublisher = Callable[[str, str], Publisher]
 
 
 class StatePublishers:
-    """Publishes each state on its topics: `/clock` first, and `z_vhcl`, to be answered, last."""
+    """Publishes each state on its topics: `/clock` first, and last `z_vhcl`, which is answered."""
 
-    def __init__(self, publisher: Publishers, *, clock: bool) -> None:
+    def __init__(self, make: MakePublisher, *, clock: bool) -> None:
         """Create the publishers, with that of `/clock` if `clock` is true."""
         self._state_error, self._environment, self._state = (
-            publisher(topic, MESSAGE_TYPES[topic]) for topic in (STATE_ERROR, ENVIRONMENT, STATE)
+            make(topic, MESSAGE_TYPES[topic]) for topic in (STATE_ERROR, ENVIRONMENT, STATE)
         )
-        self._publisher = publisher
+        self._make = make
         self._clock: Publisher | None = None
         if clock:
             self.begin_clock()
@@ -50,8 +50,7 @@ class StatePublishers:
 
     def begin_clock(self) -> None:
         """Publish `/clock` with each state from now on."""
-        # Reliable, so that no bag lacks a tick; best-effort subscriptions receive it as well.
-        self._clock = self._clock or self._publisher(CLOCK, 'rosgraph_msgs/msg/Clock')
+        self._clock = self._clock or self._make(CLOCK, 'rosgraph_msgs/msg/Clock')
 
     def publish(self, seen: Observation, stamp: int) -> None:
         """Publish what was observed at the time `stamp` [ns]."""
@@ -62,7 +61,10 @@ class StatePublishers:
         self.republish()
 
     def republish(self) -> None:
-        """Publish the latest state again, for a controller that has started since."""
+        """Publish the latest state again, for a controller that has started since.
+
+        Call it after `publish` only.
+        """
         if self._state_error.wanted:
             self._state_error.publish(self._stamp, messages.state_error(self._seen))
         if self._state.wanted:
@@ -77,13 +79,11 @@ class StatePublishers:
 class AnswerPublishers:
     """Publishes a controller's commands, and what it has computed for each."""
 
-    def __init__(self, publisher: Publishers, controller: Controller) -> None:
+    def __init__(self, make: MakePublisher, controller: Controller) -> None:
         """Create the publishers for `controller`."""
         self._controller = controller
         topic = messages.controller_topic(controller)
-        self._command, self._state = (
-            publisher(topic, MESSAGE_TYPES[topic]) for topic in (COMMAND, topic)
-        )
+        self._command, self._state = (make(name, MESSAGE_TYPES[name]) for name in (COMMAND, topic))
 
     def publish(self, stamp: int, answer: Answer) -> Input:
         """Publish and return the command that answers the state stamped `stamp` [ns]."""

@@ -40,7 +40,7 @@ def specialised(
     """
     tree = _definition(function)
     for each in inlined:
-        tree = _Inliner(_definition(each)).visit(tree)
+        tree = _Inliner(_law(each)).visit(tree)
     tree = _Chooser(constants).visit(tree)
     tree = _FieldReader(record).visit(tree)
     code = compile(ast.fix_missing_locations(ast.Module([tree], [])), __file__, 'exec')
@@ -60,6 +60,30 @@ def _definition(function: Callable[..., object]) -> ast.FunctionDef:
     tree.decorator_list, tree.returns = [], None
     for parameter in tree.args.args:
         parameter.annotation = None
+    return tree
+
+
+def _law(function: Callable[..., object]) -> ast.FunctionDef:
+    """Return the tree of a function that can be copied into another.
+
+    Raises
+    ------
+    TypeError
+        It returns before its end, or assigns to a parameter.
+    """
+    tree = _definition(function)
+    returns = [each for each in ast.walk(tree) if isinstance(each, ast.Return)]
+    parameters = {each.arg for each in tree.args.args}
+    stored = {
+        each.id
+        for each in ast.walk(tree)
+        if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+    }
+    if returns != tree.body[-1:] or returns[0].value is None or parameters & stored:
+        raise TypeError(
+            f'{tree.name} cannot be copied into the closed loop: let only its last line return, '
+            f'and assign to none of {", ".join(sorted(parameters))}'
+        )
     return tree
 
 
@@ -86,7 +110,8 @@ class _Inliner(ast.NodeTransformer):
         arguments = [ast.unparse(each) for each in call.args]
         (target,) = node.targets
         *statements, last = law.body
-        assert isinstance(last, ast.Return) and last.value  # noqa: S101, PT018
+        assert isinstance(last, ast.Return)  # noqa: S101
+        assert last.value  # noqa: S101
         stored = {
             name.id
             for name in ast.walk(law)

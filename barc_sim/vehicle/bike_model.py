@@ -81,7 +81,11 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 
 
 def resistance(v: float, vehicle: Vehicle) -> float:
-    """Return how much air drag and rolling friction brake [N] at speed `v` [m/s]."""
+    """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
+
+    `simulation/specialise.py` copies this body into the closed loop. `forces`, here, and
+    `tuning/batch.py` state the same law for arrays: change them with it.
+    """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 
 

@@ -32,6 +32,16 @@ def test_fields_are_read_in_the_order_asked_for() -> None:
 
 
 @pytest.mark.parametrize(
+    ('sec', 'nanosec'), [(0, 0), (-(2**31), 0), (2**31 - 1, 999_999_999), (2**31 - 1, 2**32 - 1)]
+)
+def test_any_time_is_packed_as_it_was_read(sec: int, nanosec: int) -> None:
+    layout = fixed_layout({'stamp': 'builtin_interfaces/Time'})
+    assert layout
+    data = bytes([0, 1, 0, 0]) + struct.pack('<iI', sec, nanosec)
+    assert layout.pack(leading_time(data), {}) == data
+
+
+@pytest.mark.parametrize(
     'changed',
     [
         lambda data: data[:12] + b'\4\0\0\0map\0' + data[20:],  # a frame
@@ -50,7 +60,9 @@ def test_bytes_of_another_layout_do_not_fit(changed: object) -> None:
 @pytest.mark.parametrize(
     'fields',
     [
+        {},
         {'data': 'float64'},
+        {'header': 'std_msgs/msg/Header', 'flag': 'bool'},  # it follows the frame at once
         {'header': 'std_msgs/msg/Header', 'name': 'string'},
         {'header': 'std_msgs/msg/Header', 'flag': 'bool', 'late': 'float64'},
         {'stamp': 'builtin_interfaces/msg/Time', 'value': 'float64'},

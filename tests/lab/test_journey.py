@@ -89,7 +89,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     (lab / 'description.md').write_text('A PID with gains by trial.\n')
     summary = done('submit', 'my_lab', '--engine', 'local')
     assert [line for line in summary.splitlines() if 'missing' in line] == [
-        'code          missing: compose.py'
+        'code          missing: compose.py is the template: nothing is written in it'
     ]
     with zipfile.ZipFile('my_lab.zip') as archive:
         assert archive.testzip() is None

@@ -49,7 +49,7 @@ def follow(
         (
             lambda t: (0.1 * t, 0.1),
             225.0,
-            'is at 22.5 m, at 0.10 m/s, and was at 22.5 m; 180 m need 22 s, and 225 s have passed',
+            'is at 22.5 m, at 0.10 m/s, and was at 22.5 m; at the speed to hold it would have',
         ),
         # It diverges, and is at rest in every other step.
         (
@@ -57,7 +57,10 @@ def follow(
             20.0,
             'drives backwards, to -',
         ),
-        (lambda _: (nan, 1.0), 20.0, 'is at nan m, at 1.00 m/s, and was at -inf m; it got no'),
+        # It is put elsewhere in every step: nobody does that.
+        (lambda t: (-2.0 * (round(t / TS) % 2), 0.0), 20.0, 'drives backwards, to -2 m'),
+        (lambda _: (-3.0, 0.0), 20.0, 'stands at -3.0 m: the commands do not move it'),
+        (lambda _: (nan, 1.0), 20.0, 'has no position: the model returns nan for x; it got no'),
     ],
 )
 def test_a_car_that_never_arrives_is_given_up(
@@ -95,3 +98,26 @@ def test_a_car_may_stand_where_its_reference_became_zero() -> None:
     assert follow(lambda _: (0.0, 0.0), reference=lambda _: 0.0)[0] == pytest.approx(
         PATIENCE, abs=2 * TS
     )
+
+
+@pytest.mark.parametrize(
+    'reference',
+    [
+        lambda t: 0.0 if 5.0 < t < 235.0 else 8.0,
+        lambda t: 0.5 if t < 250.0 else 8.0,
+    ],
+    ids=['stood on request', 'slow on request'],
+)
+def test_a_car_has_the_time_that_its_references_allow(
+    reference: Callable[[float], float],
+) -> None:
+    xs, x = [], 0.0
+    for k in range(15_000):
+        xs.append(x)
+        x += 0.9 * reference(k * TS) * TS
+
+    def motion(t: float) -> Motion:
+        k = round(t / TS)
+        return min(xs[k], LAB), 0.9 * reference(t)
+
+    assert follow(motion, reference=reference) == (inf, '')

@@ -1,8 +1,9 @@
 """Linux's descriptors that an executor waits for: epoll, eventfd, timerfd.
 
-What is there at once is found and read without giving up the interpreter's lock. Otherwise an
-executor that is never idle gives it up every 20 us and has it back before another thread wakes up:
-that thread then starves, as it only insists where nobody gives up the lock for a switch interval.
+`select.epoll` gives up the interpreter's lock at each call. A busy executor then takes the lock
+back before another thread wakes up, every 20 us, and the other thread starves: Python makes the
+holder give way only after a whole switch interval without such a release. Here the lock is given up
+only to wait; what is there at once is found and read with the lock held.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 _POLL_RESOLUTION = 1e-3  # s
 _MOST = 64  # descriptors in one poll
-#: In a struct epoll_event, which is packed on x86-64 alone: its length in integers of four bytes,
-#: and the place of the descriptor.
+#: The length of a struct epoll_event, and the place of the descriptor in it, both in integers of
+#: four bytes. Only x86-64 packs it without gaps.
 _LENGTH, _PLACE = (3, 1) if platform.machine() == 'x86_64' else (4, 2)
 _COUNT_SIZE = 8  # of an eventfd
 _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
@@ -53,7 +54,7 @@ class Descriptors:
         self._epoll.unregister(descriptor)
 
     def poll(self, seconds: float) -> Iterable[int]:
-        """Return the descriptors that are readable, after waiting for one for so long at most."""
+        """Wait up to `seconds` until a descriptor is readable; return those that are."""
         found = _epoll_wait(self._number, self._at_events, _MOST, 0)
         if found <= 0 < seconds:
             if seconds < _POLL_RESOLUTION:
@@ -74,15 +75,18 @@ class Descriptors:
         return self._epoll.closed
 
     def close(self) -> None:
-        """Close the descriptor that waits; not those that it waits for."""
+        """Close the epoll descriptor; those that were added stay open."""
         self._epoll.close()
 
 
 def eventfd() -> int:
-    """Return a descriptor that counts."""
+    """Return a descriptor that counts what is written to it.
+
+    Where the process may open no more, its limit is raised to the most that the system allows.
+    """
     try:
         return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-    except OSError:  # the process may have more, if it asks
+    except OSError:
         _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
         return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
