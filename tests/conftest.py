@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 # Without ROS its tests are left out.
 collect_ignore = [] if has_ros() else ['ros/executor']
 
+if has_ros():
+    from barc_sim.ros.fast_dds import use_profiles
+
+    # Fast DDS reads its profiles once in a process, before the first node: all have a run's.
+    use_profiles()
+
 # How long an example takes is the machine's affair.
 settings.register_profile('any machine', deadline=None)
 settings.load_profile('any machine')
