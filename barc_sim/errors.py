@@ -12,6 +12,11 @@ class UserError(ValueError):
     """Names the value, what was expected and what to do; ends a command with exit code 2.
 
     Its text is shown on terminals, and names can come from a bag: they are escaped.
+
+    Examples
+    --------
+    >>> print(UserError('kp=inf must be finite'))
+    kp=inf must be finite
     """
 
     def __init__(self, message: str = '') -> None:

@@ -111,6 +111,11 @@ def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
     ------
     ValueError
         It is no JSON, too long or too deep.
+
+    Examples
+    --------
+    >>> from_json('{"kp": 30.0}')
+    {'kp': 30.0}
     """
     _check_length(text)
     try:

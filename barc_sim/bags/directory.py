@@ -32,7 +32,13 @@ def free_space(folder: Path) -> int:
 
 
 def short_of_space(free: int, reserve: int) -> str:
-    """Return the clause for free space below the reserve, both [B]."""
+    """Return the clause for free space below the reserve, both [B].
+
+    Examples
+    --------
+    >>> short_of_space(free=10 << 20, reserve=64 << 20)
+    'only 10.0 MiB are free, and 64 MiB must stay free'
+    """
     return f'only {free / 2**20:.1f} MiB are free, and {reserve / 2**20:g} MiB must stay free'
 
 
@@ -76,6 +82,11 @@ def new_directory(root: Path) -> Path:
     ------
     UserError
         The directory cannot be made.
+
+    Examples
+    --------
+    >>> new_directory(Path('bags')).parent.name
+    'bags'
     """
     check_root(root)
     name = time.strftime('%Y-%m-%d_%H-%M-%S')

@@ -41,6 +41,11 @@ def find(name: str) -> str:
     ------
     UserError
         if there is no such type, or there are several.
+
+    Examples
+    --------
+    >>> find('ECU')
+    'barc_interfaces/msg/ECU'
     """
     known = installed()
     if name in known:
@@ -67,6 +72,14 @@ def lines(name: str) -> Iterator[str]:
     """Yield the lines of the definition of `name`, with those of its fields' types indented.
 
     Comments are those of the type itself.
+
+    Examples
+    --------
+    >>> for line in lines('barc_interfaces/msg/ECU'):
+    ...     if line.startswith('float64'):
+    ...         print(line)
+    float64 motor            # [m/s^2] acceleration along the direction of travel
+    float64 servo            # [rad] front steering angle, positive to the left
     """
     yield from _lines(installed(), name, 0)
 

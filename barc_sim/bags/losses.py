@@ -17,6 +17,14 @@ class Losses:
     A publisher numbers its messages one by one, so that a gap is a loss, wherever it happened: in
     the subscription, on the way, or in a publisher whose queue was too short. Losses before the
     first received message of a publisher, or after its last one, are not counted.
+
+    Examples
+    --------
+    >>> losses = Losses()
+    >>> for number in (1, 2, 5):
+    ...     losses.count(b'publisher', number)
+    >>> losses.by_publisher
+    {b'publisher': 2}
     """
 
     def __init__(self) -> None:
@@ -43,6 +51,11 @@ def as_metadata(lost: Mapping[str, Mapping[str, int] | None]) -> dict[str, str]:
     lost
         By topic, the number of lost messages by the publisher's node; None where the middleware
         does not number messages.
+
+    Examples
+    --------
+    >>> as_metadata({'/ecu': {'controller': 2}})
+    {'lost_messages': '2', 'lost /ecu': '2 (2 of controller)'}
     """
     total = sum(sum(by_node.values()) for by_node in lost.values() if by_node)
     entries = {'lost_messages': str(total)}
@@ -56,7 +69,14 @@ def as_metadata(lost: Mapping[str, Mapping[str, int] | None]) -> dict[str, str]:
 
 
 def summary(counts: Mapping[str, int], lost: Mapping[str, Mapping[str, int] | None]) -> str:
-    """Return lines with the numbers of recorded and lost messages; `lost` as in `as_metadata`."""
+    """Return lines with the numbers of recorded and lost messages; `lost` as in `as_metadata`.
+
+    Examples
+    --------
+    >>> print(summary({'ecu': 98}, {'ecu': {'controller': 2}}))
+    recorded 98 messages, lost 2
+    lost ecu: 2 (2 of controller)
+    """
     entries = as_metadata(lost)
     total = entries.pop('lost_messages')
     first = f'recorded {sum(counts.values())} messages, lost {total}'

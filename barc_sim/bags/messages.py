@@ -61,7 +61,13 @@ def _types() -> Typestore:
 
 
 def message_class(type_name: str) -> type[Any]:
-    """Return the class of a shipped type, as in `std_msgs/msg/Header`."""
+    """Return the class of a shipped type, as in `std_msgs/msg/Header`.
+
+    Examples
+    --------
+    >>> [*message_class('std_msgs/msg/Header').__annotations__]
+    ['stamp', 'frame_id', '__msgtype__']
+    """
     return _types().types[type_name]
 
 
@@ -69,6 +75,11 @@ def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
     """Return a function that serializes a message of a shipped type.
 
     It takes the time [ns] with which the message may begin, and the other fields by name.
+
+    Examples
+    --------
+    >>> pack = packer('barc_interfaces/msg/ECU')
+    >>> data = pack(20_000_000, {'motor': 2.0, 'servo': 0.1})
     """
     fields = _types().fielddefs[type_name][1]
     plain = {name: str(of) if kind.name == 'NAME' else of[0] for name, (kind, of) in fields}
@@ -100,7 +111,13 @@ def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
 
 
 def topic(name: str, type_name: str) -> Topic:
-    """Return a bag's record of a topic that a run publishes without ROS."""
+    """Return a bag's record of a topic that a run publishes without ROS.
+
+    Examples
+    --------
+    >>> topic('/ecu', 'barc_interfaces/msg/ECU').type
+    'barc_interfaces/msg/ECU'
+    """
     return Topic(
         name=name,
         type=type_name,

@@ -46,6 +46,12 @@ def files(path: Path) -> list[Path]:
     ------
     UserError
         There are none.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.reader import newest
+    >>> len(files(newest('bags')))
+    1
     """
     if not path.exists():
         raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')

@@ -56,6 +56,12 @@ def recover(path: Path) -> Recovered:
     UserError
         There is no bag, it is still being recorded, nothing in it can be read, or the files cannot
         be written; the bag is unchanged then.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.reader import newest
+    >>> recover(newest('bags')).counts['/ecu']
+    1152
     """
     directory = path if path.is_dir() else path.parent
     found = Recovered()

@@ -43,6 +43,11 @@ def definition(type_name: str) -> str:
     ------
     LookupError
         No installed package has the definition of the type or of one of its dependencies.
+
+    Examples
+    --------
+    >>> print(definition('std_msgs/msg/Header').splitlines()[-1])
+    uint32 nanosec
     """
     package, kind, base = _parts(type_name)
     if kind != 'msg':

@@ -18,7 +18,13 @@ if TYPE_CHECKING:
 
 
 class FileLimits(NamedTuple):
-    """The limits of a bag's file: a new file begins after the message that reaches one."""
+    """The limits of a bag's file: a new file begins after the message that reaches one.
+
+    Examples
+    --------
+    >>> FileLimits(duration=60.0)
+    FileLimits(size=inf, duration=60.0)
+    """
 
     size: float = inf  #: [B]
     duration: float = inf  #: [s]
@@ -45,6 +51,19 @@ class BagWriter:
     ------
     UserError
         The file exists or cannot be made.
+
+    Examples
+    --------
+    >>> from barc_sim.bags import messages, reader
+    >>> directory = Path('by_hand')
+    >>> directory.mkdir()
+    >>> writer = BagWriter(directory, metadata={'command': 'by hand'})
+    >>> topic = messages.topic('/ecu', 'barc_interfaces/msg/ECU')
+    >>> data = messages.packer(topic.type)(0, {'motor': 2.0, 'servo': 0.0})
+    >>> writer.write(topic, data, received=0, published=0, sequence=1)
+    >>> writer.close()
+    >>> reader.counts(directory)
+    {'ecu': 1}
     """
 
     def __init__(

@@ -14,7 +14,13 @@ FOXGLOVE_PORT = 8765
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
-    """Return a converter from text to a number between `low` and `high`, ends included."""
+    """Return a converter from text to a number between `low` and `high`, ends included.
+
+    Examples
+    --------
+    >>> number(0.0, 1.0)('0.5')
+    0.5
+    """
 
     def convert(text: str) -> float:
         try:
@@ -29,7 +35,13 @@ def number(low: float, high: float) -> Callable[[str], float]:
 
 
 def whole(low: int, high: int | None = None) -> Callable[[str], int]:
-    """Return a converter from text to a whole number between `low` and `high`, ends included."""
+    """Return a converter from text to a whole number between `low` and `high`, ends included.
+
+    Examples
+    --------
+    >>> whole(1)('3')
+    3
+    """
     bounds = f'from {low} to {high}' if high is not None else f'of at least {low}'
 
     def convert(text: str) -> int:

@@ -61,7 +61,13 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return the end of a sentence with the names in `known` closest to `name`, or ''."""
+    """Return the end of a sentence with the names in `known` closest to `name`, or ''.
+
+    Examples
+    --------
+    >>> did_you_mean('kpp', ['kp', 'ki', 'kd'])
+    ': did you mean kp?'
+    """
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 
     close = get_close_matches(name, known)

@@ -51,6 +51,13 @@ class CruiseControl:
         What computes; `reset` and `configure` change it.
     values
         The parameters by name.
+
+    Examples
+    --------
+    >>> cruise = CruiseControl(None, 'pid', print, print)
+    >>> cruise.configure({each.name: each.default for each in cruise.parameters()})
+    >>> cruise.answer(stamp=0, speed=7.75)
+    Answer(reference=8.0, speed=7.75, acceleration=7.5)
     """
 
     def __init__(self, controller: Controller | None, kind: str, refuse: Warn, warn: Warn) -> None:

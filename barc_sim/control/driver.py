@@ -23,7 +23,13 @@ STANDSTILL = 0.05
 
 
 class DriverInput(NamedTuple):
-    """What a driver asks for, in shares from -1 to 1."""
+    """What a driver asks for, in shares from -1 to 1.
+
+    Examples
+    --------
+    >>> DriverInput(forward=1.0)
+    DriverInput(forward=1.0, turn=0.0, brake=0.0)
+    """
 
     forward: float = 0.0  #: `linear.x`, of acceleration or deceleration
     turn: float = 0.0  #: `angular.z`, of the steering rate, positive to the left
@@ -40,7 +46,13 @@ FULL_BRAKE = DriverInput(brake=1.0)
 
 
 class Limits(NamedTuple):
-    """Limits of the car when it is driven by hand."""
+    """Limits of the car when it is driven by hand.
+
+    Examples
+    --------
+    >>> Limits(speed=10.0).speed
+    10.0
+    """
 
     acceleration: float = 4.0  #: [m/s²] in the direction of travel
     deceleration: float = 8.0  #: [m/s²] against it
@@ -61,6 +73,13 @@ class Driver:
         The input that the latest command follows.
     servo
         [rad] the latest command's.
+
+    Examples
+    --------
+    >>> driver = Driver()
+    >>> driver.receive(DriverInput(forward=0.5), t=0.0)
+    >>> driver.command(t=0.1, speed=3.0)
+    Input(motor=2.0, servo=0.0)
     """
 
     def __init__(
@@ -140,5 +159,11 @@ class Driver:
 
 
 def limited(value: float, limit: float) -> float:
-    """Return `value`, or the nearer of ±`limit` beyond it."""
+    """Return `value`, or the nearer of ±`limit` beyond it.
+
+    Examples
+    --------
+    >>> limited(-3.0, 1.0)
+    -1.0
+    """
     return max(-limit, min(value, limit))

@@ -41,6 +41,15 @@ class VelocityDriver(Driver):
     ----------
     wheelbase
         L, from axle to axle [m]; may be changed at any time.
+
+    Examples
+    --------
+    >>> driver = VelocityDriver()
+    >>> driver.receive(DriverInput(forward=3.0), t=0.0)
+    >>> driver.command(t=0.05, speed=3.0).motor
+    0.0
+    >>> driver.command(t=5.0, speed=3.0).motor
+    -8.0
     """
 
     def __init__(self, limits: Limits | None = None, **options: Any) -> None:  # noqa: ANN401

@@ -29,7 +29,13 @@ class View(Protocol):
 
 
 def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
-    """Return the times [s] of the frames of a film of `duration` [s], with both ends."""
+    """Return the times [s] of the frames of a film of `duration` [s], with both ends.
+
+    Examples
+    --------
+    >>> print(frame_times(0.2, fps=10.0))
+    [0.  0.1 0.2]
+    """
     count = int(np.ceil(duration * fps - 1e-6)) + 1
     return np.minimum(np.arange(count) / fps, duration)
 

@@ -34,6 +34,12 @@ def convergence_figure(studies: Sequence[Study], *, figure: Figure | None = None
     """Draw the errors of `studies`, those of a test drive next to each other.
 
     `figure` is an empty one to draw on, such as a window's.
+
+    Examples
+    --------
+    >>> from barc_sim.simulation.convergence import studies
+    >>> from barc_sim.simulation.reference_drives import REFERENCE_DRIVES
+    >>> convergence_figure([*studies(REFERENCE_DRIVES[:1])]).savefig('convergence.svg')
     """
     figure = figure or Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)

@@ -25,6 +25,13 @@ def drive_figure(log: Log, *, title: str = '') -> Figure:
     """Draw the path from above, and heading, speed and steering over time.
 
     Where the car was put back to the start, the lines are broken.
+
+    Examples
+    --------
+    >>> from barc_sim.control.driver import DriverInput
+    >>> from barc_sim.simulation.closed_loop import drive
+    >>> log = drive([(0.0, DriverInput(forward=1.0, turn=0.2))], duration=2.0)
+    >>> drive_figure(log).savefig('drive.svg')
     """
     log = use_measurement(log)
     figure = Figure(figsize=SIZE, layout='constrained')

@@ -40,6 +40,11 @@ class GraphDrawing:
     ----------
     size
         [inch] Width and height.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.node_graph import NodeGraph
+    >>> GraphDrawing(NodeGraph(('/controller',), {}, (), ())).save(Path('graph.svg'))
     """
 
     def __init__(self, graph: NodeGraph, title: str = '') -> None:
@@ -95,7 +100,14 @@ class GraphDrawing:
 
 
 def lines(graph: NodeGraph) -> list[str]:
-    """Return the table of nodes in lines of text, the heading first."""
+    """Return the table of nodes in lines of text, the heading first.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.node_graph import NodeGraph
+    >>> lines(NodeGraph(('/controller',), {}, (), ()))[0].split()
+    ['node', 'source', 'what', 'it', 'does']
+    """
     parts = [('node', 'source', 'what it does'), *table(graph)]
     name, source = (max(len(part[k]) for part in parts) for k in (0, 1))
     return [

@@ -38,6 +38,13 @@ def layout(vertices: Sequence[str], edges: Sequence[Edge], way_gap: float = 0.4)
     """Return a layout of `edges` between `vertices`; circles are entered where these come first.
 
     `way_gap` is the distance that a way point keeps, where vertices keep 1.
+
+    Examples
+    --------
+    >>> edges = [('controller', 'ecu'), ('ecu', 'simulator')]
+    >>> places = layout(['controller', 'ecu', 'simulator'], edges).vertices
+    >>> places['controller'].layer, places['ecu'].layer, places['simulator'].layer
+    (0, 1, 2)
     """
     forward = _without_circles(vertices, edges)
     layer = _layers(vertices, list(forward))

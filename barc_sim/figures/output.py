@@ -22,6 +22,11 @@ def target(name: str, formats: Sequence[str]) -> Path:
     ------
     UserError
         if it has another extension, or is a directory.
+
+    Examples
+    --------
+    >>> target('speed.png', ('png', 'svg')).name
+    'speed.png'
     """
     path = Path(name)
     if path.suffix.lower().lstrip('.') not in formats:

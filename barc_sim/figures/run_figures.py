@@ -86,6 +86,13 @@ def speed_figure(
     -------
     Figure
         `figure`, or a new one without a window.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> figure = speed_figure(simulate(), title='My run')
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['Speed [m/s]', 'Error [m/s]', 'Grade [°]', 'Command [m/s²]']
     """
     log = use_measurement(log)
     caption = _caption(log)
@@ -114,7 +121,13 @@ def speed_figure(
 
 
 def settings(info: Mapping[str, str]) -> str:
-    """Return the road and the gains in a run's metadata, in one line."""
+    """Return the road and the gains in a run's metadata, in one line.
+
+    Examples
+    --------
+    >>> settings({'road': 'lab', 'kp': '30.0', 'ki': '200.0', 'kd': '0.1'})
+    'road lab · kp 30.0 · ki 200.0 · kd 0.1'
+    """
     return ' · '.join(
         f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
         for key in ('road', *GAINS)
@@ -124,7 +137,13 @@ def settings(info: Mapping[str, str]) -> str:
 
 @style.context(STYLE)
 def terms_figure(log: Log) -> Figure | None:
-    """Draw the controller's terms against the position along the road; None if all are unknown."""
+    """Draw the controller's terms against the position along the road; None if all are unknown.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> terms_figure(simulate()).savefig('terms.svg')
+    """
     if all(np.isnan(values).all() for values in log.terms.values()):
         return None
     log = _broken(log)
@@ -211,7 +230,14 @@ def _draw_speed(axes: Axes, log: Log) -> None:
 
 
 def has_error(log: Log) -> bool:
-    """Return whether there is a speed error after the run-up."""
+    """Return whether there is a speed error after the run-up.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> has_error(simulate())
+    True
+    """
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
 
 

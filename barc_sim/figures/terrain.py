@@ -31,6 +31,13 @@ class Terrain:
     distance, horizontal, elevation
         [m] the points of the road's surface, in rising order, each of shape `(m,)`; the road is
         straight between them.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> horizontal, elevation = Terrain(simulate()).at(120.0)
+    >>> round(float(elevation), 1)
+    10.0
     """
 
     def __init__(self, log: Log) -> None:

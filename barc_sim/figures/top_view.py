@@ -95,5 +95,12 @@ class TopView(RunView):
 
 
 def suits(log: Log) -> bool:
-    """Return whether a run is best seen from above: on the flat, without a speed controller."""
+    """Return whether a run is best seen from above: on the flat, without a speed controller.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> suits(simulate())
+    False
+    """
     return bool(np.isnan(log.reference).all() and not np.nan_to_num(log.elevation).any())

@@ -16,7 +16,13 @@ def render(page: str, **values: object) -> str:
 
 
 def data_url(kind: str, data: bytes) -> str:
-    """Return an image of the MIME type `kind` as a URL that contains it."""
+    """Return an image of the MIME type `kind` as a URL that contains it.
+
+    Examples
+    --------
+    >>> data_url('image/png', b'')
+    'data:image/png;base64,'
+    """
     return f'data:{kind};base64,{b64encode(data).decode()}'
 
 

@@ -24,6 +24,15 @@ class DriverArbiter:
     ----------
     driver
         The page that drives, or None.
+
+    Examples
+    --------
+    >>> from barc_sim.page.protocol import Drive
+    >>> arbiter = DriverArbiter()
+    >>> arbiter.request('page 1', Drive(linear=1.0), now=0.0)
+    True
+    >>> arbiter.request('page 2', Drive(linear=-1.0), now=0.1)
+    False
     """
 
     def __init__(self) -> None:

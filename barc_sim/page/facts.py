@@ -95,7 +95,13 @@ def _label(name: str, gain: Gain) -> str:
 
 
 def road_facts(road: Road) -> dict[str, list[float]]:
-    """Return where stretches begin [m] and their grades [deg]."""
+    """Return where stretches begin [m] and their grades [deg].
+
+    Examples
+    --------
+    >>> road_facts(Road((0.0, 20.0), (0.0, 10.0)))
+    {'starts': [0.0, 20.0], 'grades_deg': [0.0, 10.0]}
+    """
     return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
 
 
@@ -137,7 +143,16 @@ def lap_facts(laps: Laps) -> dict[str, Any]:
 
 
 def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
-    """Return the table of a lap's stretches."""
+    """Return the table of a lap's stretches.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> from barc_sim.simulation.laps import laps_of
+    >>> laps, _ = laps_of(simulate())
+    >>> [row['theta_deg'] for row in stretch_facts(laps.current)]
+    [0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0]
+    """
     return [_known(asdict(stretch)) for stretch in lap.summary.stretches]
 
 

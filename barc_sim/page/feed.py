@@ -101,7 +101,13 @@ class Feed(ABC):
 
 
 def is_valid(values: tuple[float, ...]) -> bool:
-    """Return whether all values are finite, and none is absurd."""
+    """Return whether all values are finite, and none is absurd.
+
+    Examples
+    --------
+    >>> is_valid((8.0, 0.1)), is_valid((float('nan'),))
+    (True, False)
+    """
     return all(abs(value) <= _GREATEST for value in values)  # False for NaN
 
 

@@ -119,7 +119,13 @@ class Status(NamedTuple):
 
 
 def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can hold)
-    """Return the message of a type to the page."""
+    """Return the message of a type to the page.
+
+    Examples
+    --------
+    >>> encode('driver', you=True)
+    '{"type":"driver","you":true}'
+    """
     return json.dumps({'type': kind, **fields}, separators=(',', ':'), allow_nan=False)
 
 
@@ -130,6 +136,11 @@ def parse(message: str | bytes) -> Request:
     ------
     RequestError
         where it is nothing that a page can ask for.
+
+    Examples
+    --------
+    >>> parse('{"type": "tune", "name": "kp", "value": 10.0}')
+    Tune(name='kp', value=10.0)
     """
     if not isinstance(message, str):
         raise RequestError('a page sends text, not binary data')

@@ -119,5 +119,12 @@ def rows_of(log: Log) -> bytes:
 
 
 def columns_in(log: Log) -> tuple[str, ...]:
-    """Return the names of the values in a row of `rows_of(log)`."""
+    """Return the names of the values in a row of `rows_of(log)`.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> columns_in(simulate())[:3]
+    ('t', 'x', 'y')
+    """
     return (*COLUMNS, *(name for name in log.terms if name not in COLUMNS))

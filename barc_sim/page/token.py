@@ -19,6 +19,12 @@ def kept_token(port: int, state: Path | None = None) -> str | None:
 
     It derives from a secret that only the user can read, in `state`: by default the user's
     directory for state.
+
+    Examples
+    --------
+    >>> token = kept_token(8080, Path('state'))
+    >>> token == kept_token(8080, Path('state'))
+    True
     """
     secret = _secret(state or _state_directory())
     if secret is None:

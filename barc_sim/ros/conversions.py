@@ -19,7 +19,13 @@ _NORM_TOLERANCE = 1e-3
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:
-    """Return a header stamped `stamp_ns` [ns]."""
+    """Return a header stamped `stamp_ns` [ns].
+
+    Examples
+    --------
+    >>> to_nanoseconds(to_header(1_020_000_000).stamp)
+    1020000000
+    """
     sec, nanosec = split_time(stamp_ns)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
@@ -30,7 +36,14 @@ def to_nanoseconds(stamp: Time) -> int:
 
 
 def to_state_at_rest(pose: Pose) -> State | None:
-    """Return the state at rest at `pose`; None where that is not finite or not a rotation."""
+    """Return the state at rest at `pose`; None where that is not finite or not a rotation.
+
+    Examples
+    --------
+    >>> from geometry_msgs.msg import Point, Pose
+    >>> to_state_at_rest(Pose(position=Point(x=30.0)))
+    State(x=30.0, y=0.0, psi=0.0, v=0.0)
+    """
     x, y, q = pose.position.x, pose.position.y, pose.orientation
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):
@@ -39,7 +52,13 @@ def to_state_at_rest(pose: Pose) -> State | None:
 
 
 def to_driver_input(twist: Twist) -> DriverInput:
-    """Return the driver's input in `twist`."""
+    """Return the driver's input in `twist`.
+
+    Examples
+    --------
+    >>> to_driver_input(to_twist(DriverInput(forward=1.0, turn=-0.5)))
+    DriverInput(forward=1.0, turn=-0.5, brake=-0.0)
+    """
     return DriverInput(forward=twist.linear.x, turn=twist.angular.z, brake=-twist.linear.z)
 
 

@@ -155,6 +155,12 @@ def closed_loop(
     With `progress` the drive of a car that never arrives ends, too, as a run does.
     `plant` and `controller`, those of a run unless given, are left as the run left them. The last
     row is the first state at or beyond `distance`, with the command that answers it.
+
+    Examples
+    --------
+    >>> log = closed_loop(controller=PID(10.0, 20.0, 0.0), distance=40.0)
+    >>> round(float(log.distance[-1]), 1)
+    40.1
     """
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
@@ -195,6 +201,13 @@ def drive(
     every multiple of the driver's `dt`, of the requests up to then, and acts from the state on
     in whose period it is made. `plant`, on the flat, and `driver`, those of a run unless given,
     are left as the run left them.
+
+    Examples
+    --------
+    >>> from barc_sim.control.driver import DriverInput
+    >>> log = drive([(0.0, DriverInput(forward=1.0))], duration=0.5)
+    >>> print(f'{log.speed[-1]:.2f} m/s')
+    2.00 m/s
     """
     plant = plant or Plant(road=Road.flat())
     driver = driver or Driver()

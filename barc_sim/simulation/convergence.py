@@ -61,7 +61,16 @@ def studies(drives: Iterable[ReferenceDrive] = REFERENCE_DRIVES) -> Iterator[Stu
 
 
 def drive(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> State:
-    """Return the state at the end, in steps of `ts` seconds."""
+    """Return the state at the end, in steps of `ts` seconds.
+
+    Examples
+    --------
+    >>> from barc_sim.simulation.reference_drives import REFERENCE_DRIVES
+    >>> circle = REFERENCE_DRIVES[0]
+    >>> end, exact = drive(circle, 'kinematic', 'euler', 0.02), circle.exact(circle)
+    >>> print(f'{hypot(end.x - exact[0], end.y - exact[1]):.2f} m')
+    0.25 m
+    """
     bicycle: KinematicBicycle | DynamicBicycle = (
         DynamicBicycle(integrator=integrator)
         if model == 'dynamic'
@@ -74,7 +83,13 @@ def drive(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) ->
 
 
 def order(errors: tuple[float, ...]) -> float:
-    """Return the slope of log error over log step, for errors [m] of `STEPS`."""
+    """Return the slope of log error over log step, for errors [m] of `STEPS`.
+
+    Examples
+    --------
+    >>> round(order((0.32, 0.16, 0.08, 0.04, 0.02)), 3)
+    1.0
+    """
     counted = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
     if len(counted) < 2:  # noqa: PLR2004 (a slope's least)
         return float('nan')

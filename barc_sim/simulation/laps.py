@@ -55,6 +55,12 @@ class Laps:
     ----------
     finished
         The laps before the present one.
+
+    Examples
+    --------
+    >>> laps = Laps()
+    >>> [laps.add(t, x, 0.0, 8.0, 8.0, 0.0) for t, x in [(0.0, 9.0), (0.02, 9.16), (0.04, 0.0)]]
+    [0, 0, 1]
     """
 
     def __init__(self, longest: float = inf) -> None:
@@ -128,7 +134,15 @@ def _is_jump(before: _Place, now: _Place, longest: float) -> bool:
 
 
 def laps_of(log: Log) -> tuple[Laps, list[int]]:
-    """Return the laps of a recorded run, and the number of each state's lap."""
+    """Return the laps of a recorded run, and the number of each state's lap.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> laps, numbers = laps_of(simulate())
+    >>> laps.current.number, round(laps.current.length, 1)
+    (0, 180.1)
+    """
     laps = Laps(_LONGEST)
     columns = (log.t, log.distance, log.across, log.speed, log.reference, log.theta_deg)
     rows = zip(*(column.tolist() for column in columns), strict=True)

@@ -43,7 +43,13 @@ MESSAGE_TYPES = {
 
 
 class Column(NamedTuple):
-    """What one array of a log is."""
+    """What one array of a log is.
+
+    Examples
+    --------
+    >>> COLUMNS['motor'].unit, COLUMNS['motor'].meaning
+    ('m/s²', 'acceleration command')
+    """
 
     unit: str
     meaning: str
@@ -218,12 +224,24 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(dict(_declared()))
 
 
 def columns_of(topic: str) -> dict[str, str]:
-    """Return the columns that a topic's messages hold: names by field."""
+    """Return the columns that a topic's messages hold: names by field.
+
+    Examples
+    --------
+    >>> columns_of('ecu')
+    {'motor': 'motor', 'servo': 'servo'}
+    """
     return {column.field: name for name, column in COLUMNS.items() if column.topic == topic}
 
 
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:
-    """Return those of a controller's terms whose name no column but that of a PID's term has."""
+    """Return those of a controller's terms whose name no column but that of a PID's term has.
+
+    Examples
+    --------
+    >>> recordable(['proportional', 'feedback', 'motor'])
+    ('proportional', 'feedback')
+    """
     return tuple(name for name in terms if name in PID.terms or name not in COLUMNS)
 
 

@@ -14,19 +14,40 @@ if TYPE_CHECKING:
 
 
 def state(seen: Observation) -> dict[str, float]:
-    """Return the state as measured."""
+    """Return the state as measured.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.plant import Plant
+    >>> [*state(Plant().observe())]
+    ['x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot']
+    """
     x, y, psi, v_x, v_y, psi_dot = seen.measured
     return {'x': x, 'y': y, 'psi': psi, 'v_x': v_x, 'v_y': v_y, 'psi_dot': psi_dot}
 
 
 def state_error(seen: Observation) -> dict[str, float]:
-    """Return the measurement's error."""
+    """Return the measurement's error.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.plant import Plant
+    >>> [*state_error(Plant().observe())]
+    ['s', 'ey', 'epsi', 'v_x', 'v_y', 'psi_dot']
+    """
     s, ey, epsi, v_x, v_y, psi_dot = seen.error
     return {'s': s, 'ey': ey, 'epsi': epsi, 'v_x': v_x, 'v_y': v_y, 'psi_dot': psi_dot}
 
 
 def environment(seen: Observation) -> dict[str, float]:
-    """Return the forces of road and air, with the incline."""
+    """Return the forces of road and air, with the incline.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.plant import Plant
+    >>> environment(Plant().observe())['theta']
+    0.0
+    """
     friction, drag, gravity = seen.forces
     return {
         'theta': seen.theta_deg,
@@ -38,12 +59,26 @@ def environment(seen: Observation) -> dict[str, float]:
 
 
 def command(given: Input) -> dict[str, float]:
-    """Return a command."""
+    """Return a command.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Input
+    >>> command(Input(motor=2.0))
+    {'motor': 2.0, 'servo': 0.0}
+    """
     return {'motor': given.motor, 'servo': given.servo}
 
 
 def controller_topic(controller: Controller) -> str:
-    """Return the topic of what `controller` computes: PIDs have one of their own."""
+    """Return the topic of what `controller` computes: PIDs have one of their own.
+
+    Examples
+    --------
+    >>> from barc_sim import LQR, PID
+    >>> controller_topic(PID()), controller_topic(LQR())
+    ('pid_state', 'controller_state')
+    """
     return PID_STATE if controller.terms.keys() == PID.terms.keys() else CONTROLLER_STATE
 
 

@@ -31,7 +31,20 @@ if TYPE_CHECKING:
 
 
 class StatePublishers:
-    """Publishes each state on its topics: `/clock` first, and last `z_vhcl`, which is answered."""
+    """Publishes each state on its topics: `/clock` first, and last `z_vhcl`, which is answered.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> from barc_sim.vehicle.plant import Plant
+    >>> def publisher(topic, kind):
+    ...     return SimpleNamespace(wanted=True, publish=lambda stamp, fields: print(topic, stamp))
+    >>> StatePublishers(publisher, clock=True).publish(Plant().observe(), stamp=20_000_000)
+    /clock 20000000
+    environment 20000000
+    ez_vhcl 20000000
+    z_vhcl 20000000
+    """
 
     def __init__(self, make: MakePublisher, *, clock: bool) -> None:
         """Create the publishers, with that of `/clock` if `clock` is true."""

@@ -15,7 +15,14 @@ _LAB = Road.lab()
 
 
 class ReferenceDrive(NamedTuple):
-    """A test drive of the bicycles named in `models`."""
+    """A test drive of the bicycles named in `models`.
+
+    Examples
+    --------
+    >>> circle = REFERENCE_DRIVES[0]
+    >>> circle.name, circle.duration, circle.held.servo
+    ('circle', 4.0, 0.4)
+    """
 
     name: str
     text: str

@@ -96,12 +96,24 @@ def settings(values: Mapping[str, Any]) -> Settings:
 
 
 def publishes_clock(values: Mapping[str, Any]) -> bool:
-    """Return whether simulated time is published: on demand, and where it is not real time."""
+    """Return whether simulated time is published: on demand, and where it is not real time.
+
+    Examples
+    --------
+    >>> publishes_clock({'clock': False, 'realtime_factor': 2.0})
+    True
+    """
     return bool(values['clock']) or values['realtime_factor'] != 1.0
 
 
 def missed_deadline(state: int, missed: int) -> str:
-    """Return the warning that no command answers `state` in time; `missed` counts such states."""
+    """Return the warning that no command answers `state` in time; `missed` counts such states.
+
+    Examples
+    --------
+    >>> missed_deadline(state=120, missed=1)
+    'missed deadline 1: no command answers state 120 in time; the last one holds'
+    """
     return f'missed deadline {missed}: no command answers state {state} in time; the last one holds'
 
 
@@ -115,5 +127,11 @@ def stamps_behind(behind: float, *, clock: bool) -> str:
 
 
 def commands_lost(timeout: float) -> str:
-    """Return the warning that no command has arrived for `timeout` [s]."""
+    """Return the warning that no command has arrived for `timeout` [s].
+
+    Examples
+    --------
+    >>> commands_lost(0.5)
+    'no command for 0.5 s: the car brakes to a standstill'
+    """
     return f'no command for {timeout:g} s: the car brakes to a standstill'

@@ -26,7 +26,13 @@ _NANOSECONDS = 1_000_000_000
 
 
 class Phase(Enum):
-    """The states of a `Stepper`."""
+    """The states of a `Stepper`.
+
+    Examples
+    --------
+    >>> [phase.name for phase in Phase]
+    ['STARTING', 'RUNNING', 'PAUSED', 'FINISHED']
+    """
 
     STARTING = 'no state is published since the start or the latest reset'
     RUNNING = 'simulated time runs'

@@ -12,7 +12,13 @@ if TYPE_CHECKING:
 
 
 class Settings(NamedTuple):
-    """The limits and times of a `Stepper`."""
+    """The limits and times of a `Stepper`.
+
+    Examples
+    --------
+    >>> Settings(realtime_factor=0.0, distance=180.0).laps
+    1
+    """
 
     realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
     distance: float = inf  #: [m] a lap ends here

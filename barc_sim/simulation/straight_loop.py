@@ -45,7 +45,16 @@ class Setting(NamedTuple):
 
 
 class Stretches(NamedTuple):
-    """A road as the loop reads it: stretch `i` reaches from `begins[i]` up to `ends[i]` [m]."""
+    """A road as the loop reads it: stretch `i` reaches from `begins[i]` up to `ends[i]` [m].
+
+    Examples
+    --------
+    >>> from barc_sim import Road, Vehicle
+    >>> stretches = Stretches.of(Road.lab(), Vehicle())
+    >>> begin, end, push = stretches.at(110.0)
+    >>> begin, end, round(push)
+    (100.0, 120.0, -9800)
+    """
 
     begins: tuple[float, ...]
     ends: tuple[float, ...]
@@ -69,7 +78,13 @@ class Stretches(NamedTuple):
 
 
 class Start(NamedTuple):
-    """Car and controller before the first step; the default is at rest, without a past."""
+    """Car and controller before the first step; the default is at rest, without a past.
+
+    Examples
+    --------
+    >>> Start(v=8.0)
+    Start(x=0.0, v=8.0, integral=0.0, previous=0.0, dt=0.0)
+    """
 
     x: float = 0.0  #: [m]
     v: float = 0.0  #: [m/s]

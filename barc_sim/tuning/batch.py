@@ -31,7 +31,15 @@ _ROWS = 18
 
 
 def drive(course: Course, gains: Floats, block: int = BLOCK) -> Result:
-    """Drive a loop over `course` for each of `gains`, shape `(n, 3)`: kp, ki, kd."""
+    """Drive a loop over `course` for each of `gains`, shape `(n, 3)`: kp, ki, kd.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from barc_sim.tuning.course import Course
+    >>> drive(Course(), np.array([[10.0, 20.0, 0.0], [30.0, 200.0, 0.1]])).steps
+    array([1151, 1151])
+    """
     if len(gains) <= FEW:
         rows = [drive_one(course, *each) for each in gains.tolist()]
         return _result(np.array(rows).reshape(-1, len(Result._fields)).T)
@@ -40,7 +48,14 @@ def drive(course: Course, gains: Floats, block: int = BLOCK) -> Result:
 
 
 def drive_one(course: Course, kp: float, ki: float, kd: float) -> Result:
-    """Drive one loop over `course`."""
+    """Drive one loop over `course`.
+
+    Examples
+    --------
+    >>> from barc_sim.tuning.course import Course
+    >>> drive_one(Course(), 10.0, 20.0, 0.0).steps
+    1151
+    """
     found = straight_loop.drive(
         kp,
         ki,

@@ -41,7 +41,16 @@ LABELS = (
 
 
 def scores(course: Course, result: Result) -> Scores:
-    """Return the scores of loops over `course` with these sums."""
+    """Return the scores of loops over `course` with these sums.
+
+    Examples
+    --------
+    >>> from barc_sim.tuning.batch import drive_one
+    >>> from barc_sim.tuning.course import Course
+    >>> found = scores(Course(), drive_one(Course(), 10.0, 20.0, 0.0))
+    >>> print(f'{float(found.rms):.3f} m/s')
+    0.113 m/s
+    """
     arrived = result.steps >= 0
 
     def where_arrived(values: Floats) -> Floats:
@@ -58,7 +67,14 @@ def scores(course: Course, result: Result) -> Scores:
 
 @dataclass(frozen=True)
 class Cost:
-    """A weighted sum of scores."""
+    """A weighted sum of scores.
+
+    Examples
+    --------
+    >>> cost = Cost.parse('rms+0.01*effort')
+    >>> cost.weights
+    (1.0, 0.0, 0.0, 0.01)
+    """
 
     weights: tuple[float, float, float, float]  #: in the order of `Scores`
     text: str

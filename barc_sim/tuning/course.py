@@ -27,7 +27,13 @@ _PATIENCE = 3.0
 
 @dataclass(frozen=True)
 class Course:
-    """A road to drive at a speed, with noise and delay."""
+    """A road to drive at a speed, with noise and delay.
+
+    Examples
+    --------
+    >>> Course(distance=40.0).max_duration
+    18.0
+    """
 
     road: Road = field(default_factory=Road.lab)
     speed: float = SPEED_REFERENCE  #: [m/s] to hold, positive

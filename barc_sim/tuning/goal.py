@@ -30,6 +30,15 @@ class Goal:
     """The mean cost over courses; a call with gains returns what each costs.
 
     It can be pickled for other processes, if `new_controller` can.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from barc_sim.tuning.cost import Cost
+    >>> from barc_sim.tuning.course import Course
+    >>> goal = Goal((Course(),), Cost.parse('rms'))
+    >>> print(goal(np.array([[10.0, 20.0, 0.0]])).round(3))
+    [0.113]
     """
 
     courses: tuple[Course, ...]

@@ -62,6 +62,15 @@ def search(
         The greatest number of them.
     on_generation
         Called after each with the number of those before it and the least cost up to now.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> def cost(gains):
+    ...     return ((gains - 2.0) ** 2).sum(axis=1)
+    >>> found = search(cost, low=np.zeros(3), high=np.full(3, 9.0), start=np.ones(3))
+    >>> print(rounded(found.gains))
+    [2. 2. 2.]
     """
     random = np.random.default_rng(seed)
     places = rounded(_spread(random, population, low, high))
@@ -82,7 +91,14 @@ def search(
 
 
 def rounded(gains: Floats) -> Floats:
-    """Return `gains` with `DIGITS` significant digits."""
+    """Return `gains` with `DIGITS` significant digits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> print(rounded(np.array([29.876543, 0.123456])))
+    [29.88    0.1235]
+    """
     return np.array([float(f'{gain:.{DIGITS}g}') for gain in gains.flat]).reshape(gains.shape)
 
 

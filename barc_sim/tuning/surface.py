@@ -37,6 +37,12 @@ def free_axes(low: Floats, high: Floats) -> tuple[int, int]:
     ------
     UserError
         where fewer are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> free_axes(np.array([1.0, 0.0, 0.0]), np.array([60.0, 0.0, 5.0]))
+    (0, 2)
     """
     free = np.flatnonzero(low < high)
     if len(free) < 2:  # noqa: PLR2004 (a map's)
@@ -67,6 +73,15 @@ def surface(
         The points, shape `(3,)`.
     size
         Gains along a side.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> def cost(gains):
+    ...     return ((gains - 2.0) ** 2).sum(axis=1)
+    >>> low, high, found = np.zeros(3), np.full(3, 9.0), np.full(3, 2.0)
+    >>> surface(cost, low, high, np.ones(3), found, size=5).cost.shape
+    (5, 5)
     """
     axes = free_axes(low, high)
     far = np.maximum(_MARGIN * np.maximum(start, found), low + _LEAST * (high - low))

@@ -20,6 +20,12 @@ class Actuator(NamedTuple):
         dw/dt = (u - w) / lag, cut to ±rate
 
     The unit is the command's: [m/s²] for the motor, [rad] for the servo.
+
+    Examples
+    --------
+    >>> value, mean = Actuator(lag=0.2).respond(0.0, 1.0, 0.2)
+    >>> round(value, 3)
+    0.632
     """
 
     delay: float = 0.0  #: [s]
@@ -58,6 +64,12 @@ class Channel:
     ----------
     value
         Where the actuator is now.
+
+    Examples
+    --------
+    >>> channel = Channel(Actuator(delay=0.04), ts=0.02)
+    >>> [channel.advance(1.0) for _ in range(4)]
+    [0.0, 0.0, 1.0, 1.0]
     """
 
     def __init__(self, actuator: Actuator, ts: float) -> None:
@@ -111,6 +123,13 @@ class Actuators:
         Acceleration and steering at this instant.
     obey
         Whether each command takes effect at once.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Input
+    >>> actuators = Actuators(Actuator(limit=4.0), Actuator(), ts=0.02)
+    >>> actuators.advance(Input(motor=6.0, servo=0.1))
+    Input(motor=4.0, servo=0.1)
     """
 
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:

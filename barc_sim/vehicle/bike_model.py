@@ -41,7 +41,13 @@ class Vehicle(NamedTuple):
 
 
 class State(NamedTuple):
-    """The vehicle's state: its centre of mass, in the frame of the road's surface."""
+    """The vehicle's state: its centre of mass, in the frame of the road's surface.
+
+    Examples
+    --------
+    >>> State(v=8.0)
+    State(x=0.0, y=0.0, psi=0.0, v=8.0)
+    """
 
     x: float = 0.0  #: [m] along the road's surface
     y: float = 0.0  #: [m] to the left of the road's x axis
@@ -50,14 +56,26 @@ class State(NamedTuple):
 
 
 class Input(NamedTuple):
-    """The command to the actuators."""
+    """The command to the actuators.
+
+    Examples
+    --------
+    >>> Input(motor=2.0)
+    Input(motor=2.0, servo=0.0)
+    """
 
     motor: float = 0.0  #: [m/s²] acceleration
     servo: float = 0.0  #: [rad] front steering angle, positive to the left
 
 
 class Forces(NamedTuple):
-    """The external forces on the vehicle, positive forwards; their sum is F_ext."""
+    """The external forces on the vehicle, positive forwards; their sum is F_ext.
+
+    Examples
+    --------
+    >>> round(sum(forces(8.0, 0.5, Vehicle())), 1)
+    -9800.9
+    """
 
     friction: float  #: [N]
     drag: float  #: [N]
@@ -65,7 +83,13 @@ class Forces(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The state as `z_vhcl` carries it: velocities in the vehicle's frame."""
+    """The state as `z_vhcl` carries it: velocities in the vehicle's frame.
+
+    Examples
+    --------
+    >>> motion(State(v=8.0), 0.0, Vehicle())
+    Motion(x=0.0, y=0.0, psi=0.0, v_x=8.0, v_y=0.0, psi_dot=0.0)
+    """
 
     x: float  #: [m]
     y: float  #: [m]
@@ -76,7 +100,13 @@ class Motion(NamedTuple):
 
 
 def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
-    """Return β [rad], the angle from the vehicle's axis to its velocity, for steering `d_f`."""
+    """Return β [rad], the angle from the vehicle's axis to its velocity, for steering `d_f`.
+
+    Examples
+    --------
+    >>> round(slip_angle(0.3), 3)
+    0.153
+    """
     return atan(l_r / (l_f + l_r) * tan(d_f))
 
 
@@ -85,6 +115,11 @@ def resistance(v: float, vehicle: Vehicle) -> float:
 
     `simulation/specialise.py` copies this body into the closed loop. `forces`, here, and
     `tuning/batch.py` state the same law for arrays: change them with it.
+
+    Examples
+    --------
+    >>> round(resistance(8.0, Vehicle()), 3)
+    0.854
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 
@@ -101,6 +136,11 @@ def stopped(v: float, after: float, free: float) -> float:
         [m/s] speed before and after the step, of opposite signs.
     free
         [m/s] speed after the step without resistance.
+
+    Examples
+    --------
+    >>> stopped(0.01, -0.02, 0.005), stopped(0.01, -0.02, -0.005)
+    (0.0, -0.005)
     """
     return max(after, min(free, 0.0)) if v > 0.0 else min(after, max(free, 0.0))
 
@@ -114,6 +154,11 @@ def next_speed(v: float, a: float, push: float, vehicle: Vehicle, ts: float) -> 
         [m/s], [m/s²] speed and commanded acceleration.
     push
         [N] gravity along the road, positive forwards.
+
+    Examples
+    --------
+    >>> next_speed(8.0, 1.0, 0.0, Vehicle(air_drag_coeff=0.0, friction=0.0), 0.02)
+    8.02
     """
     opposing = resistance(v, vehicle)
     if v <= 0.0:
@@ -172,6 +217,11 @@ def bikeFE(  # noqa: N802 (the lab's name)
         [m] centre of mass to the front and to the rear axle.
     g
         [m/s²] gravity.
+
+    Examples
+    --------
+    >>> bikeFE(0.0, 0.0, 0.0, 8.0, 1.0, 0.0, a0=0.0, m=2000.0, Ff=0.0, theta=0.0, ts=0.02)
+    [0.16, 0.0, 0.0, 8.02]
     """
     vehicle = Vehicle(m, a0, Ff, l_f, l_r, g)
     return [*step(State(x, y, psi, v), Input(a, d_f), theta, vehicle, ts)]
@@ -181,6 +231,11 @@ def step(state: State, command: Input, theta: float, vehicle: Vehicle, ts: float
     """Return the state one forward-Euler step later, on an incline of `theta` [rad].
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
+
+    Examples
+    --------
+    >>> step(State(v=8.0), Input(motor=1.0), 0.0, Vehicle(friction=0.0, air_drag_coeff=0.0), 0.02)
+    State(x=0.16, y=0.0, psi=0.0, v=8.02)
     """
     x, y, psi, v = state
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
@@ -213,7 +268,13 @@ def step_by(
 
 
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
-    """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
+    """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad].
+
+    Examples
+    --------
+    >>> round(motion(State(v=8.0), 0.3, Vehicle()).psi_dot, 3)
+    0.815
+    """
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
     x, y, psi, v = state
     v_x, v_y = v * cos(beta), v * sin(beta)
@@ -225,6 +286,11 @@ def forces(v: float, sin_theta: float, vehicle: Vehicle) -> Forces:
     """Return the forces at speed `v` [m/s] where the sine of the incline is `sin_theta`.
 
     With an array of each, the forces are arrays.
+
+    Examples
+    --------
+    >>> round(forces(8.0, 0.5, Vehicle()).gravity)
+    -9800
     """
     direction = (v > 0.0) * 1.0 - (v < 0.0)
     friction = -vehicle.friction * direction

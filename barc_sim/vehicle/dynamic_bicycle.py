@@ -38,7 +38,15 @@ if TYPE_CHECKING:
 
 
 class DynamicBicycle:
-    """Makes steps of the dynamic bicycle; it keeps slip angle and yaw rate, which `State` lacks."""
+    """Makes steps of the dynamic bicycle; it keeps slip angle and yaw rate, which `State` lacks.
+
+    Examples
+    --------
+    >>> road, turn, car = (lambda x: 0.0), Input(servo=0.3), DynamicBicycle(integrator='rk4')
+    >>> after = car.step(State(v=8.0), turn, road, Vehicle(), 0.02)
+    >>> round(after.psi, 4)
+    0.0023
+    """
 
     is_lab = False
 
@@ -120,6 +128,13 @@ def rates(
     """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
 
     `direction` is the sign of the motion that the resistance opposes; 0: there is none.
+
+    Examples
+    --------
+    >>> flat, held = (lambda x: 0.0), Input(motor=2.0)
+    >>> derivative = rates(held, flat, Vehicle(), LateralParameters())
+    >>> round(derivative((0.0, 0.0, 0.0, 8.0, 0.0, 0.0))[3], 2)
+    2.0
     """
     motor, servo = held
     l_f, l_r, mass = vehicle.l_f, vehicle.l_r, vehicle.mass

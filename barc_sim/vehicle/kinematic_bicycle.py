@@ -36,13 +36,24 @@ def along_the_road(
     """Return dv/dt [m/s²] at speed `v` [m/s] on an incline of `theta` [rad].
 
     `direction` is the sign of the motion that the resistance opposes; 0: no resistance.
+
+    Examples
+    --------
+    >>> round(along_the_road(8.0, 0.0, 0.1, Vehicle(), 1.0), 3)
+    -0.979
     """
     opposing = direction * resistance(v, vehicle)
     return motor - vehicle.gravity * sin(theta) - opposing / vehicle.mass
 
 
 def direction_of(v: float) -> float:
-    """Return the sign of `v`, zero for zero."""
+    """Return the sign of `v`, zero for zero.
+
+    Examples
+    --------
+    >>> direction_of(-3.0)
+    -1.0
+    """
     return copysign(1.0, v) if v else 0.0
 
 
@@ -50,12 +61,25 @@ def resisted(v: float, after: float, free: Callable[[], float]) -> float:
     """Return the speed after a step from `v` to `after`, by the rule of `stopped`.
 
     `free` makes the step without resistance; it is called only where the speed changes its sign.
+
+    Examples
+    --------
+    >>> resisted(0.01, -0.02, free=lambda: 0.005)
+    0.0
     """
     return stopped(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
 
 
 class KinematicBicycle:
-    """Steps a state by `bikeFE` or a model called like it, or by `rk4`."""
+    """Steps a state by `bikeFE` or a model called like it, or by `rk4`.
+
+    Examples
+    --------
+    >>> road, turn = (lambda x: 0.0), Input(servo=0.3)
+    >>> after = KinematicBicycle('rk4').step(State(v=8.0), turn, road, Vehicle(), 0.02)
+    >>> round(after.psi, 4)
+    0.0163
+    """
 
     def __init__(self, integrator: str = 'euler', model: Model = bikeFE) -> None:
         """Take an integrator by its name.

@@ -27,7 +27,15 @@ Matrix = tuple[tuple[float, float], tuple[float, float]]
 
 
 def lateral_matrix(vehicle: Vehicle, lateral: LateralParameters, v: float) -> Matrix:
-    """Return A of d/dt (v_y, psi_dot) = A (v_y, psi_dot) + B δ, at speed `v` [m/s] above zero."""
+    """Return A of d/dt (v_y, psi_dot) = A (v_y, psi_dot) + B δ, at speed `v` [m/s] above zero.
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> (a, b), (c, d) = lateral_matrix(Vehicle(), LateralParameters(), 8.0)
+    >>> round(a, 2), round(b, 2), round(c, 2), round(d, 2)
+    (-17.5, -4.25, 1.88, -19.69)
+    """
     m, l_f, l_r = vehicle.mass, vehicle.l_f, vehicle.l_r
     i_z, c_f, c_r, _ = lateral
     moment = l_f * c_f - l_r * c_r
@@ -38,7 +46,15 @@ def lateral_matrix(vehicle: Vehicle, lateral: LateralParameters, v: float) -> Ma
 
 
 def eigenvalues(vehicle: Vehicle, lateral: LateralParameters, v: float) -> tuple[complex, complex]:
-    """Return the eigenvalues [1/s] of `lateral_matrix`, that of the greater real part first."""
+    """Return the eigenvalues [1/s] of `lateral_matrix`, that of the greater real part first.
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> slowest, fastest = eigenvalues(Vehicle(), LateralParameters(), 8.0)
+    >>> round(slowest.real, 1), round(abs(slowest.imag), 1)
+    (-18.6, 2.6)
+    """
     (a, b), (c, d) = lateral_matrix(vehicle, lateral, v)
     mean, root = 0.5 * (a + d), complex_sqrt(0.25 * (a - d) ** 2 + b * c)
     return mean + root, mean - root
@@ -48,30 +64,64 @@ def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
     """Return K [rad s²/m]: on a circle of radius R the steering is (l_f + l_r)/R + K v²/R.
 
     It is positive where the car understeers, zero where it is neutral.
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> round(understeer_gradient(Vehicle(), LateralParameters()), 6)
+    0.002083
     """
     load = vehicle.mass / (vehicle.l_f + vehicle.l_r)
     return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)
 
 
 def yaw_gain(vehicle: Vehicle, lateral: LateralParameters, v: float) -> float:
-    """Return the steady yaw rate by steering angle [1/s] at speed `v` [m/s]."""
+    """Return the steady yaw rate by steering angle [1/s] at speed `v` [m/s].
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> round(yaw_gain(Vehicle(), LateralParameters(), 8.0), 3)
+    2.553
+    """
     return v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, lateral) * v**2)
 
 
 def side_slip_gain(vehicle: Vehicle, lateral: LateralParameters, v: float) -> float:
-    """Return the steady v_y by steering angle [m/s per rad] at speed `v` [m/s]."""
+    """Return the steady v_y by steering angle [m/s per rad] at speed `v` [m/s].
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> round(side_slip_gain(Vehicle(), LateralParameters(), 8.0), 3)
+    2.809
+    """
     load = vehicle.mass * vehicle.l_f / (vehicle.l_f + vehicle.l_r)
     drift = load * v**2 / lateral.rear_stiffness
     return (vehicle.l_r - drift) * yaw_gain(vehicle, lateral, v)
 
 
 def characteristic_speed(vehicle: Vehicle, lateral: LateralParameters) -> float:
-    """Return the speed [m/s] of greatest yaw gain; infinite unless the car understeers."""
+    """Return the speed [m/s] of greatest yaw gain; infinite unless the car understeers.
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> round(characteristic_speed(Vehicle(), LateralParameters()), 1)
+    37.9
+    """
     gradient = understeer_gradient(vehicle, lateral)
     return sqrt((vehicle.l_f + vehicle.l_r) / gradient) if gradient > 0.0 else inf
 
 
 def critical_speed(vehicle: Vehicle, lateral: LateralParameters) -> float:
-    """Return the speed [m/s] from which the car is unstable; infinite unless it oversteers."""
+    """Return the speed [m/s] from which the car is unstable; infinite unless it oversteers.
+
+    Examples
+    --------
+    >>> from barc_sim import Vehicle
+    >>> round(critical_speed(Vehicle(), LateralParameters(rear_stiffness=100e3)), 1)
+    42.4
+    """
     gradient = understeer_gradient(vehicle, lateral)
     return sqrt((vehicle.l_f + vehicle.l_r) / -gradient) if gradient < 0.0 else inf

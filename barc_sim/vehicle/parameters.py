@@ -23,7 +23,13 @@ if TYPE_CHECKING:
 
 
 class Parameter(NamedTuple):
-    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
+    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out.
+
+    Examples
+    --------
+    >>> next(each for each in PARAMETERS if each.name == 'mass').between
+    (1.0, 1000000.0)
+    """
 
     name: str
     default: float | str | bool
@@ -108,7 +114,13 @@ NANOSECONDS = 1_000_000_000
 
 
 def period_ns(values: Mapping[str, Any]) -> int:
-    """Return the time between two states [ns]."""
+    """Return the time between two states [ns].
+
+    Examples
+    --------
+    >>> period_ns({'rate': 50.0})
+    20000000
+    """
     return round(NANOSECONDS / float(values['rate']))
 
 
@@ -119,6 +131,12 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
     ------
     UserError
         where the road cannot be read, or the values contradict one another.
+
+    Examples
+    --------
+    >>> values = {each.name: each.default for each in PARAMETERS}
+    >>> plant(values | {'mass': 1200.0}).vehicle.mass
+    1200.0
     """
     return Plant(
         road=road or Road.named(values['road']),
@@ -136,7 +154,18 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
 
 
 def retune(values: Mapping[str, Any], plant: Plant) -> None:
-    """Give the plant the `LIVE` parameters of `values`; all else stays as it is."""
+    """Give the plant the `LIVE` parameters of `values`; all else stays as it is.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Input
+    >>> values = {each.name: each.default for each in PARAMETERS}
+    >>> car = plant(values)
+    >>> retune(values | {'motor_limit': 4.0}, car)
+    >>> car.advance(Input(motor=8.0))
+    >>> round(car.state.v, 2)
+    0.08
+    """
     plant.retune(_noise(values), _actuator(values, 'motor'), _actuator(values, 'servo'))
 
 

@@ -18,7 +18,13 @@ if TYPE_CHECKING:
 
 
 class Observation(NamedTuple):
-    """One state: true, measured, and what acts on it."""
+    """One state: true, measured, and what acts on it.
+
+    Examples
+    --------
+    >>> Plant(road=Road((0.0,), (10.0,))).observe().theta_deg
+    10.0
+    """
 
     true: Motion
     measured: Motion
@@ -30,7 +36,16 @@ class Observation(NamedTuple):
 
 
 class Plant:
-    """Holds the state and the last command; `vehicle` may be replaced between steps."""
+    """Holds the state and the last command; `vehicle` may be replaced between steps.
+
+    Examples
+    --------
+    >>> plant = Plant()
+    >>> for _ in range(50):
+    ...     plant.advance(Input(motor=2.0))
+    >>> round(plant.state.v, 2)
+    2.0
+    """
 
     def __init__(
         self,

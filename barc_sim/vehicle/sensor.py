@@ -10,7 +10,13 @@ from barc_sim.vehicle.bike_model import Motion
 
 
 class Deviation(NamedTuple):
-    """A value per measured signal, in the vehicle's frame: a standard deviation or an error."""
+    """A value per measured signal, in the vehicle's frame: a standard deviation or an error.
+
+    Examples
+    --------
+    >>> Deviation(v_x=0.05)
+    Deviation(s=0.0, ey=0.0, epsi=0.0, v_x=0.05, v_y=0.0, psi_dot=0.0)
+    """
 
     s: float = 0.0
     ey: float = 0.0
@@ -42,6 +48,13 @@ class Sensor:
     ----------
     deviation
         The standard deviations.
+
+    Examples
+    --------
+    >>> true = Motion(x=0.0, y=0.0, psi=0.0, v_x=8.0, v_y=0.0, psi_dot=0.0)
+    >>> measured, error = Sensor(Deviation(v_x=0.05), seed=1).measure(true)
+    >>> measured.v_x - error.v_x == true.v_x
+    True
     """
 
     def __init__(self, deviation: Deviation | None = None, seed: int = 0) -> None:

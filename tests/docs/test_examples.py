@@ -1,33 +1,74 @@
-"""Each name that `import barc_sim` offers has an example in its docstring, which is right."""
+"""The examples in docstrings are right: of what `import barc_sim` offers, and of every room."""
 
 from __future__ import annotations
 
 import doctest
-import importlib
+import shutil
+from importlib import import_module
+from pathlib import Path
+from pkgutil import walk_packages
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import call
+from made_bags import make
 
 import barc_sim
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Iterator
+    from types import ModuleType
+
+#: Those whose examples need no ROS, and `ros`, whose examples do.
+ROOMS = (
+    'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'page', 'lab',
+    'ros',
+)  # fmt: skip
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a bag, as that of runs."""
+    folder = tmp_path_factory.mktemp('runs') / 'bags'
+    folder.mkdir()
+    make(folder / '2026-11-21_12-00-00', barc_sim.simulate())
+    return folder
+
+
+def _modules(room: str) -> Iterator[ModuleType]:
+    found = import_module(f'barc_sim.{room}')
+    yield found
+    for each in walk_packages(getattr(found, '__path__', []), f'{found.__name__}.'):
+        if 'templates' not in each.name:
+            yield import_module(each.name)
 
 
 @pytest.mark.parametrize('name', barc_sim.__all__)
-def test_example_is_right(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+def test_what_is_exported_has_an_example(name: str) -> None:
+    assert '>>> ' in getattr(barc_sim, name).__doc__
+
+
+@pytest.mark.parametrize('room', ROOMS)
+def test_the_examples_of_a_room_are_right(
+    room: str,
+    bags: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    if name == 'read_bag':
+    monkeypatch.setenv('MPLBACKEND', 'agg')
+    if room == 'ros':
+        pytest.importorskip('rclpy')
         request.getfixturevalue('ros_domain')
-        assert call('acc', '--realtime-factor', 'max', '--quiet').returncode == 0
-    value = getattr(barc_sim, name)
-    names = {**vars(importlib.import_module(value.__module__))}
-    names |= {'Path': type(tmp_path)}
-    test = doctest.DocTestParser().get_doctest(value.__doc__ or '', names, name, None, None)
-    assert test.examples
-    told: list[str] = []
-    doctest.DocTestRunner().run(test, out=told.append)
-    assert not told, ''.join(told)
+    found = doctest.DocTestFinder()
+    tests = [test for each in _modules(room) for test in found.find(each) if test.examples]
+    assert tests
+    for test in tests:
+        folder = tmp_path / test.name  # of its own
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        if "'bags'" in (test.docstring or ''):
+            shutil.copytree(bags, 'bags')
+        told: list[str] = []
+        test.globs['Path'] = Path
+        doctest.DocTestRunner().run(test, out=told.append)
+        assert not told, ''.join(told)

@@ -41,7 +41,13 @@ _SEQUENCE = re.compile(r'(?P<code>\d*)(?::\d*)*(?:;(?P<modifiers>\d*)(?::(?P<eve
 
 
 class KeyEvent(NamedTuple):
-    """A key that was pressed, or released if the terminal reports that."""
+    """A key that was pressed, or released if the terminal reports that.
+
+    Examples
+    --------
+    >>> KeyEvent('up', released=True).released
+    True
+    """
 
     key: str  #: up, down, left, right, space, reset or quit; `blur`: the window lost the focus,
     #: `kitty`: the terminal offers the kitty keyboard protocol
@@ -55,6 +61,11 @@ class KeyDecoder:
     (https://sw.kovidgoyal.net/kitty/keyboard-protocol/) and focus reports. It ignores pasted text,
     all other bytes, and a key after a lone Escape, which is how a terminal sends Alt. Ctrl-C is
     never ignored.
+
+    Examples
+    --------
+    >>> [event.key for event in KeyDecoder().decode(bytes([27]) + b'[A')]
+    ['up']
     """
 
     def __init__(self) -> None:
@@ -120,6 +131,14 @@ class HeldKeys:
     ----------
     releases
         Whether the terminal reports releases; the terminal sets it once one was reported.
+
+    Examples
+    --------
+    >>> keys = HeldKeys()
+    >>> keys.handle(KeyEvent('up'), t=0.0)
+    True
+    >>> keys.request(t=0.1)
+    DriverInput(forward=1.0, turn=0.0, brake=0.0)
     """
 
     def __init__(self, press_hold: float = PRESS_HOLD, repeat_hold: float = REPEAT_HOLD) -> None:

@@ -18,7 +18,15 @@ if TYPE_CHECKING:
 
 
 class Row(NamedTuple):
-    """The positional arguments of `bikeFE`, in its units."""
+    """The positional arguments of `bikeFE`, in its units.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import bikeFE
+    >>> flat = Row(0.0, 0.0, 0.0, v=8.0, a=1.0, d_f=0.0, a0=0.0, m=2e3, Ff=0.0, theta=0.0, ts=0.02)
+    >>> bikeFE(*flat)
+    [0.16, 0.0, 0.0, 8.02]
+    """
 
     x: float
     y: float
@@ -101,7 +109,16 @@ class Parts(Protocol):
 
 
 class LocalCode:
-    """User code called in this process: nothing stops an endless loop."""
+    """User code called in this process: nothing stops an endless loop.
+
+    Examples
+    --------
+    >>> from barc_sim import PID
+    >>> from barc_sim.lab.user_code.loading import UserCode
+    >>> code = LocalCode(UserCode(controller=PID))
+    >>> code.new_pid(2.0, 0.0, 0.0).acc_calculate(8.0, 7.0, 0.02)
+    2.0
+    """
 
     def __init__(self, user_code: Parts) -> None:
         """Judge the parts of `user_code`."""

@@ -55,7 +55,13 @@ CRITERIA = (*MODEL, *PID, *LOOP, *RELAY)
 
 @dataclass(frozen=True)
 class Finding:
-    """How far a criterion is met, and what to check if it is not."""
+    """How far a criterion is met, and what to check if it is not.
+
+    Examples
+    --------
+    >>> Finding('model.x', score=0.5, message='the sign of sin is wrong').passed
+    False
+    """
 
     criterion: str  #: one of `CRITERIA`
     score: float  #: from 0 to 1; 1 is full marks

@@ -53,6 +53,16 @@ def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
     """Return a finding for each criterion of `settings`, in the order of `findings.CRITERIA`.
 
     Errors of the code become findings.
+
+    Examples
+    --------
+    >>> from barc_sim import PID
+    >>> from barc_sim.lab.check.code import LocalCode
+    >>> from barc_sim.lab.user_code.loading import UserCode
+    >>> from barc_sim.vehicle.bike_model import bikeFE
+    >>> code = LocalCode(UserCode(model=bikeFE, controller=PID))
+    >>> all(finding.passed for finding in judge(code, Settings(criteria=('model.x', 'model.v'))))
+    True
     """
     return list(findings(code, settings or Settings()))
 
@@ -65,7 +75,16 @@ def findings(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
 
 def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
-    """Return the gains with which the code drives: the command line's, the file's or barc_sim's."""
+    """Return the gains with which the code drives: the command line's, the file's or barc_sim's.
+
+    Examples
+    --------
+    >>> from barc_sim import PID
+    >>> from barc_sim.lab.check.code import LocalCode
+    >>> from barc_sim.lab.user_code.loading import UserCode
+    >>> print(gains_used(LocalCode(UserCode(controller=PID)), Settings(kp=2.0, ki=0.0, kd=0.0)))
+    kp 2, ki 0, kd 0 (the command line)
+    """
     chosen = code.chosen_gains() or _DEFAULT
     given = (settings.kp, settings.ki, settings.kd)
     if given == (None, None, None):

@@ -37,6 +37,12 @@ def random_road(seed: int, number: int) -> tuple[Road, float]:
     """Return random road `number` and its length [m]: 20 m on the flat, then five grades.
 
     The car's motor can climb each of them.
+
+    Examples
+    --------
+    >>> road, distance = random_road(seed=0, number=1)
+    >>> road == random_road(seed=0, number=1)[0]
+    True
     """
     random = Random(f'{seed} road {number}')  # noqa: S311 (a simulation, not a secret)
     starts, grades = [0.0], [0.0]
@@ -57,6 +63,11 @@ class Thresholds:
     """Speed errors [m/s] after the run-up, for half of the marks each.
 
     Full marks up to `full_…`, none from `zero_…` on, linear in between.
+
+    Examples
+    --------
+    >>> Thresholds().full_rms
+    0.15
     """
 
     full_rms: float = 0.15

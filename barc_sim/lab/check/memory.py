@@ -25,6 +25,14 @@ def judge_reset(code: JudgedCode, seed: int) -> Finding:
     """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
 
     The score is the share of these checks that pass; without a `reset()` the last one is left out.
+
+    Examples
+    --------
+    >>> from barc_sim import PID
+    >>> from barc_sim.lab.check.code import LocalCode
+    >>> from barc_sim.lab.user_code.loading import UserCode
+    >>> judge_reset(LocalCode(UserCode(controller=PID)), seed=0).passed
+    True
     """
     try:
         return _Memory(code, seed).judge()

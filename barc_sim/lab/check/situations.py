@@ -31,7 +31,14 @@ Range = tuple[float, float]  #: uniform between the two
 
 @dataclass(frozen=True)
 class Situation:
-    """Ranges for the arguments of `bikeFE`; by default those of a coasting car."""
+    """Ranges for the arguments of `bikeFE`; by default those of a coasting car.
+
+    Examples
+    --------
+    >>> turn = Situation('a left turn', 'x y psi', d_f=(0.05, 0.5))
+    >>> turn.rows(seed=0, count=3) == turn.rows(seed=0, count=3)
+    True
+    """
 
     name: str
     concerns: str  #: the equations it tests, as in `'x y v'`
@@ -160,6 +167,12 @@ def wandering(seed: int, name: str, amplitude: float) -> Sequence:
 
 
 def constant(error: float, count: int) -> Sequence:
-    """Return a constant `error` [m/s], `count` times."""
+    """Return a constant `error` [m/s], `count` times.
+
+    Examples
+    --------
+    >>> constant(1.0, 3).rows[0]
+    (8.0, 7.0, 0.02)
+    """
     reference = np.full(count, 8.0)
     return Sequence(reference, reference - error)

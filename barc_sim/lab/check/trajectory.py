@@ -27,7 +27,16 @@ _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 @IGNORE_FLOAT_ERRORS
 def judge_trajectory(code: JudgedCode) -> Finding:
-    """Return the finding on the trajectory; its score is the share of steps near the reference."""
+    """Return the finding on the trajectory; its score is the share of steps near the reference.
+
+    Examples
+    --------
+    >>> from barc_sim.lab.check.code import LocalCode
+    >>> from barc_sim.lab.user_code.loading import UserCode
+    >>> from barc_sim.vehicle.bike_model import bikeFE
+    >>> judge_trajectory(LocalCode(UserCode(model=bikeFE))).passed
+    True
+    """
     commands = _commands()
     failure = ''
 

@@ -29,6 +29,14 @@ def judge_windup(code: JudgedCode) -> Finding:
 
     The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
     less is full marks; beyond that the score falls with the time.
+
+    Examples
+    --------
+    >>> from barc_sim import PID
+    >>> from barc_sim.lab.check.code import LocalCode
+    >>> from barc_sim.lab.user_code.loading import UserCode
+    >>> judge_windup(LocalCode(UserCode(controller=PID))).passed
+    True
     """
     try:
         calls = [_recovery(code, sign) for sign in (1.0, -1.0)]

@@ -89,6 +89,14 @@ def judge_folder(
     ------
     UserError
         if the folder is missing, or has no file to judge.
+
+    Examples
+    --------
+    >>> from barc_sim.commands.new import write
+    >>> write(Path('my_lab'))
+    >>> report = judge_folder(Path('my_lab'))
+    >>> report.findings[0].score
+    0.0
     """
     _check_there(folder)
     return judge_files(folder, settings or Settings(), budget=budget, deadline=deadline)

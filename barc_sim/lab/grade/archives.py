@@ -42,7 +42,13 @@ class Member(NamedTuple):
 
 
 def is_archive(path: Path) -> bool:
-    """Return whether the name of `path` is one of an archive that can be opened."""
+    """Return whether the name of `path` is one of an archive that can be opened.
+
+    Examples
+    --------
+    >>> is_archive(Path('ada.zip')), is_archive(Path('ada.pdf'))
+    (True, False)
+    """
     return path.name.lower().endswith(('.zip', *_TARS))
 
 

@@ -11,7 +11,13 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str, width: int = 400) -> str:
-    """Return `text` as one printable line of at most `width` characters."""
+    """Return `text` as one printable line of at most `width` characters.
+
+    Examples
+    --------
+    >>> one_line('a sentence   of many words', width=10)
+    'a sentenc…'
+    """
     line = ' '.join(printable(text).split())
     return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'
 
@@ -44,5 +50,11 @@ _LABELS = {
 
 
 def label(criterion: str) -> str:
-    """Return the name of a criterion for readers."""
+    """Return the name of a criterion for readers.
+
+    Examples
+    --------
+    >>> label('model.x')
+    'Model: position x'
+    """
     return _LABELS.get(criterion, criterion)

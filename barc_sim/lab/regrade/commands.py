@@ -34,6 +34,13 @@ def judge(
     """Give a controller the recorded speeds; its commands are limited to ±`limit` [m/s²].
 
     With `subtract_error` it gets the true speeds. It is replaced by a new one at states `resets`.
+
+    Examples
+    --------
+    >>> from barc_sim import PID, simulate
+    >>> log = simulate(2.0, 0.0, 0.0)
+    >>> judge(log, lambda: PID(2.0, 0.0, 0.0), 'controller.py', limit=8.0).possible
+    True
     """
     verdict = Verdict('controller', code, resets=len(resets))
     speeds = log.speed if subtract_error else log.v_x

@@ -60,6 +60,12 @@ def judge(
     ------
     UserError
         if there is none, it lacks parameters, or this machine cannot confine its code.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.reader import newest
+    >>> judge(newest('bags')).states
+    1152
     """
     recorded = read(path, namespace)
     if recorded.files:

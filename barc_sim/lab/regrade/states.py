@@ -51,6 +51,14 @@ def judge(
         On all states.
     resets
         The states at which the car was reset.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> from barc_sim.vehicle.plant import Plant
+    >>> verdict, resets = judge(simulate(), Plant, 'bike_model.py')
+    >>> print(verdict.possible, verdict.greatest)
+    True 0.0
     """
     verdict = Verdict('model', code)
     resets: set[int] = set()

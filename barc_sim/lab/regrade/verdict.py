@@ -10,7 +10,15 @@ TOLERANCE = 1e-9
 
 @dataclass
 class Verdict:
-    """Whether the recording could have come from the code."""
+    """Whether the recording could have come from the code.
+
+    Examples
+    --------
+    >>> verdict = Verdict('states', 'bike_model.py')
+    >>> verdict.add(deviation(8.0, 8.0), 'v at 0 s')
+    >>> verdict.possible, verdict.exact
+    (True, 1)
+    """
 
     part: str  #: 'model' or 'controller'
     code: str  #: whose

@@ -53,6 +53,13 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     ------
     UserError
         if there is none, or it has no car, or several.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.reader import newest
+    >>> facts = read(newest('bags'))
+    >>> facts.shown_lap.number
+    0
     """
     log = _sensible(reader.read(path, namespace))
     info = reader.info(path)

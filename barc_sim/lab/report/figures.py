@@ -24,7 +24,14 @@ if TYPE_CHECKING:
 
 
 def speed(log: Log) -> str:
-    """Return speed, grade and command over the position."""
+    """Return speed, grade and command over the position.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> '<svg' in speed(simulate())
+    True
+    """
     with _reproducible():
         return _svg(speed_figure(log))
 
@@ -43,7 +50,14 @@ def drive(log: Log) -> str:
 
 
 def path(log: Log) -> str | None:
-    """Return the car's path from above; None if it is straight."""
+    """Return the car's path from above; None if it is straight.
+
+    Examples
+    --------
+    >>> from barc_sim import simulate
+    >>> path(simulate()) is None
+    True
+    """
     if not np.any(np.abs(log.across) > 0.01):  # noqa: PLR2004 ([m]: less is invisible)
         return None
     with _reproducible():

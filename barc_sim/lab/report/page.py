@@ -57,7 +57,15 @@ class _Figure(NamedTuple):
 
 
 def page(facts: Facts) -> str:
-    """Return the report."""
+    """Return the report.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.reader import newest
+    >>> from barc_sim.lab.report.facts import read
+    >>> page(read(newest('bags'))).startswith('<!doctype html>')
+    True
+    """
     shown = facts.shown_lap
     result = shown.summary
     held = not np.isnan(facts.log.reference).all()

@@ -19,12 +19,24 @@ _OPERATORS = (
 
 
 def is_ros_1(module: str) -> bool:
-    """Return whether `module` is one of ROS 1, or of the lab's packages for it."""
+    """Return whether `module` is one of ROS 1, or of the lab's packages for it.
+
+    Examples
+    --------
+    >>> is_ros_1('rospy'), is_ros_1('rclpy')
+    (True, False)
+    """
     return module.partition('.')[0] in _ROS_1
 
 
 def is_ros(module: str) -> bool:
-    """Return whether `module` is one of ROS, which user code does not need."""
+    """Return whether `module` is one of ROS, which user code does not need.
+
+    Examples
+    --------
+    >>> is_ros('rclpy'), is_ros('numpy')
+    (True, False)
+    """
     return is_ros_1(module) or module == 'rclpy' or bool(_MESSAGES.fullmatch(module))
 
 

@@ -153,7 +153,13 @@ def _name(function: object) -> str:
 
 
 def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
-    """Return `value` as a float; None if it is not a number. An array of one number is one."""
+    """Return `value` as a float; None if it is not a number. An array of one number is one.
+
+    Examples
+    --------
+    >>> number('3'), number(3)
+    (None, 3.0)
+    """
     if isinstance(value, (str, bytes)):
         return None
     try:
@@ -176,7 +182,13 @@ def _in_one_line(text: str) -> str:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception's type and message in one line."""
+    """Return an exception's type and message in one line.
+
+    Examples
+    --------
+    >>> describe_error(ZeroDivisionError('division by zero'))
+    'ZeroDivisionError: division by zero'
+    """
     text = _in_one_line(guarded(str, error, default=''))
     return f'{type(error).__name__}: {text}' if text else type(error).__name__
 

@@ -43,6 +43,11 @@ def find_gains(trees: Mapping[str, ast.Module], file: str) -> ChosenGains | None
 
     They come from the last call `PID(…)` of literal numbers, else from the last one of constants,
     else from the constructor's defaults, if these are not the template's.
+
+    Examples
+    --------
+    >>> find_gains({'controller.py': ast.parse('pid = PID(kp=10, ki=20, kd=0)')}, 'controller.py')
+    ChosenGains(kp=10.0, ki=20.0, kd=0.0, origin='controller.py, line 1')
     """
     place, constructor = next(
         ((name, c) for name, tree in trees.items() if (c := _constructor(tree))), (file, None)

@@ -32,6 +32,11 @@ def ros_of_program(tree: ast.Module) -> str:
 
     A file that defines a function `relay` of two arguments, or a class with such a method, is
     called by the node of barc_sim, whatever it imports.
+
+    Examples
+    --------
+    >>> ros_of_program(ast.parse('import rclpy; rclpy.init()'))
+    'rclpy'
     """
     for node in tree.body:
         parts = node.body if isinstance(node, ast.ClassDef) and node.name == 'Relay' else [node]

@@ -24,7 +24,13 @@ _CMD_VEL, _STATE, COMMANDS = 'cmd_vel', 'z_vhcl', 'ecu'
 
 
 class TimedTwist(NamedTuple):
-    """A Twist on `cmd_vel`."""
+    """A Twist on `cmd_vel`.
+
+    Examples
+    --------
+    >>> TimedTwist(t=1.0, linear_x=1.0, angular_z=0.0)
+    TimedTwist(t=1.0, linear_x=1.0, angular_z=0.0)
+    """
 
     t: float  #: [s]
     linear_x: float
@@ -63,6 +69,12 @@ class World:
         What was published on `ecu`.
     others
         The other topics that were published on.
+
+    Examples
+    --------
+    >>> world = World([TimedTwist(1.0, 1.0, 0.0)], end=5.0)
+    >>> world.is_over()
+    False
     """
 
     def __init__(self, twists: Sequence[TimedTwist], end: float) -> None:

@@ -46,7 +46,13 @@ def dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) 
 
 
 def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
-    """Return those of `parameters` that are kp, ki and kd: by their names, else the first three."""
+    """Return those of `parameters` that are kp, ki and kd: by their names, else the first three.
+
+    Examples
+    --------
+    >>> gain_names(['kp', 'ki', 'kd']), gain_names(['p', 'i', 'd'])
+    (('kp', 'ki', 'kd'), ('p', 'i', 'd'))
+    """
     found: dict[str, str] = {}
     for name in parameters:
         if match := _GAIN.fullmatch(name.lower()):

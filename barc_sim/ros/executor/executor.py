@@ -49,6 +49,20 @@ class QuickExecutor(MultiThreadedExecutor):
     An exception in a callback, wherever it ran, ends the spin at once; one in rclpy's own code
     (a clock's message with a time before 1970) is a warning. `debug` (by default in
     `python -X dev`) warns of quick callbacks that take longer than `QUICK_LIMIT`.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> rclpy.init()
+    >>> node, executor = rclpy.create_node('clockwork'), QuickExecutor()
+    >>> timer = node.create_timer(0.01, lambda: print('tick'))
+    >>> executor.add_node(node)
+    True
+    >>> executor.spin_once(timeout_sec=1.0)
+    tick
+    >>> executor.shutdown()
+    True
+    >>> rclpy.shutdown()
     """
 
     _tasks: list[tuple[Task, Entity | None, Node | None]]  # rclpy's
