@@ -9,7 +9,8 @@ The blocks of a page run in order, in a folder of the page's own:
 - one behind `<!-- run as: COMMAND -->`: COMMAND runs in place of its first, whose output differs on
   a busy machine.
 - any block behind `<!-- not run: REASON -->`, and `text`: not run.
-- `<!-- finished: FOLDER -->` before a block: a right model and controller are in FOLDER from here.
+- `<!-- finished: FOLDER -->` before a block: a right model and controller are in FOLDER from here;
+  `<!-- finished: FOLDER/compose.py -->`: so is that file.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ PAGES = sorted(
     for path in (ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *(ROOT / 'docs').rglob('*.md'))
     if not {'_build', '_figures'} & {*path.parts} and path.is_file()
 )
-#: Right answers to the lab's first two tasks.
+#: Right answers to the lab's tasks.
 RIGHT = {
     'bike_model.py': ROOT / 'barc_sim' / 'vehicle' / 'bike_model.py',
     'controller.py': Path(__file__).parent / 'right' / 'controller.py',
+    'compose.py': Path(__file__).parent / 'right' / 'compose.py',
 }
 _BLOCK = re.compile(
     r'(?:^<!-- (?P<mark>not run|file|run as): (?P<note>.+?) -->\n+)?'
@@ -56,7 +58,7 @@ class Block(NamedTuple):
     mark: str  #: `not run`, `file` or none
     note: str
     line: int
-    finished: tuple[str, ...]  #: folders to put a right model and controller into
+    finished: tuple[str, ...]  #: folders, or files, to put right answers into
 
 
 def blocks(page: Path) -> list[Block]:
@@ -118,10 +120,13 @@ def test_blocks_run(
     monkeypatch.chdir(tmp_path)
     for block in filter(is_run, blocks(page)):
         where = f'{name(page)}:{block.line}'
-        for folder in block.finished:
-            Path(folder).mkdir(parents=True, exist_ok=True)
-            for target, source in RIGHT.items():
-                (Path(folder) / target).write_text(source.read_text(encoding='utf-8'))
+        for finished in map(Path, block.finished):
+            folder, files = finished, ('bike_model.py', 'controller.py')
+            if finished.suffix:
+                folder, files = finished.parent, (finished.name,)
+            folder.mkdir(parents=True, exist_ok=True)
+            for each in files:
+                (folder / each).write_text(RIGHT[each].read_text(encoding='utf-8'))
         if block.mark == 'file':
             Path(block.note).parent.mkdir(parents=True, exist_ok=True)
             Path(block.note).write_text(block.text, encoding='utf-8')
