@@ -1,12 +1,39 @@
-"""README fits a screen of patience: at most 120 lines, and every file that it names is there."""
+"""README fits a screen of patience, names no file that is not there, and leads to the answers."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 README = (ROOT / 'README.md').read_text(encoding='utf-8')
+#: Of four readers: the page and the heading that answer the question of each.
+ANSWERS = {
+    'How do I see it drive?': ('docs/tutorials/first-drive.md', '1. Drive'),
+    'Where is the law of friction derived?': ('docs/explanation/bicycle.md', 'The law of friction'),
+    'How do I use your executor?': ('docs/how-to/executor.md', 'Use the executor in your package'),
+    'How do I grade my class?': ('docs/instructors/grading.md', 'One command'),
+}
+_CLICKS = 2
+
+
+def links(page: Path) -> set[Path]:
+    """Return the pages that a page links to."""
+    text = page.read_text(encoding='utf-8')
+    found = {(page.parent / path).resolve() for path in re.findall(r'\]\(([\w/.-]+\.md)', text)}
+    return {path for path in found if path.is_file()}
+
+
+def reached(page: Path) -> dict[Path, int]:
+    """Return the clicks from `page` to each page within two."""
+    clicks = {page: 0}
+    for count in range(1, _CLICKS + 1):
+        nearer = [each for each, number in clicks.items() if number == count - 1]
+        for other in {other for each in nearer for other in links(each)}:
+            clicks.setdefault(other, count)
+    return clicks
 
 
 def test_it_is_short() -> None:
@@ -16,3 +43,18 @@ def test_it_is_short() -> None:
 def test_pictures_and_files_that_it_names_are_there() -> None:
     for path in re.findall(r'\]\(([\w/.-]+)', README):
         assert (ROOT / path).exists(), path
+
+
+@pytest.mark.parametrize('start', ['README.md', 'docs/index.md'])
+@pytest.mark.parametrize('question', ANSWERS)
+def test_four_questions_are_answered_within_two_clicks(start: str, question: str) -> None:
+    page, heading = ANSWERS[question]
+    assert ROOT / page in reached(ROOT / start)
+    assert re.search(f'^#+ {heading}$', (ROOT / page).read_text(encoding='utf-8'), re.MULTILINE)
+
+
+def test_every_page_of_the_documentation_is_reached_from_readme_within_three_clicks() -> None:
+    near = reached(ROOT / 'README.md')
+    reachable = {*near, *(other for each in near for other in links(each))}
+    pages = {page for page in (ROOT / 'docs').rglob('*.md') if '_build' not in page.parts}
+    assert {*pages} <= reachable
