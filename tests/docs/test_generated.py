@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,11 @@ if TYPE_CHECKING:
     from pytest import MonkeyPatch  # noqa: PT013
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / 'docs' / '_ext'))
+
+
+@pytest.fixture(autouse=True)
+def _extensions(monkeypatch: MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / 'docs' / '_ext')
 
 
 def test_every_topic_and_service_has_a_meaning_and_an_end(
