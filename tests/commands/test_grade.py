@@ -396,6 +396,7 @@ def wait_until_gone(process: int, folder: Path) -> None:
     assert not children(folder)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_submission_that_sleeps(tmp_path: Path) -> None:
     with grading(tmp_path) as process:
         began = time.monotonic()
@@ -413,6 +414,7 @@ def test_ctrl_c_ends_a_submission_that_sleeps(tmp_path: Path) -> None:
     assert not [*(tmp_path / 'tmp').iterdir()]
 
 
+@pytest.mark.slow
 def test_workers_end_with_the_grader_however_it_ends(tmp_path: Path) -> None:
     with grading(tmp_path) as process:
         process.kill()

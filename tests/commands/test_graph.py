@@ -70,6 +70,7 @@ def test_links_are_seen_as_they_are(ros: Context) -> None:
     assert '/_hidden' not in graph.topics
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('ros_domain')
 def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
     run = subprocess.Popen(

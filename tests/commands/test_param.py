@@ -218,6 +218,7 @@ def settings(values: dict[str, dict[str, object]]) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_run_with_a_dump_is_the_same_to_the_last_bit(dumped: Path, tmp_path: Path) -> None:
     given = settings({'vehicle_simulator': SIMULATOR, 'controller': CONTROLLER})
     first = drive(tmp_path / 'first', *given)

@@ -277,6 +277,7 @@ def test_reader_that_went_away_ends_the_run_in_order(start: Start, here: Path) -
 # Beside another run
 
 
+@pytest.mark.slow
 def test_second_run_is_refused_beside_the_first_until_that_is_gone(
     start: Start, run: Run, here: Path
 ) -> None:

@@ -296,6 +296,7 @@ def relayless(folder: Path) -> tuple[subprocess.Popen[str], subprocess.Popen[str
     return simulator, relay
 
 
+@pytest.mark.slow
 def test_killing_the_relay_stops_the_car(tmp_path: Path) -> None:
     watch = (
         'import os, signal, sys, rclpy\n'

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
 
+@pytest.mark.slow
 def test_car_reaches_speed_and_yaw_rate_and_a_zero_twist_stops_it() -> None:
     engine = LocalEngine(['--ros-args', '-p', 'relay:input:=velocity', '-p', 'stale_after:=60.0'])
     relay = engine.relay(None, {})
