@@ -70,7 +70,7 @@ def add_arguments(parser: Parser) -> None:
         '--unconfined',
         action='store_true',
         help='run the code unconfined, where the system cannot confine it (not Linux, or a kernel '
-        'without Landlock): it can do all that you can; the reports say so',
+        'without Landlock): it has your rights; the reports name that',
     )
 
 

@@ -51,7 +51,7 @@ class RunPage:
     Attributes
     ----------
     url
-        The page's address, for the user alone: whoever has it can drive.
+        The page's address, for the user alone: it gives the right to drive.
     """
 
     def __init__(

@@ -119,4 +119,4 @@ def _peak() -> float:
     for line in Path('/proc/self/status').read_text(encoding='ascii').splitlines():
         if line.startswith('VmHWM:'):
             return int(line.split()[1]) / 1024
-    sys.exit('Linux does not tell the memory of a process')
+    sys.exit('Linux gives no figure for the memory of a process')

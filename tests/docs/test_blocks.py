@@ -145,11 +145,11 @@ def _run_python(block: Block, names: dict[str, Any], where: str) -> None:
         exec(compile(block.text, where, 'exec'), names)  # noqa: S102 (our own pages)
         return
     test = doctest.DocTestParser().get_doctest(block.text, names, where, where, block.line)
-    told: list[str] = []
+    output: list[str] = []
     runner = doctest.DocTestRunner(optionflags=_CHECK | doctest.IGNORE_EXCEPTION_DETAIL)
-    runner.run(test, out=told.append, clear_globs=False)
+    runner.run(test, out=output.append, clear_globs=False)
     names |= test.globs
-    assert not told, ''.join(told)
+    assert not output, ''.join(output)
 
 
 def _commands(text: str) -> Iterator[tuple[str, str]]:

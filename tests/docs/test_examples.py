@@ -70,7 +70,7 @@ def test_the_examples_of_a_room_are_right(
         monkeypatch.chdir(folder)
         if "'bags'" in (test.docstring or ''):
             shutil.copytree(bags, 'bags')
-        told: list[str] = []
+        output: list[str] = []
         test.globs['Path'] = Path
-        doctest.DocTestRunner().run(test, out=told.append)
-        assert not told, ''.join(told)
+        doctest.DocTestRunner().run(test, out=output.append)
+        assert not output, ''.join(output)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Tokens of a passage: about two lines of code.
 PASSAGE = 20
-#: Passages of a submission; one with fewer is not compared: it says too little.
+#: Passages of a submission; one with fewer is not compared, as it is too short.
 LEAST = 40
 #: Two are alike where the one with fewer passages has this share of them in common.
 ALIKE = 0.7

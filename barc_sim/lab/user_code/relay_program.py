@@ -31,7 +31,7 @@ def ros_of_program(tree: ast.Module) -> str:
     """Return `rclpy` or `rospy` where a file is a program of it, and empty where it is not.
 
     A file that defines a function `relay` of two arguments, or a class with such a method, is
-    called by the node of barc_sim, whatever it imports.
+    called by the node of barc_sim, also where it imports ROS.
 
     Examples
     --------

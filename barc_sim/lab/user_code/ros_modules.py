@@ -160,7 +160,7 @@ class _Rate:
 
 
 def _open(name: str, **values: object) -> Absent:
-    """Return a module with these values; whatever else is taken from it stands for nothing."""
+    """Return a module with these values; any other name in it is an `Absent`."""
     module = Absent(name, _REASON)
     vars(module).update(values)
     return module

@@ -89,7 +89,7 @@ def take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 def take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take the status of a QoS event, unless it is as it was."""
-    entry.pending = 0  # one status tells of all
+    entry.pending = 0  # one status covers all
     with entry.handle:
         taken = entry.handle.take_event()
     names = (name for name in dir(taken) if not name.startswith('_'))

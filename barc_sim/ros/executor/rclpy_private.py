@@ -160,7 +160,7 @@ def _takes() -> bool:
         MultiThreadedExecutor._take_guard_condition(None, guard)().send(None)
     except StopIteration:
         return called == [True]
-    except Exception:  # noqa: BLE001 - whatever it does instead
+    except Exception:  # noqa: BLE001 - any error is another behaviour
         return False
     return False
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class _Waited:
-    """An entity to wait for, whatever its callback group does."""
+    """An entity to wait for, also while its own callback group is claimed."""
 
     def __init__(self, entry: Entry) -> None:
         self.entry = entry
