@@ -6,6 +6,7 @@ import logging
 import re
 from dataclasses import dataclass
 from io import BytesIO
+from struct import Struct
 from typing import TYPE_CHECKING
 
 from mcap.data_stream import ReadDataStream
@@ -15,6 +16,7 @@ from mcap.records import Chunk, McapRecord
 from mcap.stream_reader import StreamReader
 
 from barc_sim.bags.bounds import MAX_CHUNK, Budget
+from barc_sim.bags.file import CHUNK_SIZE
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from typing import IO
 
 _MAGIC = b'\x89MCAP0\r\n'
+_HEADER = Struct('<BQ')  # of a record: opcode, length
+_OPCODES = frozenset(Opcode)
 _logger = logging.getLogger(__name__)
 
 
@@ -33,6 +37,7 @@ class Damage:
     unreadable_chunks: int = 0
     unfinished: bool = False  #: its end is missing
     unread: int = 0  #: [B] after the last whole record
+    cut: bool = False  #: these are the beginning of a record, as a kill leaves it
 
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
@@ -119,8 +124,19 @@ def records(
         except Exception:  # noqa: BLE001 (damage may raise anything)
             found.unfinished = True
             found.unread = size - whole
+            stream.seek(whole)
+            found.cut = _is_cut(stream.read(_HEADER.size), found.unread)
     if damage is None and messages and found:
         _logger.warning('%s is unfinished or damaged: read up to the last whole record', file)
+
+
+def _is_cut(header: bytes, size: int) -> bool:
+    """Return whether `size` bytes with this header can be the beginning of a record."""
+    if len(header) < _HEADER.size:
+        return True
+    opcode, length = _HEADER.unpack(header)
+    # The longest is a chunk whose messages cannot be compressed.
+    return opcode in _OPCODES and size - len(header) < length < 2 * CHUNK_SIZE
 
 
 class _Reader(StreamReader):

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-#: [B] The most that a kill leaves of a chunk; more after the last whole record is damage.
-_CHUNK_AT_MOST = 128 * 1024
-
 
 @dataclass
 class Recovered:
@@ -93,7 +90,7 @@ def _recover_file(file: Path, found: Recovered) -> None:
         found.damages[file.name] = damage
         copy.file.finish(_information(found))
         copy.file.commit()
-        if damage.unreadable_chunks or damage.unread > _CHUNK_AT_MOST:
+        if damage.unreadable_chunks or not damage.cut:
             found.kept.append(file.rename(_unused(file)))
         part.replace(file)
     finally:

@@ -33,7 +33,7 @@ class FileLimits(NamedTuple):
 class BagWriter:
     """Writes a bag into an empty directory; not to be shared among threads.
 
-    Messages reach the file in chunks of 64 KiB, and at `flush`. `close` writes metadata.yaml: a
+    Messages reach the file in chunks of 768 KiB, and at `flush`. `close` writes metadata.yaml: a
     directory without it holds a bag whose run was killed, whole but for the last chunk.
 
     A method that raises OSError loses nothing: the data is kept, and `flush` tries again.

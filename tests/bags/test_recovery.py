@@ -95,6 +95,17 @@ def test_a_damaged_chunk_is_left_out_and_the_file_is_kept(killed: Path) -> None:
         assert reader.message_count == 900
 
 
+def test_a_file_with_a_damaged_length_is_kept(killed: Path) -> None:
+    file = killed / 'run_0.mcap'
+    content = bytearray(file.read_bytes())
+    # The compression's name follows 8 bytes of a chunk's length and 32 of other numbers.
+    content[content.index(b'zstd', len(content) // 2) - 40 + 3] ^= 0xFF
+    file.write_bytes(content)
+    found = make_whole(killed)
+    assert 0 < found.span.count < 1000
+    assert [path.read_bytes() for path in found.kept] == [bytes(content)]
+
+
 def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
     write(tmp_path / 'run').close()
     before = {file.name: file.read_bytes() for file in (tmp_path / 'run').glob('*.mcap')}
