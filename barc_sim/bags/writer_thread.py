@@ -97,6 +97,14 @@ class WriterThread:
             if self._arrivals and self._is_idle:
                 self._arrivals.wait(_LONGEST_SLEEP)
 
+    def help(self) -> None:
+        """Write what waits in the calling thread, unless the writer's is about it."""
+        if self._lock.acquire(blocking=False):
+            try:
+                self._run_once()
+            finally:
+                self._lock.release()
+
     @property
     def _is_idle(self) -> bool:
         return not (self._unflushed or self._late or self._stuck or self._closing.is_set())

@@ -180,7 +180,7 @@ class LocalEngine:
         """Run until the simulator has finished."""
         recorder, simulator = self._recorder, self._simulator
         if recorder:
-            self._host.loop.run(lambda: simulator.finished or recorder.stops_run)
+            self._host.loop.run(lambda: simulator.finished or recorder.keep_up())
         else:
             self._host.loop.run(lambda: simulator.finished)
 

@@ -27,8 +27,6 @@ class LocalRecorder:
         The bag's directory.
     failure
         The first failure to write, in a sentence.
-    stops_run
-        Whether the run is to end, as writing has failed.
     """
 
     def __init__(
@@ -55,7 +53,7 @@ class LocalRecorder:
         directory = Path(self._node.declare(table, {})[BAG_DIR.name])
         self._recording = recording
         self.failure: str | None = None
-        self.stops_run = False
+        self._stops_run = False
         check_space(directory, recording.reserve)
         self.path = new_directory(directory)
         limits = FileLimits(recording.max_bag_size, recording.max_bag_duration)
@@ -73,7 +71,13 @@ class LocalRecorder:
             return
         self.failure = self.failure or failure
         self._node.error(failure)
-        self.stops_run = self._recording.on_write_error == 'stop'
+        self._stops_run = self._recording.on_write_error == 'stop'
+
+    def keep_up(self) -> bool:
+        """Write here if the thread cannot keep up; return whether a failure is to end the run."""
+        if self._topics.waiting > self._recording.depth:
+            self._thread.help()
+        return self._stops_run
 
     def use_simulated_time(self) -> None:
         """Stamp messages with `/clock`, once there is one."""

@@ -82,8 +82,13 @@ class Topics:
         if self._recording and self._recording.wants(publisher.name):
             publisher.record(self._queue)
 
+    @property
+    def waiting(self) -> int:
+        """Number of messages that wait for `take`."""
+        return len(self._queue)
+
     def take(self) -> list[Message]:
-        """Return the messages to record since the last call; may be called from one thread."""
+        """Return the messages to record since the last call, for one thread at a time."""
         taken = []
         while self._queue:
             taken.append(self._queue.popleft())
