@@ -14,12 +14,17 @@ import platform
 import resource
 import select
 from contextlib import suppress
+from functools import partial
 from math import inf
 from struct import pack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
+
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable
+
+Opened = TypeVar('Opened')
 
 _POLL_RESOLUTION = 1e-3  # s
 _MOST = 64  # descriptors in one poll
@@ -39,7 +44,7 @@ class Descriptors:
 
     def __init__(self) -> None:
         """Wait for none yet."""
-        self._epoll = select.epoll()
+        self._epoll = _opened(select.epoll)
         self._number = self._epoll.fileno()
         self._events, self._count = (ctypes.c_int32 * (_LENGTH * _MOST))(), ctypes.c_uint64()
         self._at_events, self._at_count = ctypes.byref(self._events), ctypes.byref(self._count)
@@ -53,16 +58,20 @@ class Descriptors:
         """Wait for a descriptor no longer; it must be open."""
         self._epoll.unregister(descriptor)
 
-    def poll(self, seconds: float) -> Iterable[int]:
-        """Wait up to `seconds` until a descriptor is readable; return those that are."""
+    def ready(self) -> list[int]:
+        """Return the descriptors that are readable now, without giving up the lock."""
         found = _epoll_wait(self._number, self._at_events, _MOST, 0)
-        if found <= 0 < seconds:
-            if seconds < _POLL_RESOLUTION:
-                with suppress(ValueError):  # it has a descriptor above 1023
-                    select.select((self._epoll,), (), (), seconds)
-                    seconds = 0.0
-            return [descriptor for descriptor, _ in self._epoll.poll(seconds, _MOST)]
+        if found == 1:
+            return [self._integers[_PLACE]]
         return self._integers[_PLACE : max(0, found) * _LENGTH : _LENGTH].tolist()
+
+    def wait(self, seconds: float) -> list[int]:
+        """Wait up to `seconds` until a descriptor is readable; return those that are."""
+        if seconds < _POLL_RESOLUTION:
+            with suppress(ValueError):  # it has a descriptor above 1023
+                select.select((self._epoll,), (), (), seconds)
+                seconds = 0.0
+        return [descriptor for descriptor, _ in self._epoll.poll(seconds, _MOST)]
 
     def take_count(self, descriptor: int) -> int:
         """Return what was counted in an eventfd, and count from 0 again."""
@@ -80,21 +89,27 @@ class Descriptors:
 
 
 def eventfd() -> int:
-    """Return a descriptor that counts what is written to it.
-
-    Where the process may open no more, its limit is raised to the most that the system allows.
-    """
-    try:
-        return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-    except OSError:
-        _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-        return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    """Return a descriptor that counts what is written to it."""
+    return _opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC))
 
 
 def timerfd() -> int:
     """Return a descriptor that is readable when its time has come."""
-    return int(_LIBC.timerfd_create(_MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC))
+    return int(_opened(partial(_LIBC.timerfd_create, _MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)))
+
+
+def _opened(create: Callable[[], Opened]) -> Opened:
+    """Open a descriptor; raise the process's limit to the system's where it is reached."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    for _ in range(2):
+        with suppress(OSError):
+            if (opened := create()) != -1:
+                return opened
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    raise UserError(
+        f'this process may open {most} files at a time, and the executor needs one more: '
+        'raise the limit with `ulimit -Hn`, or start fewer nodes in one process'
+    )
 
 
 def set_time(descriptor: int, due: float) -> None:

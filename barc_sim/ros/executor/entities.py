@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 #: A timer, subscription, …: rclpy's have no type in common.
 Entity: TypeAlias = Any
 
-#: The names of a node's lists of entities.
-KINDS = ('timers', 'subscriptions', 'guards', 'clients', 'services', 'waitables')
+#: The names of a node's lists of entities, in the order in which rclpy executes what is ready.
+KINDS = ('waitables', 'timers', 'subscriptions', 'guards', 'clients', 'services')
 _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
 
 
@@ -48,6 +48,8 @@ class Entry:
     end: Callable[[], None]  #: gives the group back
     pending: int = 0  #: takes that may find something
     queued: bool = False
+    found: float = 0.0  #: [s] when it was queued
+    executed: float = 0.0  #: [s] when it was taken last
     handed_off: bool = False  #: to the thread pool, where its callback has not begun
     descriptor: int | None = None  #: the eventfd in which arrivals are counted
     on_taken: Callable[[Entry], None] | None = None

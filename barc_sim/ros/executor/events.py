@@ -52,6 +52,7 @@ class Events:
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
         self.ready: deque[Entry] = deque()  #: entries with something pending, in turn
+        self.now = 0.0  #: [s] when it was polled last
         self.stale = True  #: whether the nodes are to be looked at again
         self.woken = True  #: whether `wake` was called, or it is time for a check
         self._entries: dict[Entity, Entry] = {}
@@ -86,18 +87,23 @@ class Events:
         entry.pending += count
         if not entry.queued:
             entry.queued = True
+            entry.found = self.now
             self.ready.append(entry)
 
     def poll(self, deadline: float) -> float:
         """Wait until something arrives, `wake` is called or the deadline [s]; return the time."""
-        now = time.monotonic()
-        seconds = min(deadline - now, _CHECK_PERIOD)
-        for descriptor in self._descriptors.poll(seconds):
+        self.now = now = time.monotonic()
+        descriptors = self._descriptors.ready()
+        if not descriptors and deadline > now:
+            descriptors = self._descriptors.wait(min(deadline - now, _CHECK_PERIOD))
+        for descriptor in descriptors:
             entry = self._by_descriptor.get(descriptor)
             if entry is None:
                 self._special[descriptor]()
             else:
                 self.queue(entry, self._descriptors.take_count(descriptor))
+        if descriptors and len(self.ready) > 1:
+            self._sort()
         if now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
             self.woken = True
@@ -105,6 +111,18 @@ class Events:
                 if isinstance(entry.entity, ActionServer):
                     self.queue(entry)
         return now
+
+    def _sort(self) -> None:
+        """Sort what is ready as rclpy does; but none is executed twice before another one."""
+        oldest = min(entry.found for entry in self.ready)
+
+        def turn(entry: Entry) -> tuple[float, int]:
+            again = entry.executed if entry.executed >= oldest else 0.0
+            return again, KINDS.index(entry.kind)
+
+        turns = sorted(self.ready, key=turn)
+        self.ready.clear()
+        self.ready.extend(turns)
 
     def _signal(self, entry: Entry) -> None:
         self._signalled.append(entry)

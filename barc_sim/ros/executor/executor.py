@@ -227,6 +227,7 @@ class QuickExecutor(MultiThreadedExecutor):
     def _execute(self, entry: Entry) -> bool:
         """Take what is there for an entity and call its callback; return False for nothing."""
         call = None
+        entry.executed = self._events.now
         entry.pending -= 1
         try:
             call = entry.take(entry, self)
@@ -240,6 +241,7 @@ class QuickExecutor(MultiThreadedExecutor):
             if entry.on_taken:
                 entry.on_taken(entry)
             if entry.pending:
+                entry.found = entry.executed
                 self._events.ready.append(entry)
             else:
                 entry.queued = False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -179,6 +181,35 @@ def test_a_thousand_subscriptions(node: Node, until: Until) -> None:
     until(lambda: len(received) == 1000)
 
     assert sorted(received) == list(range(1000))
+
+
+OUT_OF_FILES = """if True:
+    import os
+    import resource
+    from barc_sim.errors import UserError
+    from barc_sim.ros.executor.descriptors import Descriptors, eventfd, timerfd
+    first = os.dup(0)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (first + 1, first + 2))
+    kept = eventfd()
+    for function in (eventfd, timerfd, Descriptors):
+        try:
+            function()
+        except UserError as error:
+            print(error)
+"""
+
+
+def test_where_no_file_may_be_opened_a_sentence_says_what_to_do() -> None:
+    printed = subprocess.run(
+        [sys.executable, '-c', OUT_OF_FILES],
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=50,
+    ).stdout.splitlines()
+
+    assert len(printed) == 3
+    assert all('ulimit' in line for line in printed)
 
 
 def test_a_clock_before_1970_is_warned_of_and_dropped(

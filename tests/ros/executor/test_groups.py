@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from std_srvs.srv import Empty
 
 from barc_sim.ros.executor import QuickCallbackGroup
 
@@ -180,6 +181,57 @@ def test_a_flooding_timer_does_not_starve_the_topics_of_its_group(node: Node, un
     node.create_publisher(Time, 'a', DEPTH).publish(Time())
 
     until(lambda: heard)
+
+
+@pytest.mark.parametrize('blocked', [False, True])
+def test_what_is_ready_at_once_is_executed_in_rclpys_order(
+    node: Node, executor: QuickExecutor, until: Until, blocked: bool
+) -> None:
+    group = QuickCallbackGroup()
+    calls: list[str] = []
+
+    def serve(_: Empty.Request, response: Empty.Response) -> Empty.Response:
+        calls.append('request')
+        return response
+
+    service = node.create_service(Empty, 'serve', serve, callback_group=group)
+    node.create_subscription(Time, 'a', lambda _: calls.append('message'), 10, callback_group=group)
+    executor.spin_once(timeout_sec=0)
+    if blocked:
+        group.beginning_execution(service)
+    node.create_client(Empty, 'serve').call_async(Empty.Request())
+    if blocked:
+        executor.spin_once(timeout_sec=0)
+    node.create_publisher(Time, 'a', 10).publish(Time())
+    if blocked:
+        executor.spin_once(timeout_sec=0)
+        group.ending_execution(service)
+    until(lambda: len(calls) == 2)
+
+    assert calls == ['message', 'request']
+
+
+def test_what_rclpy_executes_first_does_not_starve_the_others(
+    node: Node, executor: QuickExecutor
+) -> None:
+    group = QuickCallbackGroup()
+    requests: list[Empty.Request] = []
+    publisher = node.create_publisher(Time, 'a', 10)
+    node.create_subscription(Time, 'a', publisher.publish, 10, callback_group=group)
+
+    def serve(request: Empty.Request, response: Empty.Response) -> Empty.Response:
+        requests.append(request)
+        return response
+
+    node.create_service(Empty, 'serve', serve, callback_group=group)
+    client = node.create_client(Empty, 'serve')
+    publisher.publish(Time())
+    executor.spin_once(timeout_sec=DEADLINE)
+    for number in range(3):
+        client.call_async(Empty.Request())
+        for _ in range(4):
+            executor.spin_once(timeout_sec=DEADLINE)
+        assert len(requests) > number
 
 
 def test_messages_wait_in_the_middleware_while_the_pool_is_busy(
