@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
+from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.service import Service
@@ -61,10 +62,11 @@ class Entry:
 
 
 def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take a message; faster than rclpy's way."""
-    subscription, handle = entry.entity, entry.handle
-    with handle:
-        taken = handle.take_message(subscription.msg_type, subscription.raw)
+    """Take a message; faster than rclpy's way, as the entry keeps the handle in use."""
+    subscription = entry.entity
+    if subscription._is_destroyed:
+        raise InvalidHandle
+    taken = entry.handle.take_message(subscription.msg_type, subscription.raw)
     if taken is None:
         # Of a full queue, older messages are gone: so many at most can wait behind this one.
         entry.pending = min(entry.pending, subscription.qos_profile.depth or entry.pending)

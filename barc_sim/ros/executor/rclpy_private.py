@@ -165,7 +165,13 @@ def _takes() -> bool:
     return False
 
 
+_destroy = Subscription.destroy
 _trigger = GuardCondition.trigger
+
+
+def _destroy_and_note(subscription: Subscription) -> None:
+    subscription._is_destroyed = True
+    _destroy(subscription)
 
 
 def _trigger_and_notify(guard: GuardCondition) -> None:
@@ -176,4 +182,6 @@ def _trigger_and_notify(guard: GuardCondition) -> None:
 
 
 if not differing():
+    Subscription._is_destroyed = False
+    Subscription.destroy = _destroy_and_note
     GuardCondition.trigger = _trigger_and_notify
