@@ -17,6 +17,8 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
+from barc_sim.ros.executor.rclpy_private import raised_by_rclpy
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -32,6 +34,7 @@ Entity: TypeAlias = Any
 
 #: The names of a node's lists of entities, in the order in which rclpy executes what is ready.
 KINDS = ('waitables', 'timers', 'subscriptions', 'guards', 'clients', 'services')
+_WITH_MESSAGES = ('subscriptions', 'clients', 'services')
 _MESSAGE_ONLY = Subscription.CallbackType.MessageOnly
 
 
@@ -59,6 +62,30 @@ class Entry:
     def may_begin(self) -> bool:
         """Return whether its group allows another callback of it."""
         return not self.handed_off and self.entity.callback_group.can_execute(self.entity)
+
+    def drop(self) -> None:
+        """Give its group back without a call, as the executor was shut down."""
+        self.handed_off = False
+        self.end()
+
+    @property
+    def name(self) -> str:
+        """The topic's name, or else the entity's type."""
+        return str(getattr(self.entity, 'topic', type(self.entity).__name__))
+
+    def warn_or_raise(self, error: Exception, *, taking: bool = False) -> None:
+        """Warn where rclpy itself cannot handle what has arrived; raise any other exception.
+
+        That is a message that cannot be taken, and what its own callback and all below raises.
+        """
+        module = getattr(getattr(self.entity, 'callback', None), '__module__', None) or ''
+        of_rclpy = module.startswith('rclpy.') and raised_by_rclpy(error)
+        if not (self.kind in _WITH_MESSAGES if taking else of_rclpy):
+            raise error
+        self.node.get_logger().warning(
+            f'what has arrived for {self.name!r} was dropped: {type(error).__name__}: {error}',
+            throttle_duration_sec=1.0,
+        )
 
 
 def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:

@@ -22,21 +22,19 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor, TimeoutObject
-from rclpy.task import Future, Task
 
 from barc_sim.ros.executor.events import Events
-from barc_sim.ros.executor.rclpy_private import differing, notify_of_triggers, raised_by_rclpy
-from barc_sim.ros.executor.thread_pool import ThreadPool
+from barc_sim.ros.executor.rclpy_private import differing, notify_of_triggers
+from barc_sim.ros.executor.thread_pool import TaskStepper, ThreadPool
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from rclpy.context import Context
-    from rclpy.node import Node
+    from rclpy.task import Future
 
-    from barc_sim.ros.executor.entities import Entity, Entry
+    from barc_sim.ros.executor.entities import Entry
 
-_WITH_MESSAGES = ('subscriptions', 'clients', 'services')
 #: In debug mode, a quick callback that takes longer is warned of [s].
 QUICK_LIMIT = 2e-3
 
@@ -65,8 +63,6 @@ class QuickExecutor(MultiThreadedExecutor):
     >>> rclpy.shutdown()
     """
 
-    _tasks: list[tuple[Task, Entity | None, Node | None]]  # rclpy's
-
     def __init__(
         self,
         num_threads: int | None = None,
@@ -78,10 +74,9 @@ class QuickExecutor(MultiThreadedExecutor):
         self._debug = debug
         self._in_use = RLock()  # of `_events`, by the thread that spins
         self._spinner = 0  # that thread
-        self._progress = 0  # changes when something may have ended a coroutine's wait
-        self._stepped: set[Task] = set()  # in the pool
         self._events = Events(self.context, self._fail)
         self._pool = ThreadPool(self._executor, self._events.wake)
+        self._stepper = TaskStepper(self, self._pool, self._events.wake)
         notify_of_triggers(self._guard, self._on_change)
 
     def __del__(self) -> None:
@@ -96,7 +91,7 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _on_change(self) -> None:
         """Look at the nodes again; a thread that spins does it by itself."""
-        self._progress += 1
+        self._stepper.progress += 1
         self._events.stale = True
         self._events.wake()
         self._refresh()
@@ -144,9 +139,7 @@ class QuickExecutor(MultiThreadedExecutor):
         elif not inside:
             return False
         if ended:
-            for task, entity, _ in self._tasks:
-                if entity is not None:
-                    task.cancel()  # gives its group back
+            self._stepper.cancel_coroutines()
         while self._pool.failures:  # no spin is left to raise them
             traceback.print_exception(self._pool.failures.popleft())
         self._executor.shutdown(wait=wait_for_threads and not inside)
@@ -186,7 +179,7 @@ class QuickExecutor(MultiThreadedExecutor):
         while True:
             if events.woken:
                 events.woken = False
-                if self._is_over(future) or (self._submit_tasks(once=once) and once):
+                if self._is_over(future) or (self._stepper.submit(once=once) and once):
                     return
                 progressed = True
             now = events.poll(0 if progressed and ready else deadline)
@@ -234,7 +227,7 @@ class QuickExecutor(MultiThreadedExecutor):
         except InvalidHandle:  # destroyed without its node
             entry.pending = 0
         except Exception as error:  # noqa: BLE001 - warned of or raised
-            self._warn_or_raise(entry, error, rclpys=entry.kind in _WITH_MESSAGES)
+            entry.warn_or_raise(error, taking=True)
         finally:
             if call is None:
                 entry.end()
@@ -249,7 +242,7 @@ class QuickExecutor(MultiThreadedExecutor):
             return False
         if not entry.quick:
             entry.handed_off = True
-            self._pool.submit(partial(self._call, entry, *call), partial(_drop, entry))
+            self._pool.submit(partial(self._call, entry, *call), entry.drop)
         elif self._debug:
             self._call_timed(entry, *call)
         else:
@@ -267,11 +260,11 @@ class QuickExecutor(MultiThreadedExecutor):
             result = callback(*args)
             if result is not None and iscoroutinefunction(callback):
                 claimed = False
-                self._step(Task(self._finish(entry, result), executor=self), entry)
+                self._stepper.start(entry, result)
         except Exception as error:  # noqa: BLE001 - warned of or raised
-            self._warn_or_raise(entry, error, rclpys=_is_rclpys(entry, error))
+            entry.warn_or_raise(error)
         finally:
-            self._progress += 1
+            self._stepper.progress += 1
             if claimed:
                 entry.end()
 
@@ -281,83 +274,14 @@ class QuickExecutor(MultiThreadedExecutor):
         took = time.perf_counter() - begun
         if took > QUICK_LIMIT:
             entry.node.get_logger().warning(
-                f'the quick callback of {_name(entry)!r} took {took * 1e3:.1f} ms, more than '
+                f'the quick callback of {entry.name!r} took {took * 1e3:.1f} ms, more than '
                 f'{QUICK_LIMIT * 1e3:g} ms: shorten it or put it into another callback group'
             )
 
-    async def _finish(self, entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
-        try:
-            await coroutine
-        except Exception as error:  # noqa: BLE001 - warned of or raised
-            self._warn_or_raise(entry, error, rclpys=_is_rclpys(entry, error))
-        finally:
-            entry.end()
 
-    def _warn_or_raise(self, entry: Entry, error: Exception, *, rclpys: bool) -> None:
-        """Warn where rclpy itself cannot handle what has arrived; raise any other exception."""
-        if not rclpys:
-            raise error
-        entry.node.get_logger().warning(
-            f'what has arrived for {_name(entry)!r} was dropped: {type(error).__name__}: {error}',
-            throttle_duration_sec=1.0,
-        )
-
-    def _submit_tasks(self, *, once: bool) -> bool:
-        """Step tasks that are new or may go on, the newest first, as in rclpy."""
-        if not self._tasks:
-            return False
-        nodes = (None, *self.get_nodes())
-        with self._tasks_lock:
-            self._tasks = [
-                each for each in self._tasks if not (each[0].done() or each[0].cancelled())
-            ]
-            tasks = [
-                task
-                for task, _, node in reversed(self._tasks)
-                if task not in self._stepped
-                and node in nodes
-                and getattr(task, 'seen', None) != self._progress
-            ]
-        for task in tasks[:1] if once else tasks:
-            self._stepped.add(task)
-            self._pool.submit(partial(self._step, task), partial(self._stepped.discard, task))
-        return bool(tasks)
-
-    def _step(self, task: Task, entry: Entry | None = None) -> None:
-        """Run a task until it has to wait."""
-        task.seen = self._progress
-        try:
-            task()
-        finally:
-            self._stepped.discard(task)
-        if task.done():
-            self._progress += 1
-            task.result()  # raises
-        elif entry:
-            with self._tasks_lock:
-                self._tasks.append((task, entry.entity, entry.node))
-            self._events.wake()
-
-
-def _drop(entry: Entry) -> None:
-    """Give a group back without a call, as the executor was shut down."""
-    entry.handed_off = False
-    entry.end()
-
-
-def _is_rclpys(entry: Entry, error: Exception) -> bool:
-    """Return whether the callback and all that it has called is rclpy's."""
-    module = getattr(getattr(entry.entity, 'callback', None), '__module__', None) or ''
-    return module.startswith('rclpy.') and raised_by_rclpy(error)
-
-
-def _name(entry: Entry) -> str:
-    return str(getattr(entry.entity, 'topic', type(entry.entity).__name__))
-
-
-if _differing := differing():
+if names := differing():
     warnings.warn(
-        f'this rclpy has no {", ".join(_differing)}: QuickExecutor is a MultiThreadedExecutor; '
+        f'this rclpy has no {", ".join(names)}: QuickExecutor is a MultiThreadedExecutor; '
         'use rclpy 7.1 for a fast one',
         stacklevel=2,
     )
@@ -365,12 +289,6 @@ if _differing := differing():
     class QuickExecutor(MultiThreadedExecutor):  # type: ignore[no-redef]
         """rclpy's own."""
 
-        def __init__(
-            self,
-            num_threads: int | None = None,
-            *,
-            context: Context | None = None,
-            debug: bool = False,
-        ) -> None:
+        def __init__(self, *args: Any, debug: bool = False, **options: Any) -> None:  # noqa: ANN401
             del debug
-            super().__init__(num_threads, context=context)
+            super().__init__(*args, **options)

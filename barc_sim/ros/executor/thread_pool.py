@@ -1,14 +1,23 @@
-"""The threads that execute callbacks beside the spinning one."""
+"""The threads that execute callbacks beside the spinning one, and the tasks that they step."""
+
+# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
 
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from threading import Condition, get_ident
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from rclpy.task import Task
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
     from concurrent.futures import ThreadPoolExecutor
+
+    from rclpy.executors import MultiThreadedExecutor
+
+    from barc_sim.ros.executor.entities import Entry
 
 
 class ThreadPool:
@@ -64,3 +73,72 @@ class ThreadPool:
             return self._changed.wait_for(
                 lambda: not self._unfinished, None if timeout_sec < 0 else timeout_sec
             )
+
+
+class TaskStepper:
+    """Steps what `create_task` has made and what awaits something, whenever it may go on."""
+
+    def __init__(
+        self, executor: MultiThreadedExecutor, pool: ThreadPool, wake: Callable[[], None]
+    ) -> None:
+        self.progress = 0  #: changes when something may have ended a coroutine's wait
+        self._executor = executor
+        self._pool = pool
+        self._wake = wake
+        self._stepped: set[Task] = set()  # in the pool
+
+    def submit(self, *, once: bool) -> bool:
+        """Step tasks that are new or may go on, the newest first, as in rclpy; `once`: one."""
+        executor = self._executor
+        if not executor._tasks:
+            return False
+        nodes = (None, *executor.get_nodes())
+        with executor._tasks_lock:
+            executor._tasks = [
+                each for each in executor._tasks if not (each[0].done() or each[0].cancelled())
+            ]
+            tasks = [
+                task
+                for task, _, node in reversed(executor._tasks)
+                if task not in self._stepped
+                and node in nodes
+                and getattr(task, 'seen', None) != self.progress
+            ]
+        for task in tasks[:1] if once else tasks:
+            self._stepped.add(task)
+            self._pool.submit(partial(self._step, task), partial(self._stepped.discard, task))
+        return bool(tasks)
+
+    def start(self, entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
+        """Step a callback's coroutine, which gives the entry's group back at its end."""
+        self._step(Task(_finish(entry, coroutine), executor=self._executor), entry)
+
+    def _step(self, task: Task, entry: Entry | None = None) -> None:
+        """Run a task until it has to wait."""
+        task.seen = self.progress
+        try:
+            task()
+        finally:
+            self._stepped.discard(task)
+        if task.done():
+            self.progress += 1
+            task.result()  # raises
+        elif entry:
+            with self._executor._tasks_lock:
+                self._executor._tasks.append((task, entry.entity, entry.node))
+            self._wake()
+
+    def cancel_coroutines(self) -> None:
+        """End the coroutines of callbacks, so that their groups are given back."""
+        for task, entity, _ in self._executor._tasks:
+            if entity is not None:
+                task.cancel()
+
+
+async def _finish(entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
+    try:
+        await coroutine
+    except Exception as error:  # noqa: BLE001 - warned of or raised
+        entry.warn_or_raise(error)
+    finally:
+        entry.end()
