@@ -24,10 +24,10 @@ _WORTH_TELLING = 1.0  # ms
 
 
 class Clock:
-    """Notes the time, and for how long the kernel has kept this thread waiting for a core."""
+    """Notes the time, how long the kernel has kept this thread waiting, and the processor time."""
 
     def __init__(self) -> None:
-        self.ticks: list[tuple[float, float]] = []
+        self.ticks: list[tuple[float, float, float]] = []
         self._statistics = -1
 
     def __call__(self) -> None:
@@ -36,21 +36,27 @@ class Clock:
         if self._statistics < 0:
             self._statistics = os.open('/proc/thread-self/schedstat', os.O_RDONLY)
         waited = int(os.pread(self._statistics, 100, 0).split()[1]) * 1e-9
-        self.ticks.append((now, waited))
+        self.ticks.append((now, waited, time.process_time()))
 
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
-    """Tick; return the number of ticks and, of each late one, how late it was and waited [ms]."""
+    """Tick; return their number, the core used [%], and the lateness and wait of late ones [ms]."""
     clock = Clock()
     if task['subject'] == 'loop':
         _loop(clock, _WARM_UP + task['seconds'])
     else:
         _spin(clock, task['subject'], _WARM_UP + task['seconds'])
+    ticks = clock.ticks[int(_WARM_UP / _PERIOD) :]
     gaps = [
         ((now - before - _PERIOD) * 1e3, (waited - earlier) * 1e3)
-        for (before, earlier), (now, waited) in pairwise(clock.ticks[int(_WARM_UP / _PERIOD) :])
+        for (before, earlier, _), (now, waited, _) in pairwise(ticks)
     ]
-    return {'ticks': len(gaps), 'late': [gap for gap in gaps if gap[0] > _WORTH_TELLING]}
+    (began, _, before), (ended, _, after) = ticks[0], ticks[-1]
+    return {
+        'ticks': len(gaps),
+        'core': (after - before) / (ended - began) * 100.0,
+        'late': [gap for gap in gaps if gap[0] > _WORTH_TELLING],
+    }
 
 
 def _loop(clock: Clock, seconds: float) -> None:

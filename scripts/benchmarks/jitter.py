@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from _compare import at_least_one
@@ -63,7 +64,8 @@ def measure(options: argparse.Namespace) -> Found:
 
 def report(found: Found) -> str:
     """Return a table of the numbers of late ticks, and in brackets of those the machine owes."""
-    heads = ('ticks', *(f'> {limit:g} ms' for limit in _LIMITS), 'max, ms', 'without waiting, ms')
+    limits = [f'> {limit:g} ms' for limit in _LIMITS]
+    heads = ('ticks', *limits, 'max, ms', 'without waiting, ms', 'core, %')
     lines = [f'{"":24}' + ''.join(f'{head:>20}' for head in heads)]
     for subject, slices in found.items():
         late = [each for part in slices for each in part['late']]
@@ -74,6 +76,7 @@ def report(found: Found) -> str:
             cells.append(f'{count} ({count - left})')
         cells.append(f'{max((ms for ms, _ in late), default=0.0):.3g}')
         cells.append(f'{max((ms - waited for ms, waited in late), default=0.0):.3g}')
+        cells.append(f'{median(part["core"] for part in slices):.2f}')
         lines.append(f'{_SUBJECTS[subject]:24}' + ''.join(f'{cell:>20}' for cell in cells))
     lines.append('in brackets: late only because the kernel kept the thread waiting for a core')
     return '\n'.join(lines)

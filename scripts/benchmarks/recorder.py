@@ -27,6 +27,7 @@ _CASES = {
     'quiet': {'topics': 0, 'rate': 0, 'size': 0},
     '1 x 5,000/s of 50 B': {'topics': 1, 'rate': 5_000, 'size': 50},
     '1 x 10,000/s of 50 B': {'topics': 1, 'rate': 10_000, 'size': 50},
+    '10 x 5,000/s of 50 B': {'topics': 10, 'rate': 5_000, 'size': 50},
     '20 x 500/s of 50 B': {'topics': 20, 'rate': 500, 'size': 50},
     '1 x 30/s of 1 MB': {'topics': 1, 'rate': 30, 'size': 1_000_000},
 }
