@@ -116,7 +116,8 @@ class _Ordeal:
         self.killed += 1
         if name == self._commander and self._chance.random() < 0.7:  # noqa: PLR2004
             self.standing.append(self._expect('stands', self._stands))
-        began, signs = self._witness.stamp, self._signs(name)
+        # A state of the simulator before, not yet taken, is older than this.
+        began, signs = time.time_ns(), self._signs(name)
         self._nodes.start(name)
         if name in _COMMANDERS:
             self.driving.append(
