@@ -68,16 +68,28 @@ def as_metadata(lost: Mapping[str, Mapping[str, int] | None]) -> dict[str, str]:
     return entries
 
 
-def summary(counts: Mapping[str, int], lost: Mapping[str, Mapping[str, int] | None]) -> str:
-    """Return lines with the numbers of recorded and lost messages; `lost` as in `as_metadata`.
+def left_out(unrecorded: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics that cannot be recorded, and why, as metadata."""
+    return {f'not recorded {topic}': why for topic, why in sorted(unrecorded.items())}
+
+
+def summary(
+    counts: Mapping[str, int],
+    lost: Mapping[str, Mapping[str, int] | None],
+    unrecorded: Mapping[str, str],
+) -> str:
+    """Return lines with the numbers of recorded and lost messages, and with what is left out.
+
+    `lost` is as in `as_metadata`, `unrecorded` as in `left_out`.
 
     Examples
     --------
-    >>> print(summary({'ecu': 98}, {'ecu': {'controller': 2}}))
+    >>> print(summary({'ecu': 98}, {'ecu': {'controller': 2}}, {}))
     recorded 98 messages, lost 2
     lost ecu: 2 (2 of controller)
     """
     entries = as_metadata(lost)
     total = entries.pop('lost_messages')
     first = f'recorded {sum(counts.values())} messages, lost {total}'
+    entries |= left_out(unrecorded)
     return '\n'.join([first, *(f'{topic}: {what}' for topic, what in entries.items())])

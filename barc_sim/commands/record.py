@@ -78,4 +78,5 @@ def report(recorder: BagRecorder) -> str:
 
     counts = recorder.counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
-    return '\n'.join([*lines, summary(counts, recorder.lost), f'bag {recorder.path}'])
+    found = summary(counts, recorder.lost, recorder.left_out)
+    return '\n'.join([*lines, found, f'bag {recorder.path}'])

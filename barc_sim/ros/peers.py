@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 # Parts of a Fast DDS identifier (GID).
 _HOST = slice(4)  #: the vendor and the host
 _PROCESS = slice(4, 6)  #: the lower half of the process's number
+_PARTICIPANT = slice(12)
 _HALF = 1 << 16
 
 
@@ -74,8 +75,20 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
     and process, so a dead process of this machine is recognised at once.
     """
     ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    host = _host(node) if ends else None
-    return [end for end in ends if host is None or not _is_dead(bytes(end.endpoint_gid), host)]
+    own = _own_gid(node) if ends else None
+    return [end for end in ends if own is None or not _is_dead(bytes(end.endpoint_gid), own[_HOST])]
+
+
+def types_here(node: Node, topic: str) -> set[str]:
+    """Return the types that the participant's other nodes give `topic`: DDS accepts one."""
+    own = _own_gid(node) or b''
+    ends = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
+    return {
+        end.topic_type
+        for end in ends
+        if bytes(end.endpoint_gid)[_PARTICIPANT] == own[_PARTICIPANT]
+        and end.node_name != node.get_name()
+    }
 
 
 def is_own(end: TopicEndpointInfo) -> bool:
@@ -83,15 +96,15 @@ def is_own(end: TopicEndpointInfo) -> bool:
     return _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
 
 
-def _host(node: Node) -> bytes | None:
-    """Return the first bytes of this machine's identifiers; None with another DDS."""
+def _own_gid(node: Node) -> bytes | None:
+    """Return the identifier of one of the node's publishers; None with another DDS."""
     own = os.getpid() % _HALF
     topics = {publisher.topic_name for publisher in node.publishers}
     # Every node publishes /parameter_events: a topic of its own has fewer publishers to look at.
     for end in node.get_publishers_info_by_topic(min(topics, key=node.count_publishers)):
         gid = bytes(end.endpoint_gid)
         if end.node_name == node.get_name() and _process(gid) == own:
-            return gid[_HOST]
+            return gid
     return None
 
 

@@ -31,6 +31,11 @@ class RecordedTopic:
     losses: Losses = field(default_factory=Losses)
     names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
 
+    @property
+    def begun(self) -> bool:
+        """Whether it has had a publisher."""
+        return bool(self.topic.offered_qos or self.route)
+
     def matches(self, publisher: TopicEndpointInfo) -> bool:
         """Return whether one of the subscriptions matches the publisher's QoS."""
         return any(

@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile
 from barc_sim.bags.messages import Message
 from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
+from barc_sim.ros.peers import types_here
 from barc_sim.ros.polled import Arrivals
 from barc_sim.ros.recorded_topic import RecordedTopic
 from barc_sim.ros.serialized import Taker
@@ -124,61 +125,91 @@ class TopicSubscriptions:
     def subscribe(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> bool:
         """Subscribe to all publishers of a topic; return False where that is impossible.
 
-        Where publishers do not agree on the topic's type, the first one's counts.
+        Where publishers do not agree on the topic's type, the first one's counts, unless another
+        node of this participant has the topic: DDS takes no second type then.
         """
         recorded = self._topics.get(name)
         count = len(publishers)
-        if recorded and not recorded.topic.offered_qos and not recorded.route:
-            recorded = self._complete(recorded, publishers)
-            if not recorded:
-                return True
-        type_name = recorded.topic.type if recorded else publishers[0].topic_type
-        for other in {publisher.topic_type for publisher in publishers} - {type_name}:
-            self.unknown[f'{name} as {other}'] = f'its type is {type_name}'
+        types = [publisher.topic_type for publisher in publishers]
+        early = recorded if recorded and not recorded.begun else None
+        if early and early.topic.type not in {*types, *types_here(self._node, name)}:
+            self._forget(early)
+            return True
+        type_name = recorded.topic.type if recorded else self._type(name, types)
+        for other in {*types} - {type_name}:
+            self._leave_out(f'{name} as {other}', f'its type is {type_name}')
         publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
         try:
-            recorded = recorded or RecordedTopic(
-                offered_qos.describe(name, publishers, self._definitions)
-            )
-            unmatched = [each for each in publishers if not recorded.matches(each)]
-            if unmatched:
-                qos = offered_qos.request(unmatched, self._depth)
-                subscription = self._create(name, _class(type_name), qos)
-                with self._lock:
-                    recorded.subscriptions.append(subscription)
-                self.wake()
+            if publishers:
+                recorded = self._begun(name, recorded, publishers)
         except LookupError as error:
             self.unknown[name] = f'{type_name}: {error}'
             return False
-        except RuntimeError:  # of rcl: this process has the topic with another type
+        except RuntimeError:  # of rcl: a subscription with another type is not yet gone
             return True
         self.unknown.pop(name, None)
-        recorded.publishers = count
+        if recorded:
+            recorded.publishers = count
+        return True
+
+    def _type(self, name: str, types: Sequence[str]) -> str:
+        """Return the type to record a topic with, of those of its publishers if possible."""
+        here = types_here(self._node, name)
+        return next((each for each in types if each in here), next(iter(here), types[0]))
+
+    def _leave_out(self, what: str, why: str) -> None:
+        """Warn once that something is not recorded, and keep the reason."""
+        if what not in self.unknown:
+            self.unknown[what] = why
+            self._node.get_logger().warning(f'{what} is not recorded: {why}')
+
+    def _forget(self, early: RecordedTopic) -> None:
+        """Unsubscribe from a topic that turns out to have another type.
+
+        The next `discover` begins anew, as DDS refuses a second type until the subscription is
+        gone, which the writer may still be taking from.
+        """
+        with self._lock:
+            del self._topics[early.topic.name]
+        self._destroy(early)
+        self.wake()
+
+    def _begun(
+        self, name: str, recorded: RecordedTopic | None, publishers: Sequence[TopicEndpointInfo]
+    ) -> RecordedTopic:
+        """Return a topic that has a subscription for each of its publishers.
+
+        Raises
+        ------
+        LookupError
+            The definition of its type is not installed.
+        """
+        if not recorded:
+            recorded = RecordedTopic(offered_qos.describe(name, publishers, self._definitions))
+        elif not recorded.begun:
+            recorded = self._complete(recorded, publishers)
+        unmatched = [each for each in publishers if not recorded.matches(each)]
+        if unmatched:
+            qos = offered_qos.request(unmatched, self._depth)
+            subscription = self._create(name, _class(recorded.topic.type), qos)
+            with self._lock:
+                recorded.subscriptions.append(subscription)
+            self.wake()
         recorded.names |= {
             bytes(publisher.endpoint_gid): publisher.node_name for publisher in publishers
         }
         with self._lock:
             self._topics[name] = recorded
-        return True
+        return recorded
 
     def _complete(
         self, early: RecordedTopic, publishers: Sequence[TopicEndpointInfo]
-    ) -> RecordedTopic | None:
+    ) -> RecordedTopic:
         """Return a topic that had no publishers, with its first ones.
-
-        None if they are of another type: then the next `discover` begins anew, as DDS refuses a
-        second type until the subscription is gone, which the writer may still be taking from.
 
         The subscription remains, as messages may wait in it; another requests what it did not.
         """
         name, type_name = early.topic.name, early.topic.type
-        publishers = [publisher for publisher in publishers if publisher.topic_type == type_name]
-        if not publishers:
-            with self._lock:
-                del self._topics[name]
-            self._destroy(early)
-            self.wake()
-            return None
         qos, requested = offered_qos.request(publishers, self._depth), early.subscriptions[0]
         subscriptions = [requested]
         if not offered_qos.same_strength(qos, requested.qos_profile):

@@ -79,7 +79,8 @@ class RunBag:
     def print_commands(self) -> None:
         """Print the bag's path, and the commands that read it."""
         barc = barc_path()
-        print(summary(self.recorder.counts, self.recorder.lost))  # noqa: T201
+        recorder = self.recorder
+        print(summary(recorder.counts, recorder.lost, recorder.left_out))  # noqa: T201
         path = shlex.quote(str(self.recorder.path))
         print(f'bag     {path}')  # noqa: T201
         print(f'plot    {barc} plot {path}')  # noqa: T201

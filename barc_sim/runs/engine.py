@@ -96,6 +96,10 @@ class Recorder(Protocol):
     def lost(self) -> dict[str, dict[str, int] | None]:
         """Number of messages lost, by topic and node."""
 
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """Topics that cannot be recorded, and why."""
+
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run to the bag."""
 

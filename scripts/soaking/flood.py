@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from _figures import Figure, whole
+from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
 from barc_sim.errors import UserError
@@ -56,6 +57,8 @@ def _figures(mode: str, rate: float, seconds: float, *, in_time: bool) -> list[F
     sent = flood['sent'] / flood['seconds']
     figures = [
         Figure('messages sent, 1/s', sent, least=0.95 * rate if in_time else 1.0),
+        Figure('messages recorded', flooded['recorded']),
+        Figure('of them not in the bag', flooded['recorded'] - flooded['held'], most=0, least=0),
         Figure('messages that the recorder lost and counted', int(flooded['lost_messages'])),
         Figure('steps', int(flooded['steps']), least=1),
         # A machine that tests share is late for reasons of its own.
@@ -89,8 +92,12 @@ def _meet(mode: str, rate: float, seconds: float) -> tuple[dict[str, Any], dict[
             for process in (run, flooder):
                 process.kill()
                 process.communicate()
+        path = bag.newest(folder)
+        with AnyReader([path]) as reader:
+            held = sum(1 for _ in reader.messages())
+            counts = {'recorded': reader.message_count, 'held': held}
         # A bag that is not whole knows no steps.
-        return {**flooded, **bag.info(bag.newest(folder))}, flood
+        return {**flooded, **counts, **bag.info(path)}, flood
 
 
 def _start(program: str, *arguments: str) -> subprocess.Popen[str]:

@@ -170,6 +170,11 @@ class BagRecorder(Node):
         return lost
 
     @property
+    def left_out(self) -> dict[str, str]:
+        """Topics that cannot be recorded, and why."""
+        return self._topics.unknown
+
+    @property
     def paused(self) -> bool:
         """Whether messages are dropped for now."""
         return self._thread.paused
@@ -225,11 +230,7 @@ class BagRecorder(Node):
         self._thread.close(self._final_metadata)
 
     def _final_metadata(self) -> dict[str, str]:
-        unknown = self._topics.unknown
-        return {
-            **{f'not recorded {name}': why for name, why in unknown.items()},
-            **losses.as_metadata(self.lost),
-        }
+        return losses.as_metadata(self.lost) | losses.left_out(self.left_out)
 
     def restart(self) -> None:
         """Begin the next bag, after `close`.

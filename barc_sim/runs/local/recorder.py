@@ -27,6 +27,8 @@ class LocalRecorder:
         The bag's directory.
     failure
         The first failure to write, in a sentence.
+    left_out
+        No topic: all can be recorded.
     """
 
     def __init__(
@@ -54,6 +56,7 @@ class LocalRecorder:
         self._recording = recording
         self.failure: str | None = None
         self._stops_run = False
+        self.left_out: Mapping[str, str] = {}
         check_space(directory, recording.reserve)
         self.path = new_directory(directory)
         limits = FileLimits(recording.max_bag_size, recording.max_bag_duration)

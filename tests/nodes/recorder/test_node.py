@@ -413,6 +413,31 @@ def test_a_topic_that_was_expected_with_another_type_is_recorded(
     wait_for(lambda: recorder.discover() or recorder.counts.get('/value') == 1)
 
 
+@pytest.mark.parametrize('expected', [True, False], ids=['expected', 'found'])
+def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
+    recorder: BagRecorder, talker: Node, stranger: Node, *, expected: bool
+) -> None:
+    other = stranger.create_publisher(ColorRGBA, 'value', LATCHED)
+    if expected:
+        recorder.expect({'value': Float64})
+    # DDS accepts one type of a topic in a participant, which is the recorder's, too.
+    talker.create_subscription(Float64, 'value', lambda _: None, 10)
+    wait_for(lambda: recorder.discover() or bool(recorder.left_out))
+    why = 'its type is std_msgs/msg/Float64'
+    assert recorder.left_out == {'/value as std_msgs/msg/ColorRGBA': why}
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    wait_for(lambda: recorder.discover() or publisher.get_subscription_count() == 2)
+    other.publish(ColorRGBA())
+    publisher.publish(Float64())
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    recorder.close()
+    assert bag.info(recorder.path)['not recorded /value as std_msgs/msg/ColorRGBA'] == why
+    said = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
+    assert [text for text in said if 'is not recorded' in text] == [
+        f'/value as std_msgs/msg/ColorRGBA is not recorded: {why}'
+    ]
+
+
 def test_a_publisher_in_place_of_one_that_has_gone_is_recorded(
     recorder: BagRecorder, talker: Node
 ) -> None:
