@@ -37,6 +37,12 @@ if has_ros():
 settings.register_profile('any machine', deadline=None)
 settings.load_profile('any machine')
 
+# A process that was started in the background ignores Ctrl-C, by nohup a hang-up; so would all that
+# it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, 'SIGHUP'):  # not on Windows
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 # A domain is reserved by binding this port and its number, as ament's domain_coordinator does: no
 # two tests on a machine have the same, whoever runs them, and the end of the process frees it.
 _FIRST_PORT = 22119

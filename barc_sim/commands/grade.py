@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.option_types import number, whole
 from barc_sim.cli.parser import INTERRUPTED
+from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -145,9 +146,10 @@ def _collect(
     try:
         for path, outcome in with_progress(outcomes, len(folders)):
             if isinstance(outcome, Report):
-                for name, data in outcome.files.items():
-                    _write(folders[path] / name, data)
-                reports.append(outcome._replace(files={}))
+                with uninterrupted():  # a submission has all of its files, and a row, or none
+                    for name, data in outcome.files.items():
+                        _write(folders[path] / name, data)
+                    reports.append(outcome._replace(files={}))
             else:
                 failures[path.name] = outcome
     except KeyboardInterrupt:

@@ -23,6 +23,7 @@ from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.process import check
+from barc_sim.lab.grade.report import Report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -421,6 +422,24 @@ def test_workers_end_with_the_grader_however_it_ends(tmp_path: Path) -> None:
         process.wait()
 
         wait_until_gone(process.pid, tmp_path / 'tmp')
+
+
+def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def write(path: Path, data: bytes) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        path.write_bytes(data)
+
+    monkeypatch.setattr(grade, '_write', write)
+    done = Report('ada', 1.0, 1.0, {}, '', {'report.png': b'1', 'results.json': b'2'})
+    path = tmp_path / 'ada'
+    outcomes = [(path, done), (path, done)]
+    reports, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
+        outcomes, {path: tmp_path}
+    )
+    assert ([each.name for each in reports], interrupted) == (['ada'], True)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['report.png', 'results.json']
 
 
 def test_ctrl_c_leaves_what_is_finished_whole(tmp_path: Path) -> None:
