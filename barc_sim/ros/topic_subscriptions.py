@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import threading
 import time
 from dataclasses import replace
@@ -13,8 +12,10 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 
 from barc_sim.bags.messages import Message
+from barc_sim.errors import UserError
 from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
+from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.peers import types_here
 from barc_sim.ros.polled import Arrivals
 from barc_sim.ros.recorded_topic import RecordedTopic
@@ -99,8 +100,9 @@ class TopicSubscriptions:
         if subscribers:
             qos = offered_qos.request(subscribers, self._depth)
             try:
-                self._begin(name, _class(subscribers[0].topic_type), qos)
-            except (LookupError, RuntimeError):  # no definition, or another type in this process
+                self._begin(name, message_class(subscribers[0].topic_type), qos)
+            # Not installed, without a definition, or of another type in this participant.
+            except (LookupError, RuntimeError, UserError):
                 self._unexpected.add(name)  # whether that matters, a publisher will show
 
     def _begin(self, name: str, message_type: type[Any], qos: QoSProfile) -> None:
@@ -142,7 +144,7 @@ class TopicSubscriptions:
         try:
             if publishers:
                 recorded = self._begun(name, recorded, publishers)
-        except LookupError as error:
+        except (LookupError, UserError) as error:
             self.unknown[name] = f'{type_name}: {error}'
             return False
         except RuntimeError:  # of rcl: a subscription with another type is not yet gone
@@ -191,13 +193,11 @@ class TopicSubscriptions:
         unmatched = [each for each in publishers if not recorded.matches(each)]
         if unmatched:
             qos = offered_qos.request(unmatched, self._depth)
-            subscription = self._create(name, _class(recorded.topic.type), qos)
+            subscription = self._create(name, message_class(recorded.topic.type), qos)
             with self._lock:
                 recorded.subscriptions.append(subscription)
             self.wake()
-        recorded.names |= {
-            bytes(publisher.endpoint_gid): publisher.node_name for publisher in publishers
-        }
+        recorded.names |= {bytes(each.endpoint_gid): each.node_name for each in publishers}
         with self._lock:
             self._topics[name] = recorded
         return recorded
@@ -209,15 +209,14 @@ class TopicSubscriptions:
 
         The subscription remains, as messages may wait in it; another requests what it did not.
         """
-        name, type_name = early.topic.name, early.topic.type
-        qos, requested = offered_qos.request(publishers, self._depth), early.subscriptions[0]
-        subscriptions = [requested]
-        if not offered_qos.same_strength(qos, requested.qos_profile):
-            subscriptions.append(self._create(name, _class(type_name), qos))
+        topic, qos = early.topic, offered_qos.request(publishers, self._depth)
+        subscriptions = [*early.subscriptions]
+        if not offered_qos.same_strength(qos, subscriptions[0].qos_profile):
+            subscriptions.append(self._create(topic.name, message_class(topic.type), qos))
             self.wake()
         return replace(
             early,
-            topic=offered_qos.describe(name, publishers, self._definitions),
+            topic=offered_qos.describe(topic.name, publishers, self._definitions),
             subscriptions=subscriptions,
             since=time.monotonic(),
         )
@@ -230,7 +229,7 @@ class TopicSubscriptions:
         return self._node.create_subscription(
             message_type,
             name,
-            _never,
+            lambda _: None,  # rclpy requires a callback; a polled subscription never calls it
             qos,
             callback_group=self._polled,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
@@ -299,22 +298,3 @@ class TopicSubscriptions:
     def _destroy(self, recorded: RecordedTopic) -> None:
         for subscription in recorded.subscriptions:
             self._node.destroy_subscription(subscription)
-
-
-def _class(type_name: str) -> type[Any]:
-    """Return the class of a type.
-
-    Raises
-    ------
-    LookupError
-        It is not installed.
-    """
-    package, module, base = type_name.split('/')
-    try:
-        return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]
-    except (ImportError, AttributeError) as error:
-        raise LookupError(str(error)) from None
-
-
-def _never(_: bytes) -> None:
-    """Serve as the callback that rclpy requires; polled subscriptions never call it."""
