@@ -8,6 +8,7 @@ import os
 import re
 import shlex
 import sys
+import sysconfig
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -152,12 +153,20 @@ def _missing(error: ImportError, prog: str) -> str | None:
     with suppress(metadata.PackageNotFoundError):
         for requirement in metadata.requires('barc_sim') or ():
             if name.match(requirement) and 'extra ==' not in requirement:
-                install = shlex.join([sys.executable, '-m', 'pip', 'install', requirement])
+                install = [sys.executable, '-m', 'pip', 'install', *_pip_options(), requirement]
                 return (
                     f'the package {package!r} is not installed in this Python, or is too old: '
-                    f'run {install}'
+                    f'run {shlex.join(install)}'
                 )
     return None
+
+
+def _pip_options() -> list[str]:
+    """Return what pip needs to install beside the packages of the system, as with ROS from apt."""
+    managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED')
+    if sys.prefix == sys.base_prefix and managed.exists():
+        return ['--user', '--break-system-packages']
+    return []
 
 
 def report(prog: str, message: str) -> None:

@@ -97,6 +97,17 @@ def test_a_package_that_is_missing_is_named_with_the_line_that_installs_it(
     assert f"-m pip install '{requirement.partition('<')[0]}" in error
 
 
+def test_a_python_of_the_system_gets_the_line_that_it_accepts(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / 'EXTERNALLY-MANAGED').touch()
+    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
+    monkeypatch.setattr('sysconfig.get_path', lambda _: tmp_path)
+    call('barc acc', lambda: raising(ModuleNotFoundError('', name='rosbags')))
+    install = "-m pip install --user --break-system-packages 'rosbags<0.12,>=0.11'"
+    assert install in capsys.readouterr().err
+
+
 def test_error_of_our_own_keeps_its_traceback() -> None:
     with pytest.raises(ValueError, match='ours'):
         call('drive', lambda: raising(ValueError('ours')))
