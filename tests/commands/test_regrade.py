@@ -103,6 +103,16 @@ def test_other_code_did_not_make_the_commands(
     assert out.endswith('could not have come from bike_model.py and controller.py.\n')
 
 
+@pytest.mark.slow
+def test_code_that_sleeps_in_each_call_ends_at_the_time_limit(
+    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sleepy = b'import time\ndef half(x):\n    time.sleep(0.3)\n    return x / 2\n'
+    bag = bag_of(tmp_path, lab, helpers=sleepy)
+    assert barc(['regrade', str(bag), '--time-limit', '1']) == 1
+    assert 'used up the 1 s' in capsys.readouterr().out
+
+
 def test_code_that_fails_is_one_sentence(
     tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,7 +36,7 @@ def topics(bags: Path) -> dict[str, Topic]:
     (file,) = bags.rglob('*.mcap')
     found: dict[str, Topic] = {}
     with file.open('rb') as stream, AnyReader([file.parent]) as reader:
-        first = {}
+        first, repeated = {}, 0
         for schema, channel, message in make_reader(stream).iter_messages():
             assert schema
             topic = found.setdefault(
@@ -49,7 +49,13 @@ def topics(bags: Path) -> dict[str, Topic]:
             for field in ('header', 'stamp', 'clock'):
                 if hasattr(values, field):
                     object.__setattr__(values, field, since)
-            topic.sequences.append(message.sequence)
+            # On a busy machine, ROS names nodes that it waits for, and repeats the clock for them.
+            if 'waiting for' in getattr(values, 'msg', ''):
+                continue
+            if channel.topic == '/clock' and repr(values) in topic.messages[-1:]:
+                repeated += 1
+                continue
+            topic.sequences.append(message.sequence - repeated * (channel.topic == '/clock'))
             topic.messages.append(None if channel.topic in WORDS else repr(values))
     return found
 

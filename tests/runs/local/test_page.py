@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import pytest
 from browser import CHROMIUM, Browser, wait_until
@@ -53,11 +56,11 @@ def start(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str],
         process.communicate()
 
 
-def wait(socket: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+def wait(connection: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """Return the first message, or row of a state, for which `what` is true."""
     until = time.monotonic() + PATIENCE
     while time.monotonic() < until:
-        message = socket.recv(timeout=PATIENCE)
+        message = connection.recv(timeout=PATIENCE)
         found = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
         for each in found:
             if what(each):
@@ -113,6 +116,29 @@ def test_page_tunes_and_pauses(start: Callable[..., Any], tmp_path: Path) -> Non
         for parameter in event.changed_parameters  # type: ignore[attr-defined]
     ]
     assert changed == [('/controller', 'kp', 20.0), ('/vehicle_simulator', 'motor_delay', 0.3)]
+
+
+@pytest.mark.slow
+def test_more_half_open_connections_than_descriptors_end_no_run(
+    start: Callable[..., Any], tmp_path: Path
+) -> None:
+    resource = pytest.importorskip('resource')
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    process, url = start('acc', '--laps', '0')
+    resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (1024, 1024))
+    where = urlsplit(url)
+    with ExitStack() as stack:
+        for _ in range(1100):
+            half = stack.enter_context(socket.create_connection((where.hostname, where.port)))
+            with suppress(OSError):  # closed already
+                half.send(b'GET / HTTP/1.1\r\n')
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    assert 'Traceback' not in errors
+    (bag,) = (tmp_path / 'bags').iterdir()
+    assert (bag / 'metadata.yaml').exists()
 
 
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
