@@ -6,6 +6,9 @@
 # and drives without ROS. BARC_PYTHON names the Python to use; default: the first suitable one on the
 # PATH.
 #
+# PyPI's files have the versions and the hashes in requirements/, those to build with, too;
+# scripts/lock renews them. BARC_LOCK=none takes the newest versions that setup.cfg allows.
+#
 # Each part has a stamp with the checksums of its inputs and is rebuilt when they change. A set-up that
 # was interrupted leaves `busy` behind: then everything is rebuilt.
 #
@@ -22,13 +25,16 @@ die() { message "barc_sim: $*"; exit 1; }
 set_up() {
   local extra=${1-} place venv stamps base version has_wheels part parts
   local input_venv input_interfaces input_package input_test
+  locked || [[ $BARC_LOCK == none ]] ||
+    die "BARC_LOCK can be none, to set up with the newest versions, and not '$BARC_LOCK': unset it."
   choose_place
   choose_python
-  input_venv="Python $version, $root, ${ros:-$source}"$'\n'$(cksum "$root/scripts/setup.bash")
-  input_interfaces=$(cd "$root/barc_interfaces" &&
-    cksum package.xml pyproject.toml CMakeLists.txt cmake/*.cmake msg/*.msg)
+  input_venv="Python $version, $root, ${ros:-$source}, ${BARC_LOCK:-locked}"
+  input_venv+=$'\n'$(cksum "$root/scripts/setup.bash")
+  input_interfaces=$(cd "$root/barc_interfaces" && cksum package.xml pyproject.toml CMakeLists.txt \
+    cmake/*.cmake msg/*.msg ../requirements/{run,ros}.txt)
   input_package=$(cksum "$root"/{setup.cfg,setup.py,package.xml,pyproject.toml} \
-    "$root"/barc_sim/commands/__init__.py)
+    "$root"/barc_sim/commands/__init__.py "$root"/requirements/*.txt)
   input_test=$input_package
   parts="venv interfaces package $extra"
   up_to_date || bring_up_to_date
@@ -175,6 +181,7 @@ make_parts() {
   : >"$log"
   cd "$root" || fail
   unset PYTHONHOME PIP_USER PIP_TARGET PIP_PREFIX
+  ! locked || unset PIP_CONSTRAINT
   export PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_RETRIES="${PIP_RETRIES:-2}"
   message "Setting up barc_sim with Python $version $(with_what):"
   if [[ -e $stamps/busy || ! -x $(programs)/python ]] || ! is_current venv; then
@@ -215,28 +222,29 @@ make_venv() {
 
 make_none() {
   unset PYTHONPATH
-  # A package without a wheel for this system would have to be compiled.
-  export PIP_ONLY_BINARY=contourpy,kiwisolver,lz4,matplotlib,numpy,pillow,zstandard
+  export PIP_ONLY_BINARY=:all: # another package would have to be compiled
   install_package
 }
 
 make_wheels() {
   # Of another environment or an enclosing run.
   unset PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE
+  install_package # first: setuptools comes with it
   if ! is_current interfaces; then
     message '  ROS 2, and the messages, which are compiled'
-    pip_install ./barc_interfaces
+    install_locked ros
+    PATH=$venv/bin:$PATH install_own ./barc_interfaces
   fi
-  install_package
 }
 
 make_sourced() {
   # ROS is compiled for the NumPy that it came with.
   "$venv/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' \
     >"$place/constraints" 2>>"$log" || fail
-  install_package --constraint "$place/constraints"
-  "$venv/bin/python" -c 'import colcon_core, colcon_cmake, colcon_ros' 2>>"$log" ||
-    pip_install colcon-common-extensions
+  install_package
+  if ! "$venv/bin/python" -c 'import colcon_core, colcon_cmake, colcon_ros' 2>>"$log"; then
+    if locked; then install_locked colcon; else pip_install colcon-common-extensions; fi
+  fi
   message '  the packages with colcon'
   # With this Python, so that the entry points find what was installed for it.
   PATH=$venv/bin:$PATH logged "$venv/bin/python" -c \
@@ -250,8 +258,44 @@ install_package() {
     message '  barc_sim and the Python packages that it needs'
     local extras=$extra
     [[ $extra != test || $source != wheels ]] || extras+=,testwheels
+    install_locked run ${extras//,/ }
     # compat: a path, and not an import hook that every start would have to load.
-    pip_install "$@" --config-settings editable_mode=compat -e ".${extras:+[$extras]}"
+    install_own --config-settings editable_mode=compat -e ".${extras:+[$extras]}"
+  fi
+}
+
+locked() { [[ -z ${BARC_LOCK-} ]]; }
+
+# install_locked GROUP...: what requirements/GROUP.txt lists; of a sourced ROS only what it lacks,
+# and then what that needs.
+install_locked() {
+  locked || return 0
+  local groups=("${@/#/requirements/}") list=$place/lacking
+  if [[ -z $ros ]]; then
+    pip_locked "${groups[@]/%/.txt}"
+    return
+  fi
+  while
+    "$venv/bin/python" -I scripts/lock --lacking "$@" >"$list" 2>>"$log" || fail
+    [[ -s $list ]]
+  do
+    pip_locked "$list"
+  done
+}
+
+# pip_locked FILE...
+pip_locked() {
+  local file options=(--require-hashes --no-deps --use-pep517 --no-build-isolation)
+  for file; do options+=(--requirement "$file"); done
+  pip_install "${options[@]}"
+}
+
+# install_own OPTION...: a package of this checkout, for which nothing else is fetched.
+install_own() {
+  if locked; then
+    pip_install --no-index --no-deps --no-build-isolation "$@"
+  else
+    pip_install ${ros:+--constraint "$place/constraints"} "$@"
   fi
 }
 
@@ -260,7 +304,12 @@ pip_install() { logged "$(programs)/python" -Im pip install "$@"; }
 logged() { "$@" >>"$log" 2>&1 || fail; }
 
 fail() {
-  if grep -qE 'No space left on device|Disk quota exceeded' "$log"; then
+  local tampered
+  tampered=$(sed -n '/DO NOT MATCH THE HASHES/,/Expected/s/^ *\([^ ]*==[^ ]*\).*/\1/p' "$log")
+  if [[ -n $tampered ]]; then
+    die "what PyPI, or its mirror, sent as ${tampered//$'\n'/ and } has another hash than in" \
+      "requirements/, and is not installed: name another mirror in PIP_INDEX_URL (log: $log)."
+  elif grep -qE 'No space left on device|Disk quota exceeded' "$log"; then
     die "the disk is full (the set-up needs 1 GB in $root and in ${TMPDIR:-/tmp}): free some space."
   elif grep -qE 'NewConnectionError|ConnectTimeout|ReadTimeout|ProxyError|SSLError' "$log" ||
     { [[ $source != none ]] && grep -q 'from versions: none' "$log"; }; then

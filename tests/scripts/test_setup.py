@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import zipfile
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -27,7 +28,7 @@ COMPILERS = ('c++', 'cc')
 def checkout(tmp_path: Path) -> Path:
     """Return a copy of what the set-up reads, in a directory whose name has a space."""
     copy = tmp_path / 'my checkout'
-    for name in ('barc_interfaces', 'resource', 'scripts'):
+    for name in ('barc_interfaces', 'requirements', 'resource', 'scripts'):
         shutil.copytree(ROOT / name, copy / name)
     for name in ('setup.cfg', 'setup.py', 'package.xml', 'pyproject.toml'):
         shutil.copy(ROOT / name, copy)
@@ -128,7 +129,7 @@ case "$*" in
     mkdir -p "${@: -1}/FOLDER"
     cp "$0" "${@: -1}/FOLDER/python"
     ;;
-  *'pip install'*) [[ $PIP_ONLY_BINARY == *numpy* ]] && printf '%s\\n' "$*" ;;
+  *'pip install'*) [[ $PIP_ONLY_BINARY == :all: ]] && printf '%s\\n' "$*" ;;
   *barc_sim.run*) printf 'drives: %s\\n' "$*" ;;
 esac
 """
@@ -151,8 +152,11 @@ def test_where_pypi_has_no_ros_barc_is_set_up_without_it(
         in (first.stderr.splitlines()[0])
     )
     installed = (checkout / '.setup' / 'log').read_text()
-    assert 'install' in installed
-    assert 'barc_interfaces' not in installed
+    locked, own = re.findall('pip install .*', installed)
+    assert '--require-hashes --no-deps' in locked
+    assert locked.endswith('--requirement requirements/run.txt')
+    assert '--no-index --no-deps --no-build-isolation' in own
+    assert own.endswith('-e .')
     again = run(checkout, path, BARC_PYTHON='')
     assert (again.returncode, again.stdout, again.stderr) == (0, first.stdout, '')
 
@@ -163,9 +167,36 @@ def test_barc_ros_none_needs_no_compiler(checkout: Path, tmp_path: Path) -> None
     assert process.returncode == 0, process.stderr
 
 
-def test_another_value_of_barc_ros_is_named(checkout: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize('name', ['BARC_ROS', 'BARC_LOCK'])
+def test_another_value_than_none_is_named(checkout: Path, tmp_path: Path, name: str) -> None:
     path = programs(tmp_path / 'bin', *TOOLS)
-    assert "and not 'no': unset it" in sentence(run(checkout, path, BARC_ROS='no'))
+    line = sentence(run(checkout, path, **{name: 'no'}))
+    assert f'{name} can be none' in line
+    assert "and not 'no': unset it" in line
+
+
+@pytest.mark.slow
+def test_a_file_with_another_hash_is_named_and_not_installed(
+    checkout: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / 'index' / 'mdurl'
+    folder.mkdir(parents=True)
+    wheel = folder / 'mdurl-0.1.2-py3-none-any.whl'
+    with zipfile.ZipFile(wheel, 'w') as archive:
+        archive.writestr('mdurl-0.1.2.dist-info/METADATA', 'Name: mdurl\nVersion: 0.1.2\n')
+        archive.writestr('mdurl-0.1.2.dist-info/WHEEL', 'Wheel-Version: 1.0\nTag: py3-none-any\n')
+        archive.writestr('mdurl-0.1.2.dist-info/RECORD', '')
+        archive.writestr('mdurl.py', 'tampered = True')
+    (folder / 'index.html').write_text(f'<a href="{wheel.name}">{wheel.name}</a>')
+    lock = checkout / 'requirements' / 'run.txt'
+    (pin,) = re.findall(r'^mdurl==.*\n(?: .*\n)*', lock.read_text(), re.MULTILINE)
+    lock.write_text(pin)
+    index = {'PIP_INDEX_URL': folder.parent.as_uri(), 'PIP_CONFIG_FILE': os.devnull}
+    process = run(checkout, os.environ['PATH'], BARC_ROS='none', **index)
+    assert process.returncode == 1
+    line = process.stderr.splitlines()[-1]
+    assert line.startswith('barc_sim: what PyPI, or its mirror, sent as mdurl==0.1.2 has another')
+    assert not [*checkout.glob('.venv/**/mdurl*')]
 
 
 def test_foreign_environment_is_left_alone(checkout: Path) -> None:
@@ -219,6 +250,20 @@ def test_robostack_gets_what_barc_sim_requires() -> None:
     wanted['matplotlib-base'] = wanted.pop('matplotlib')
     text = (ROOT / 'pixi.toml').read_text(encoding='utf-8')
     assert wanted.items() <= dict(re.findall(r'^([\w-]+) = "(.*)"$', text, re.MULTILINE)).items()
+
+
+def test_each_requirement_is_a_key_of_rosdep_or_in_the_line_for_pip() -> None:
+    setup = configparser.ConfigParser(interpolation=None)
+    setup.read(ROOT / 'setup.cfg')
+    named = (ROOT / 'package.xml').read_text(encoding='utf-8')
+    page = (ROOT / 'docs' / 'how-to' / 'platforms.md').read_text(encoding='utf-8')
+    keys = {'pillow': 'pil', 'pyyaml': 'yaml'}
+    for requirement in setup['options']['install_requires'].split():
+        name = re.split('[><]', requirement)[0]
+        if f'<exec_depend>python3-{keys.get(name, name)}</exec_depend>' not in named:
+            (comment,) = re.findall('<!-- (From PyPI.*?) -->', named, re.DOTALL)
+            assert name in comment
+            assert f"'{requirement}'" in page
 
 
 def test_a_sourced_ros_gets_no_wheel_of_ros() -> None:
