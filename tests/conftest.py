@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import random
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -43,12 +41,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, 'SIGHUP'):  # not on Windows
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
-# A domain is reserved by binding this port and its number, as ament's domain_coordinator does: no
-# two tests on a machine have the same, whoever runs them, and the end of the process frees it.
-_FIRST_PORT = 22119
-# Above 101, Linux hands the ports of a domain out to others; 0 is everybody's.
-_DOMAINS = range(1, 102)
-
 
 @pytest.fixture(autouse=True)
 def _signal_handlers() -> Iterator[None]:
@@ -62,25 +54,11 @@ def _signal_handlers() -> Iterator[None]:
 
 
 @contextmanager
-def _reserved_domain() -> Iterator[int]:
-    for domain in random.sample(_DOMAINS, len(_DOMAINS)):
-        with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
-            try:
-                reservation.bind(('localhost', _FIRST_PORT + domain))
-                # DDS's port of the domain's first participant: somebody may use it unreserved.
-                participant.bind(('', 7410 + 250 * domain))
-            except OSError:
-                continue
-            participant.close()
-            yield domain
-            return
-    pytest.fail('all ROS domains of this machine are in use')
-
-
-@contextmanager
 def _own_domain(log_dir: Path) -> Iterator[int]:
     """Reserve a ROS domain for this process, and for those that it starts."""
-    with _reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
+    from barc_sim.ros.peers import reserved_domain  # noqa: PLC0415 (ROS may be absent)
+
+    with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', str(domain))
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         patch.setenv('ROS_LOG_DIR', str(log_dir))

@@ -1,16 +1,20 @@
-"""The publishers of a topic: which are alive, and how a simulator claims its topic for itself."""
+"""Who takes part: living publishers, a simulator's claim to its topic, a domain of one's own."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import random
 import socket
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -19,6 +23,9 @@ _HOST = slice(4)  #: the vendor and the host
 _PROCESS = slice(4, 6)  #: the lower half of the process's number
 _PARTICIPANT = slice(12)
 _HALF = 1 << 16
+#: Above 101, Linux hands the ports of a domain out to others; 0 is everybody's.
+_DOMAINS = range(1, 102)
+_FIRST_RESERVATION = 22119
 
 
 def claim(node: Node, topic: str) -> socket.socket:
@@ -45,12 +52,43 @@ def claim(node: Node, topic: str) -> socket.socket:
     return held
 
 
+@contextmanager
+def reserved_domain() -> Iterator[int]:
+    """Reserve a ROS domain that no other process of this machine uses.
+
+    A bound port is the reservation, as in ament's domain_coordinator: the end of the process frees
+    it, however it ends.
+
+    Raises
+    ------
+    UserError
+        All domains are in use.
+    """
+    for domain in random.sample(_DOMAINS, len(_DOMAINS)):
+        with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
+            try:
+                reservation.bind(('localhost', _FIRST_RESERVATION + domain))
+                # The port of the domain's first participant: it may not have reserved the domain.
+                participant.bind(('', _first_port(domain) + 10))
+            except OSError:
+                continue
+            participant.close()
+            yield domain
+            return
+    raise UserError('all ROS domains of this machine are in use: end a run, then try again')
+
+
+def _first_port(domain: int) -> int:
+    """Return the first UDP port of a domain (RTPS 2.3, 9.6.1.1)."""
+    return 7400 + 250 * domain
+
+
 def others_here(domain: int) -> bool:
     """Return whether another process of this machine takes part in the ROS domain.
 
-    DDS gives the participants of a domain UDP ports of a range of its own (RTPS 2.3, 9.6.1.1).
+    DDS gives the participants of a domain UDP ports of a range of its own.
     """
-    first = 7400 + 250 * domain
+    first = _first_port(domain)
     own = {str(f.readlink()) for f in Path('/proc/self/fd').iterdir() if f.is_symlink()}
     for line in Path('/proc/net/udp').read_text(encoding='ascii').splitlines()[1:]:
         _, address, *_, inode = line.split()[:10]

@@ -20,8 +20,6 @@ _NODES = 4
 _SIMULATOR = '/vehicle_simulator'
 #: Topics of the drive by hand; each has one publisher.
 _TOPICS = ('/cmd_vel', '/ecu', '/z_vhcl')
-#: Domains that no run chooses by itself, and whose ports the system leaves alone.
-_FIRST_DOMAIN, _DOMAINS = 215, 17
 
 
 class Verdict(NamedTuple):
@@ -72,29 +70,31 @@ def _run(file: Path) -> tuple[_Seen | None, str]:
     import pty  # noqa: PLC0415 (of Unix)
 
     from barc_sim.ros.introspection.observer import observe  # noqa: PLC0415 (ROS may be absent)
+    from barc_sim.ros.peers import reserved_domain  # noqa: PLC0415
     from barc_sim.runs.program import Program  # noqa: PLC0415 (signals of Unix)
 
-    os.environ['ROS_DOMAIN_ID'] = str(_FIRST_DOMAIN + os.getpid() % _DOMAINS)
     deaths: list[str] = []
     # A keyboard needs a terminal.
     ours, theirs = pty.openpty()
-    with tempfile.TemporaryDirectory() as folder, observe('check') as observer:
-        program = Program(
-            'it', file, lambda _: None, deaths.append, folder=Path(folder), stdin=theirs
-        )
+    with reserved_domain() as domain, tempfile.TemporaryDirectory() as folder:
+        os.environ['ROS_DOMAIN_ID'] = str(domain)
+        with observe('check') as observer:
+            program = Program(
+                'it', file, lambda _: None, deaths.append, folder=Path(folder), stdin=theirs
+            )
 
-        def read() -> _Seen | None:
-            nodes = tuple(observer.nodes())
-            ends = {topic: observer.endpoints(topic)[0] for topic in _TOPICS}
-            names = {topic: tuple(sorted(end.node_name for end in ends[topic])) for topic in ends}
-            return _Seen(nodes, names) if nodes or deaths else None
+            def read() -> _Seen | None:
+                nodes = tuple(observer.nodes())
+                ends = {topic: observer.endpoints(topic)[0] for topic in _TOPICS}
+                names = {topic: tuple(sorted(e.node_name for e in ends[topic])) for topic in ends}
+                return _Seen(nodes, names) if nodes or deaths else None
 
-        try:
-            seen = observer.wait_until_stable(read)
-        finally:
-            program.close()
-            os.close(ours)
-            os.close(theirs)
+            try:
+                seen = observer.wait_until_stable(read)
+            finally:
+                program.close()
+                os.close(ours)
+                os.close(theirs)
     return seen, ''.join(deaths[:1])
 
 

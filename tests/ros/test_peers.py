@@ -1,10 +1,11 @@
-"""A topic for one publisher."""
+"""A topic for one publisher, and a domain for one process."""
 
 from __future__ import annotations
 
 import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,7 +15,7 @@ pytest.importorskip('rclpy')
 from rclpy.node import Node
 
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import claim, others_here
+from barc_sim.ros.peers import claim, others_here, reserved_domain
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -86,3 +87,10 @@ def test_claim_of_a_killed_process_is_free_at_once(ros: Context) -> None:
         holder.send_signal(signal.SIGKILL)
         holder.wait(timeout=20)
     claim(node, 'z_vhcl').close()
+
+
+def test_reserved_domain_is_nobody_elses() -> None:
+    with ExitStack() as reservations:
+        domains = [reservations.enter_context(reserved_domain()) for _ in range(20)]
+    assert len({*domains}) == len(domains)
+    assert {*domains} <= {*range(1, 102)}
