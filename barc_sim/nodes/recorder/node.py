@@ -22,6 +22,7 @@ from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.type_lookup import request_definition
 from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.names import QOS
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
@@ -90,6 +91,7 @@ class BagRecorder(Node):
         self._metadata = dict(metadata or {})
         self._attachments = dict(attachments or {})
         self._expected: dict[str, type[Any]] = {}
+        self._graph_size = 0  # nodes and topics of the graph in the bag
         self._subscribe()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
@@ -106,7 +108,18 @@ class BagRecorder(Node):
         ):
             self.create_service(Trigger, f'bag_recorder/{name}', partial(_respond, action))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DISCOVERY_PERIOD, self.discover, QuickCallbackGroup(), steady)
+        self.create_timer(_DISCOVERY_PERIOD, self._on_timer, QuickCallbackGroup(), steady)
+
+    def _on_timer(self) -> None:
+        self.discover()
+        self._add_graph()
+
+    def _add_graph(self) -> None:
+        """Add the graph to the bag whenever it has grown, unless the run adds it."""
+        size = len(self.get_node_names()) + len(self.get_topic_names_and_types())
+        if size > self._graph_size and 'graph' not in self._metadata:
+            self._graph_size = size
+            self._thread.add_metadata({'graph': observe(self).to_json()})
 
     def _subscribe(self) -> None:
         self._topics = TopicSubscriptions(self, self._recording.wants, self._recording.depth)
@@ -141,6 +154,7 @@ class BagRecorder(Node):
         )
         self._thread.attach(self._attachments)
         self._thread.use_sim_time = self.use_sim_time
+        self._graph_size = 0
         self._thread.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
 
@@ -227,6 +241,8 @@ class BagRecorder(Node):
         """Record the waiting messages and finish the bag; a second call does nothing."""
         while not self.stopped and self._topics.expects_latched:
             time.sleep(0.01)
+        if not self.stopped:
+            self._add_graph()
         self._thread.close(self._final_metadata)
 
     def _final_metadata(self) -> dict[str, str]:

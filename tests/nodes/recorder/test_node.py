@@ -36,6 +36,7 @@ from std_msgs.msg import ColorRGBA, Float64
 from std_srvs.srv import SetBool, SetBool_Event, Trigger
 
 from barc_sim.bags import reader as bag
+from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.bags.recording import Recording
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.node import BagRecorder
@@ -380,7 +381,7 @@ def test_a_topic_is_recorded_before_it_has_a_publisher(
             (connection,) = reader.topics[topic].connections
             assert connection.digest.startswith('RIHS01_')
     text = (recorder.path / 'metadata.yaml').read_text()
-    assert 'silent' not in text
+    assert 'name: /silent' not in text
 
 
 @pytest.mark.parametrize('qos', [LATCHED, BEST_EFFORT, 10], ids=['latched', 'best effort', 'plain'])
@@ -570,3 +571,11 @@ def test_existing_directory_is_never_overwritten(ros: Context, tmp_path: Path) -
     (tmp_path / 'mine').mkdir()
     with pytest.raises(UserError, match="mine' exists: name a new folder for the bag"):
         BagRecorder(path=tmp_path / 'mine', context=ros)
+
+
+def test_graph_is_in_the_bag_without_a_run(recorder: BagRecorder, talker: Node) -> None:
+    talker.create_publisher(Float64, 'speed', 10)
+    recorder.close()
+    graph = NodeGraph.from_json(bag.info(recorder.path)['graph'])
+    assert graph.nodes == ('/bag_recorder', '/talker')
+    assert ('/talker', '/speed') in graph.publications
