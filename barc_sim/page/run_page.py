@@ -80,8 +80,7 @@ class RunPage:
         self._finish = finish
         self._offer: Offer | None = None  # after the end
         self._arbiter = DriverArbiter()
-        self._simulator: dict[str, Any] = {}
-        self._controller: dict[str, Any] = {}
+        self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
         self._kind: type[Controller] | None = None  # of the controller, once it is known
         self._retry_at: dict[str, float] = {}
         self._paused = False
@@ -162,8 +161,8 @@ class RunPage:
         return self._offer.file(name) if self._offer else None
 
     def _facts(self) -> dict[str, Any]:
-        kind = self._kind or PID
-        known = facts(self._mode, self._simulator, self._controller, kind, self._road)
+        kind, (simulator, controller) = self._kind or PID, self._parameters.values()
+        known = facts(self._mode, simulator, controller, kind, self._road)
         return known | {'can_finish': self._finish is not None}
 
     def receive(self, page: OpenPage, request: Request) -> None:
@@ -193,8 +192,7 @@ class RunPage:
 
     def _receive_after_end(self, page: OpenPage, request: Request) -> None:
         if isinstance(request, Tune):  # for the next run
-            known = {SIMULATOR: self._simulator, CONTROLLER: self._controller}
-            self._on_parameters(known[TUNABLE[request.name]], {request.name: request.value})
+            self._on_parameters(TUNABLE[request.name], {request.name: request.value})
         elif self._offer and isinstance(request, Compare):
             for message in self._offer.compare():
                 page.send(message)
@@ -247,17 +245,16 @@ class RunPage:
 
     def _update_parameters(self) -> None:
         """Request the parameters that are unknown, and take those that have changed."""
-        if not self._simulator:
-            on_values = partial(self._on_parameters, self._simulator)
+        if not self._parameters[SIMULATOR]:
+            on_values = partial(self._on_parameters, SIMULATOR)
             self._request(SIMULATOR, OF_SIMULATOR, on_values)
         if self._kind is None:
             self._request(CONTROLLER, ('controller_type',), self._on_controller_type)
-        elif not self._controller:
-            on_values = partial(self._on_parameters, self._controller)
+        elif not self._parameters[CONTROLLER]:
+            on_values = partial(self._on_parameters, CONTROLLER)
             self._request(CONTROLLER, (*self._kind.gains, *OTHERS), on_values)
-        known = {SIMULATOR: self._simulator, CONTROLLER: self._controller}
         for node, name, value in self._changes():
-            self._on_parameters(known[node], {name: value})
+            self._on_parameters(node, {name: value})
 
     def _request(
         self, node: str, parameters: Sequence[str], on_values: Callable[[dict[str, Any]], None]
@@ -275,8 +272,8 @@ class RunPage:
         self._retry_at.pop(CONTROLLER, None)
         self._update_parameters()
 
-    def _on_parameters(self, known: dict[str, Any], values: dict[str, Any]) -> None:
-        known.update(values)
+    def _on_parameters(self, node: str, values: dict[str, Any]) -> None:
+        self._parameters[node].update(values)
         self._server.send(encode('facts', **self._facts()))
 
     def _on_done(self, page: OpenPage, what: str, done: bool, why: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from barc_sim.simulation.commands import Commands, out_of_order
 from barc_sim.simulation.pacing import TOLERATED, Pace
@@ -26,25 +26,12 @@ _NANOSECONDS = 1_000_000_000
 
 
 class Phase(Enum):
-    """The states of a `Stepper`.
-
-    Examples
-    --------
-    >>> [phase.name for phase in Phase]
-    ['STARTING', 'RUNNING', 'PAUSED', 'FINISHED']
-    """
+    """The states of a `Stepper`."""
 
     STARTING = 'no state is published since the start or the latest reset'
     RUNNING = 'simulated time runs'
     PAUSED = 'simulated time stands still until it is resumed'
     FINISHED = 'the car is at its end'
-
-
-class _Request(Enum):
-    """What to do as soon as the present state is answered."""
-
-    STEP = 'take one step, while paused'
-    RESET = 'put the car back to the start'
 
 
 class Stepper:
@@ -114,16 +101,16 @@ class Stepper:
         self._outputs = outputs
         self._clock, self._wall_clock = clock, wall_clock
         self._period_ns = round(self._plant.ts * _NANOSECONDS)
-        factor, timeout = self._settings.realtime_factor, self._settings.command_timeout
+        factor = self._settings.realtime_factor
         self._pace = Pace(self._plant.ts / factor) if factor else None
-        self._commands = Commands(timeout)
+        self._commands = Commands(self._settings.command_timeout)
         self.phase = Phase.STARTING
         self.paused = False
         self.steps = self.missed = self.laps = 0
         self.behind = 0.0
         self._warned = False  # that stamps are behind, since the start or the latest reset
         self._first_step = self._stamp = 0
-        self._request: _Request | None = None
+        self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._place: State | None = None
         self._ends = False
         self._change: Callable[[Plant], None] | None = None
@@ -151,9 +138,8 @@ class Stepper:
 
     def refusal(self, stamp: int) -> str | None:
         """Return why a command with this `stamp` [ns; 0: none] is refused; None if it is not."""
-        if self._commands.accepts(stamp, self._stamp):
-            return None
-        return out_of_order(stamp, self._stamp)
+        accepted = self._commands.accepts(stamp, self._stamp)
+        return None if accepted else out_of_order(stamp, self._stamp)
 
     def take_command(self, command: Input, stamp: int) -> str | None:
         """Store a command, or return why it is refused; take the step that waits for it."""
@@ -164,10 +150,9 @@ class Stepper:
                 f'a command beyond ±{greatest.motor:g} m/s² or ±{greatest.servo:g} rad: '
                 f'{command.motor}, {command.servo}'
             )
-        commands = self._commands
-        commands.store(command, stamp, self._stamp, self._clock())
+        self._commands.store(command, stamp, self._stamp, self._clock())
         lock_step = self.phase is Phase.RUNNING and not self._pace
-        if commands.answered and (lock_step or self._request):
+        if self._commands.answered and (lock_step or self._request):
             self._step()
         return None
 
@@ -198,7 +183,7 @@ class Stepper:
             self._outputs.stop_deadlines()
         elif not on and self.phase is Phase.PAUSED:
             self.phase = Phase.RUNNING
-            if self._request is _Request.STEP:
+            if self._request == 'step':
                 self._request = None
             if not self._pace and self._commands.answered:
                 self._step()
@@ -231,7 +216,7 @@ class Stepper:
         if self._commands.answered or self.phase in {Phase.STARTING, Phase.FINISHED}:
             self._restart()
         else:
-            self._request = _Request.RESET
+            self._request = 'reset'
 
     def end(self) -> None:
         """End the run as if the car were at `distance`: once the present state is answered."""
@@ -239,12 +224,12 @@ class Stepper:
 
     def check(self) -> None:
         """Reset now if a reset waits for an answer; to be called about once a second."""
-        if self._request is _Request.RESET:
+        if self._request == 'reset':
             self._restart()
 
     def _step_when_answered(self) -> bool:
         """Take a step if the present state is answered, or request it; return whether taken."""
-        self._request = self._request or _Request.STEP
+        self._request = self._request or 'step'
         if self._commands.answered:
             self._step()
         return self._request is None
@@ -252,14 +237,11 @@ class Stepper:
     def _step(self) -> None:
         """Take the step to the next state, or do what was requested in its place."""
         request, self._request = self._request, None
-        if request is _Request.RESET:
+        if request == 'reset':
             self._restart()
             return
         settings, plant = self._settings, self._plant
-        if self._ends and self._place is None:
-            self._finish()
-            return
-        if plant.state.x >= settings.distance and self._place is None:
+        if self._place is None and (self._ends or plant.state.x >= settings.distance):
             self._end_lap()
             return
         if self._change:
@@ -279,13 +261,11 @@ class Stepper:
 
     def _end_lap(self) -> None:
         """Begin the next lap, or end the run after the last."""
-        self.laps += 1
-        if self.laps != self._settings.laps:
-            self._restart(f'lap {self.laps} is driven: the road begins anew')
-            return
-        self._finish()
-
-    def _finish(self) -> None:
+        if not self._ends:
+            self.laps += 1
+            if self.laps != self._settings.laps:
+                self._restart(f'lap {self.laps} is driven: the road begins anew')
+                return
         self.phase = Phase.FINISHED
         self._outputs.stop_deadlines()
         self._outputs.finish()
