@@ -147,7 +147,8 @@ def _compare(plant: Plant, row: _Row, k: int, code: str) -> tuple[float, str]:
     worst = offs.index(max(offs))
     return offs[worst], (
         f'at {row.t:.2f} s (state {k}) {Motion._fields[worst]} is {row.true[worst]:.9g}, but '
-        f'{code} computes {seen.true[worst]:.9g} from the state before'
+        f'{code} computes {seen.true[worst]:.9g} from the state before: were parameters of '
+        'the car changed during the run?'
     )
 
 

@@ -13,6 +13,7 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Input, State, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -73,6 +74,18 @@ def test_a_changed_command_is_seen_in_the_next_state() -> None:
     assert not verdict.possible
     assert '(state 41) v_x is ' in verdict.first
     assert verdict.deviating == 1
+
+
+def test_a_delay_set_during_the_run_is_asked_about() -> None:
+    class Retuned(Plant):
+        def advance(self, command: Input | None = None) -> None:
+            if 7.0 < self.state.x < 8.0:
+                self.retune(Deviation(), Actuator(delay=0.1), Actuator())
+            super().advance(command)
+
+    verdict = judge(closed_loop(Retuned(), distance=30.0))
+    assert not verdict.possible
+    assert verdict.first.endswith('were parameters of the car changed during the run?')
 
 
 def test_another_model_is_not_it() -> None:
