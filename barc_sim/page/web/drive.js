@@ -89,7 +89,10 @@ export class Driving {
       const knob = pad.querySelector('i');
       knob.style.transform = name === 'steer'
         ? `translateX(${0.34 * box.width * x}px)` : `translateY(${0.34 * box.height * y}px)`;
-      if (event.timeStamp - this.sent < LEAST) return; // the repeat sends the present place
+      if (event.timeStamp - this.sent < LEAST) {
+        this.moving = true; // the repeat sends the present place
+        return;
+      }
       this.sent = event.timeStamp;
       this.#update();
     };
