@@ -49,11 +49,90 @@ _KEYS = {
     'ArrowRight': ('ArrowRight', 39),
     'Space': (' ', 32),
     'Tab': ('Tab', 9),
+    'Enter': ('Enter', 13),
     'Escape': ('Escape', 27),
     'KeyF': ('f', 70),
     'KeyR': ('r', 82),
     'KeyP': ('p', 80),
 }
+
+
+#: Width, height [px], and whether fingers are used.
+SIZES = (
+    (1440, 900, False),
+    (1280, 720, False),
+    (768, 1024, False),
+    (740, 360, True),
+    (667, 375, True),
+    (360, 760, True),
+)
+#: What is wider than the page, leaves its panel or is cut, by name.
+OVERFLOW = """(() => {
+  const found = [];
+  const name = (e) => e.id || e.className || e.tagName;
+  const page = document.documentElement;
+  if (page.scrollWidth > page.clientWidth) found.push('the page');
+  for (const e of document.querySelectorAll('body *')) {
+    const box = e.getBoundingClientRect();
+    if (!e.checkVisibility() || !box.width) continue;
+    const beyond = box.left < -0.5 || box.right > page.clientWidth + 0.5;
+    if (beyond) found.push(`${name(e)} beyond the page`);
+    const panel = e.parentElement.closest('.panel, header')?.getBoundingClientRect();
+    if (panel && (box.right > panel.right + 1 || box.bottom > panel.bottom + 1)) {
+      found.push(`${name(e)} beyond its panel`);
+    }
+    const hides = getComputedStyle(e).overflow !== 'visible' && e.tagName !== 'INPUT';
+    if (hides && e.scrollWidth > e.clientWidth + 1) found.push(`${name(e)} is cut`);
+  }
+  return found;
+})()"""
+#: By which keys a control of that tag or type is used, whatever its value is.
+_USES = {
+    **dict.fromkeys(('range', 'number', 'SELECT'), ('ArrowUp', 'ArrowDown')),
+    **dict.fromkeys(('BUTTON', 'SUMMARY'), ('Space',)),
+    'A': ('Enter',),
+}
+_CONTROLS = """(() => {
+  const controls = Array.from(document.querySelectorAll('a, button, input, select, summary'))
+    .filter((e) => e.checkVisibility() && !e.disabled);
+  const seen = new Set();
+  for (const type of window.used ? [] : ['click', 'input']) {
+    addEventListener(type, (event) => {
+      used.add(event.target);
+      event.preventDefault();
+      event.stopImmediatePropagation();
+    }, true);
+  }
+  window.used = new Set();
+  window.focused = () => {
+    const e = document.activeElement;
+    if (getComputedStyle(e).outlineStyle === 'solid') seen.add(e);
+    return e.tagName === 'INPUT' ? e.type : e.tagName;
+  };
+  window.unused = () => controls.filter((e) => !seen.has(e) || !used.has(e))
+    .map((e) => e.id || e.textContent);
+  document.activeElement.blur();
+  return controls.length;
+})()"""
+_CUT_LABELS = """new Promise((done) => {
+  const cut = new Set();
+  const { fillText } = CanvasRenderingContext2D.prototype;
+  CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...more) {
+    const { width, height } = this.canvas;
+    const box = this.measureText(text);
+    for (const u of [x - box.actualBoundingBoxLeft, x + box.actualBoundingBoxRight]) {
+      for (const v of [y - box.actualBoundingBoxAscent, y + box.actualBoundingBoxDescent]) {
+        const at = this.getTransform().transformPoint(new DOMPoint(u, v));
+        if (at.x < -1 || at.y < -1 || at.x > width + 1 || at.y > height + 1) cut.add(text);
+      }
+    }
+    fillText.call(this, text, x, y, ...more);
+  };
+  setTimeout(() => {
+    CanvasRenderingContext2D.prototype.fillText = fillText;
+    done([...cut]);
+  }, 200);
+})"""
 
 
 class Browser:
@@ -216,11 +295,27 @@ class Tab:
                 return
         raise AssertionError(f'Tab does not reach {selector}')
 
-    def touch(self, kind: str, *points: tuple[float, float]) -> None:
-        """Put fingers on the screen ('touchStart'), move or lift them ('touchEnd')."""
-        self.ask(
-            'Input.dispatchTouchEvent', type=kind, touchPoints=[{'x': x, 'y': y} for x, y in points]
-        )
+    def touch(self, kind: str, *points: tuple[float, float], at: float | None = None) -> None:
+        """Put fingers on the screen ('touchStart'), move or lift them ('touchEnd'), `at` [s]."""
+        time = {} if at is None else {'timestamp': at}
+        fingers = [{'x': x, 'y': y, 'id': k} for k, (x, y) in enumerate(points)]
+        self.ask('Input.dispatchTouchEvent', type=kind, touchPoints=fingers, **time)
+
+    def without_keyboard(self) -> list[str]:
+        """Return the controls that Tab does not reach, that show no focus, or that no key uses.
+
+        Nothing that a key does has an effect.
+        """
+        count = self.run(_CONTROLS)
+        for _ in range(count + 2):  # the page itself can have the focus between last and first
+            self.type('Tab')
+            for key in _USES.get(self.run('focused()'), ()):
+                self.type(key)
+        return list(self.run('unused()'))
+
+    def cut_labels(self) -> list[str]:
+        """Return the texts that are drawn across the border of a canvas in a fifth of a second."""
+        return list(self.run(_CUT_LABELS))
 
     def remember(self, canvas: str) -> None:
         """Remember a canvas's picture, for `changed`, once it has a size."""

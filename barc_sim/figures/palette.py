@@ -42,9 +42,10 @@ def term_colours(terms: tuple[str, ...]) -> dict[str, str]:
 
 
 def style_sheet() -> str:
-    """Return the palette as the page's style sheet: a variable for each colour."""
-    lines = [
+    """Return the palette as the page's style sheet: a variable and a class for each colour."""
+    variables = [
         f'  --{name}: light-dark({colour.light}, {colour.dark});'
         for name, colour in COLOURS.items()
     ]
-    return '\n'.join([':root {', *lines, '}', ''])
+    classes = [f'.line-{name} {{ --line: var(--{name}); }}' for name in COLOURS]
+    return '\n'.join([':root {', *variables, '}', *classes, ''])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from browser import AXE, CHROMIUM, Browser, wait_until
+from browser import AXE, CHROMIUM, OVERFLOW, SIZES, Browser, wait_until
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
@@ -207,6 +207,58 @@ def test_checker_finds_no_accessibility_violation(log: Log) -> None:
         ):
             tab.media(**features)
             assert tab.violations(AXE) == []
+        tab.close()
+    server.close()
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+def test_two_fingers_zoom_and_one_pans(url: str) -> None:
+    with Browser() as browser:
+        tab = browser.open(url, width=740, height=360, touch=True)
+        wait_until(lambda: tab.number('#time') > 0.2)
+        tab.click('#play')
+        _seek(tab, 20.0)
+        tab.run(
+            "import('./chart.js').then(({ Chart }) => { const { draw } = Chart.prototype;"
+            'Chart.prototype.draw = function (...given) {'
+            '[, , { range: window.range }] = given; draw.apply(this, given); }; })'
+        )
+        tab.select('#axis', 't')
+        tab.until('window.range?.[1] === 20')
+        x, y = tab.middle('#speed-chart')
+        middle = sum(tab.run('range')) / 2
+        tab.touch('touchStart', (x - 50, y), (x + 50, y))
+        for by in range(5, 55, 5):
+            tab.touch('touchMove', (x - 50 - by, y), (x + 50 + by, y))
+        tab.touch('touchEnd')
+        tab.until('range[1] - range[0] < 10.5')
+        low, high = tab.run('range')
+        assert high - low == pytest.approx(10.0, abs=0.1)
+        assert (low + high) / 2 == pytest.approx(middle, abs=0.3)
+        tab.touch('touchStart', (x, y))
+        for by in range(5, 105, 5):
+            tab.touch('touchMove', (x + by, y))
+        tab.touch('touchEnd')
+        tab.until(f'range[1] < {high - 1.0}')
+        assert tab.run('range[1] - range[0]') == pytest.approx(high - low)
+        assert tab.problems == []
+        tab.close()
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+def test_nothing_is_cut_at_any_size_and_every_control_works_by_keyboard(log: Log) -> None:
+    server = ViewServer(Replay(log, 'mine', (log, 'reference')))
+    server.start()
+    with Browser() as browser:
+        tab = browser.open(server.url)
+        wait_until(lambda: tab.number('#time') > 0.2)
+        _seek(tab, 14.0)
+        for width, height, touch in SIZES:
+            tab.resize(width, height, touch=touch)
+            assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)
+        assert tab.without_keyboard() == []
         tab.close()
     server.close()
 

@@ -4,6 +4,7 @@ import { colours, ease, font, niceStep, reading } from './look.js';
 
 const EASE = 0.2; // share of the way to new limits, at each drawing
 const [LEFT, RIGHT, TOP, BOTTOM] = [40, 8, 8, 22];
+const WIDE = 32; // [px] of a slope that has its grade
 const DENSE = 2; // rows per pixel from which only the extremes are drawn
 const SAMPLES = 4096; // rows that the limits are taken from
 
@@ -45,8 +46,9 @@ export class Chart {
       context.globalAlpha = Math.min(0.25 + Math.abs(grade) / 40, 1);
       const [a, b] = [Math.max(x(start), LEFT), Math.min(x(end), width - RIGHT)];
       if (b > a) context.fillRect(a, TOP, b - a, height - TOP - BOTTOM);
+      context.globalAlpha = 1;
+      if (b - a > WIDE) label(context, `${reading(grade, 0)}°`, (a + b) / 2, height - BOTTOM - 6);
     }
-    context.globalAlpha = 1;
     drawAxes(context, width, height, view.axis, { from, to, low, high, x, y });
 
     context.save();
@@ -101,6 +103,14 @@ export class Chart {
   }
 }
 
+function label(context, text, x, y) {
+  context.font = font(12);
+  context.fillStyle = colours.muted;
+  context.textAlign = 'center';
+  context.textBaseline = 'alphabetic';
+  context.fillText(text, x, y);
+}
+
 function drawAxes(context, width, height, axis, { from, to, low, high, x, y }) {
   context.font = font(12);
   context.fillStyle = colours.muted;
@@ -118,15 +128,14 @@ function drawAxes(context, width, height, axis, { from, to, low, high, x, y }) {
     context.stroke();
     context.fillText(reading(i * step, digits), LEFT - 6, v);
   }
-  context.textAlign = 'center';
-  context.textBaseline = 'alphabetic';
   const tick = niceStep(to - from, Math.max(width / 90, 2));
   const places = Math.max(0, Math.ceil(-Math.log10(tick) - 1e-9));
   const unit = axis === 't' ? 's' : 'm';
   for (let t = Math.ceil(from / tick) * tick; t <= to + 1e-9; t += tick) {
     const u = x(t);
     if (u < LEFT || (axis === 't' && t < 0)) continue;
-    context.fillText(`${reading(t, places)} ${unit}`, Math.min(u, width - 18), height - 4);
+    const text = `${reading(t, places)} ${unit}`;
+    label(context, text, Math.min(u, width - context.measureText(text).width / 2), height - 4);
   }
 }
 

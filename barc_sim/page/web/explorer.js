@@ -200,7 +200,7 @@ export class Explorer {
   #listen(chart) {
     const { canvas } = chart.surface;
     const fingers = new Map();
-    const place = (event) => event.clientX - canvas.getBoundingClientRect().left;
+    const place = (event) => (event.clientX - canvas.getBoundingClientRect().left) / chart.surface.zoom;
     const value = (x) => chart.value(x, this.seen.range);
     canvas.addEventListener('wheel', (event) => {
       if (!this.seen) return;

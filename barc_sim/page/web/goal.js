@@ -1,6 +1,6 @@
 // A goal for a drive by hand: round the cones of a slalom, then stand in the box. No physics.
 
-import { colours, reading, show } from './look.js';
+import { colours, font, reading, show } from './look.js';
 
 const CONES = [20, 32, 44, 56].map((x, k) => ({ x, y: 0, side: k % 2 ? -1 : 1 })); // [m]
 const CONE = 0.25; // [m] radius
@@ -36,6 +36,7 @@ export class Goal {
   /** `changed` is called after a change. */
   constructor(changed = () => {}) {
     this.on = false;
+    this.time = '0.0'; // [s] of the attempt
     this.best = null; // {start, end, faults} of an attempt
     this.attempt = null;
     this.panel = document.getElementById('goal-panel');
@@ -106,15 +107,21 @@ export class Goal {
     const { attempt, best } = this;
     const text = (id, value) => show(document.getElementById(id), value);
     if (attempt.end === null) this.note.textContent = 'Left of the first cone, right of the next, then park.';
-    text('goal-time', reading(attempt.start === null ? 0 : (attempt.end ?? now) - attempt.start, 1));
+    this.time = reading(attempt.start === null ? 0 : (attempt.end ?? now) - attempt.start, 1);
+    text('goal-time', this.time);
     text('goal-touched', String(attempt.touched.size));
     text('goal-missed', String(attempt.missed.size));
     text('goal-best', best ? `${reading(best.end - best.start, 1)} s, ${best.faults} faults` : '–');
   }
 
-  /** Draw cones and box on the ground. */
-  draw(context, scale, toScreen) {
+  /** Draw cones and box on the ground, and the time above. */
+  draw({ context, width }, scale, toScreen) {
     if (!this.on) return;
+    context.font = font(18, 600);
+    context.fillStyle = colours.ink;
+    context.textAlign = 'center';
+    context.textBaseline = 'middle';
+    context.fillText(`${this.time} s`, width / 2, 24);
     const [left, top] = toScreen(BOX.x - BOX.length / 2, BOX.y + BOX.width / 2);
     context.lineWidth = 3;
     context.strokeStyle = this.attempt?.end == null ? colours.ink : colours.green;

@@ -36,11 +36,8 @@ export class Lesson {
     };
     this.limited = make('span', { className: 'limited', hidden: true }, 'limited');
     this.equation.replaceChildren(
-      part('motor', 'command', colours.motor), this.limited, ' = ',
-      ...terms.flatMap((name, i) => (
-        [...(i ? [' + '] : []), part(name, name, colours[name])]
-      )),
-      make('small', {}, ' m/s²'),
+      part('motor', 'command', colours.motor), make('small', {}, 'm/s²'), this.limited,
+      ...terms.map((name, i) => make('span', {}, i ? '+ ' : '= ', part(name, name, colours[name]))),
     );
   }
 
@@ -113,16 +110,16 @@ export class Lesson {
         make('dl', {}, ...figures.map(([name, value, digits, unit]) => make(
           'div', {}, make('dt', {}, name), make('dd', {}, `${reading(value, digits)} ${unit}`),
         ))),
-        make('div', { className: 'scroll', tabIndex: 0, role: 'region', ariaLabel: 'Stretches' }, make(
+        make(
           'table', {},
-          make('thead', {}, make('tr', {}, ...['from m', 'grade °', 'RMS', 'greatest'].map(
-            (name) => make('th', { scope: 'col' }, name),
-          ))),
-          make('tbody', {}, ...(stretches ?? []).map((stretch) => make(
+          make('thead', {}, make('tr', {}, ...[
+            ['From', 'm'], ['Grade', '°'], ['RMS', 'm/s'], ['Greatest', 'm/s'],
+          ].map(([name, unit]) => make('th', { scope: 'col' }, `${name} `, make('small', {}, unit))))),
+          make('tbody', {}, ...stretches.map((stretch) => make(
             'tr', {}, cell(stretch.start, 0), cell(stretch.theta_deg, 0),
             cell(stretch.rms_error, 3), cell(stretch.max_error, 3),
           ))),
-        )),
+        ),
       ] : []),
       make('details', { className: 'next' }, make('summary', {}, 'Commands'), ...[
         ['Copy command', command],

@@ -68,6 +68,12 @@ function setState(state, text) {
   show(element('state-text'), text);
 }
 
+function showTitle() {
+  const title = facts.replay?.title ?? TITLES[facts.mode];
+  element('title').textContent = explorer.other ? `${title} beside ${explorer.other.name}` : title;
+  document.title = `${title} – barc_sim`;
+}
+
 /** Show a message, for some seconds or until the next one. */
 function showMessage(text, seconds = 0) {
   clearTimeout(message_timer);
@@ -93,9 +99,7 @@ const connection = new Connection({
     facts = fields;
     if (!known) road = new Road(fields.road);
     document.body.dataset.mode = fields.mode;
-    const title = fields.replay?.title ?? TITLES[fields.mode];
-    element('title').textContent = title;
-    document.title = `${title} – barc_sim`;
+    showTitle();
     tuning.show(fields.sliders, fields.tuning);
     tuning.offer(fields.presets);
     element('finish').hidden = !fields.can_finish;
@@ -116,6 +120,7 @@ const connection = new Connection({
     const second = new History();
     second.name(columns, false);
     explorer.other = { history: second, name: title, loading: true };
+    showTitle();
     lesson.compareWith(title, laps);
   },
   rows(rows) {
@@ -148,7 +153,7 @@ const connection = new Connection({
     const { reason } = fields;
     ended = true;
     setState('ended', 'Ended');
-    showMessage(reason);
+    showMessage(reason, 8);
     document.body.toggleAttribute('data-ended', true);
     if (fields.laps) showLaps(fields.laps);
     lesson.end(fields, facts.mode === 'acc' ? tuning.command(facts.controller_type, facts.run) : 'barc teleop');
@@ -257,7 +262,7 @@ function draw(milliseconds) {
     top.draw(scene, history, facts.axles, state, goal, state && goal.ghost(history, state.t));
   } else {
     const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
-      { ...rows.state(Math.min(state.t - shift, end)), name }
+      { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : `${name} lap` }
     )) : [];
     drawSide(scene, road, facts, state, ghosts);
   }

@@ -29,6 +29,7 @@ export class Player {
   begin({ missed }) {
     this.recorded = true;
     document.getElementById('state').hidden = true;
+    this.button.title = '';
     document.getElementById('missed').textContent = missed;
     this.time = 0;
   }

@@ -52,25 +52,27 @@ export function drawSide(surface, road, facts, state, ghosts) {
   const left = camera[0] - (AHEAD * width) / scale - 1;
   const right = camera[0] + ((1 - AHEAD) * width) / scale + 1;
   drawGround(context, road, toScreen, left, right, height);
-  drawPosts(context, road, toScreen, state.x, width / scale);
-  for (const [k, ghost] of ghosts.entries()) {
+  drawPosts(surface, road, toScreen, state.x, scale);
+  for (const ghost of ghosts) {
     context.globalAlpha = 0.3;
     drawCar(context, wheelsAt(ghost.x).map(toScreen), scale, axles, ghost.x);
     context.globalAlpha = 1;
-    const [h, e] = wheelsAt(ghost.x)[0];
-    const [x, y] = toScreen([h, e + 1.8]);
-    context.fillStyle = colours.ink;
-    context.font = font(12);
-    context.textAlign = 'left';
-    context.fillText(ghost.name, x, y - 16 * k);
   }
   const placed = wheels.map(toScreen);
   drawCar(context, placed, scale, axles, state.x);
-  drawForces(context, placed, scale, facts, state);
+  drawForces(surface, placed, scale, facts, state);
+  context.font = font(12);
+  ghosts.forEach((ghost, k) => {
+    const [[h, e]] = wheelsAt(ghost.x);
+    const [x, y] = toScreen([h, e + 2.6]);
+    write(surface, ghost.name, x, y - 16 * k);
+  });
 }
 
 /** Draw each force from the car along the road, those of a direction above one another. */
-function drawForces(context, [rear, front], scale, { forces, mass }, state) {
+function drawForces(surface, [rear, front], scale, { forces, mass }, state) {
+  const { context } = surface;
+  const tips = [];
   const angle = Math.atan2(front[1] - rear[1], front[0] - rear[0]);
   context.save();
   context.translate((rear[0] + front[0]) / 2, (rear[1] + front[1]) / 2);
@@ -97,35 +99,44 @@ function drawForces(context, [rear, front], scale, { forces, mass }, state) {
     context.lineTo(to - side * head, y - 0.6 * head);
     context.lineTo(to - side * head, y + 0.6 * head);
     context.fill();
-    context.font = font(12, 600);
-    context.fillStyle = colours.ink;
-    context.textAlign = side > 0 ? 'left' : 'right';
-    context.textBaseline = 'middle';
-    context.fillText(name, to + side * 5, y);
+    tips.push([name, side, context.getTransform().transformPoint(new DOMPoint(to, y))]);
   }
   context.restore();
+  context.font = font(12, 600);
+  const back = context.getTransform().inverse();
+  for (const [name, side, tip] of tips) {
+    const { x, y } = back.transformPoint(tip);
+    write(surface, name, side > 0 ? x + 5 : x - 5 - context.measureText(name).width, y);
+  }
+}
+
+/** Write a text from `x` on; at the border of the surface, as near as possible. */
+function write({ context, width, height }, text, x, y) {
+  const right = width - context.measureText(text).width - 4;
+  context.textAlign = 'left';
+  context.textBaseline = 'middle';
+  context.fillStyle = colours.ink;
+  context.fillText(text, Math.max(Math.min(x, right), 4), Math.max(Math.min(y, height - 10), 10));
 }
 
 function drawGround(context, road, toScreen, left, right, height) {
-  const line = [[left, road.elevation(left)]];
-  for (const { h, e } of road.points) if (h > left && h < right) line.push([h, e]);
-  line.push([right, road.elevation(right)]);
-  context.beginPath();
-  for (const point of line) context.lineTo(...toScreen(point));
+  const edge = new Path2D();
+  edge.lineTo(...toScreen([left, road.elevation(left)]));
+  for (const { h, e } of road.points) if (h > left && h < right) edge.lineTo(...toScreen([h, e]));
+  edge.lineTo(...toScreen([right, road.elevation(right)]));
+  const earth = new Path2D(edge);
+  earth.lineTo(toScreen([right, 0])[0], height + 10);
+  earth.lineTo(toScreen([left, 0])[0], height + 10);
+  context.fillStyle = colours.earth;
+  context.fill(earth);
   context.strokeStyle = colours.surface;
   context.lineWidth = 3;
   context.lineJoin = 'round';
-  const path = new Path2D();
-  for (const point of line) path.lineTo(...toScreen(point));
-  path.lineTo(toScreen([right, 0])[0], height + 10);
-  path.lineTo(toScreen([left, 0])[0], height + 10);
-  path.closePath();
-  context.fillStyle = colours.earth;
-  context.fill(path);
-  context.stroke();
+  context.stroke(edge);
 }
 
-function drawPosts(context, road, toScreen, distance, span) {
+function drawPosts({ context, width, height }, road, toScreen, distance, scale) {
+  const span = width / scale;
   context.font = font(12);
   context.textAlign = 'center';
   context.textBaseline = 'top';
@@ -140,7 +151,9 @@ function drawPosts(context, road, toScreen, distance, span) {
     context.moveTo(x, y);
     context.lineTo(x, y + 9);
     context.stroke();
-    context.fillText(`${reading(s, 0)} m`, x, y + 12);
+    const text = `${reading(s, 0)} m`;
+    const half = context.measureText(text).width / 2;
+    if (x > half && x < width - half && y > -12 && y < height - 26) context.fillText(text, x, y + 12);
   }
 }
 

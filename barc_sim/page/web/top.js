@@ -29,7 +29,7 @@ export class TopView {
     ];
     drawGrid(context, width, height, scale, state, toScreen);
     drawPath(context, history, state, toScreen);
-    goal.draw(context, scale, toScreen);
+    goal.draw(surface, scale, toScreen);
     for (const [car, alpha] of [[ghost, 0.35], [state, 1]]) {
       if (!car) continue;
       context.save();
@@ -64,7 +64,7 @@ function drawGrid(context, width, height, scale, state, toScreen) {
     context.lineTo(u, height);
     context.textAlign = 'left';
     context.textBaseline = 'top';
-    if (strong && u > 240) context.fillText(`x ${reading(x, 0)} m`, u + 5, 8);
+    if (strong && u > 240 && u < width - 60) context.fillText(`x ${reading(x, 0)} m`, u + 5, 8);
   });
   each(state.y - alongY, state.y + alongY, (y, strong) => {
     const [, v] = toScreen(0, y);

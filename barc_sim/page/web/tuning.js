@@ -4,7 +4,8 @@ import { make, quote } from './look.js';
 
 const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
-const TITLES = { vehicle_simulator: 'Car' }; // of a node's sliders, below those of the controller
+// Of a node's sliders, below those of the controller.
+const TITLES = { vehicle_simulator: ['Car ', make('small', {}, '0: none')] };
 const USUAL = { acceleration_limit: 8, road: 'lab', distance: 180, laps: 1 };
 
 export class Tuning {
@@ -29,11 +30,18 @@ export class Tuning {
     }
   }
 
-  /** Offer presets: {name: {gain: value}}. */
+  /** Offer presets, {name: {gain: value}}; one that has the present values is pressed. */
   offer(presets) {
     const known = JSON.stringify(presets);
-    if (known === this.offered) return;
+    if (known !== this.offered) this.#offer(presets);
     this.offered = known;
+    for (const button of this.presets.children) {
+      const gains = Object.entries(presets[button.textContent]);
+      button.ariaPressed = gains.every(([gain, value]) => this.values[gain] === value);
+    }
+  }
+
+  #offer(presets) {
     this.presets.hidden = !Object.keys(presets).length;
     this.presets.replaceChildren(...Object.entries(presets).map(([name, gains]) => make('button', {
       type: 'button',
@@ -86,7 +94,7 @@ export class Tuning {
     const rows = Object.entries(sliders).map(([name, facts]) => [facts.node, this.#row(name, facts)]);
     const groups = Object.groupBy(rows, ([node]) => node);
     this.form.replaceChildren(...Object.entries(groups).flatMap(([node, members]) => [
-      ...(node in TITLES ? [make('h3', { textContent: TITLES[node] })] : []),
+      ...(node in TITLES ? [make('h3', {}, ...TITLES[node])] : []),
       ...members.map(([, row]) => row),
     ]));
   }

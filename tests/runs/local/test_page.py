@@ -13,6 +13,7 @@ from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 from browser import CHROMIUM, Browser, wait_until
 from elsewhere import ELSEWHERE
@@ -20,6 +21,9 @@ from page_client import connect_page, rows
 from rosbags.highlevel import AnyReader
 
 from barc_sim import read_bag
+from barc_sim.control.pid import PID
+from barc_sim.simulation.laps import laps_of
+from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,7 +31,48 @@ if TYPE_CHECKING:
 
     from websockets.sync.client import ClientConnection
 
+    from barc_sim.simulation.log import Log
+
 PATIENCE = 30.0  #: [s]
+FORCES = ('motor', 'gravity', 'drag', 'friction')
+#: Keeps what is drawn: the ghosts' lines in their values, pale cars, posts and arrows in pixels.
+WATCH = """import('./chart.js').then(({ Chart }) => {
+  window.lines = {};
+  const { draw } = Chart.prototype;
+  Chart.prototype.draw = function (history, state, view) {
+    const { context, canvas } = this.surface;
+    const paths = [];
+    let bottom;
+    const own = Object.getPrototypeOf(context);
+    context.beginPath = () => { paths.push([]); own.beginPath.call(context); };
+    context.rect = (x, y, w, h) => { bottom = [y + 2, h - 4]; own.rect.call(context, x, y, w, h); };
+    for (const name of ['moveTo', 'lineTo']) {
+      context[name] = (x, y) => {
+        if (context.globalAlpha < 1) paths.at(-1).push([x, y]);
+        own[name].call(context, x, y);
+      };
+    }
+    draw.call(this, history, state, view);
+    for (const name of ['beginPath', 'rect', 'moveTo', 'lineTo']) delete context[name];
+    const [low, high] = this.shown;
+    lines[canvas.id] = paths.filter((path) => path.length).map((path) => path.map(
+      ([x, y]) => [this.value(x, view.range), high - (y - bottom[0]) / bottom[1] * (high - low)],
+    ));
+  };
+  const context = document.querySelector('#scene').getContext('2d');
+  const watch = (name, note) => {
+    const own = context[name];
+    context[name] = (...given) => { note(...given); return own.apply(context, given); };
+  };
+  watch('clearRect', () => {
+    window.scene = { cars: [], posts: [], arrows: [], at: performance.now() };
+  });
+  watch('translate', (x) => context.globalAlpha < 1 && scene.cars.push(x));
+  watch('fillText', (text, x) => {
+    if (/^\\d+ m$/.test(text)) scene.posts.push([parseFloat(text), x]);
+  });
+  watch('moveTo', (x) => context.lineWidth === 4 && scene.arrows.push(x));
+})"""
 
 
 @pytest.fixture
@@ -160,3 +205,74 @@ def test_browser_drives(start: Callable[..., Any], tmp_path: Path) -> None:
     assert (process.returncode, problems) == (0, [])
     log = read_bag(next((tmp_path / 'bags').iterdir()))
     assert log.speed.max() > 3.0
+
+
+@pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
+def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
+    start: Callable[..., Any], tmp_path: Path
+) -> None:
+    process, url = start('acc', '--laps', '0', '--distance', '30', '--realtime-factor', '3')
+    last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').innerText"
+    with Browser() as browser:
+        tab = browser.open(url, width=1440, height=900)
+        tab.media(prefers_reduced_motion='reduce')  # the charts' limits are the values' at once
+        tab.select('#axis', 'x')
+        tab.run(WATCH)
+        tab.until(f'Number({last}) > 0')
+        first = tab.run(last)
+        for gain in ('kp', 'ki'):
+            tab.run(
+                f"(() => {{ const n = document.querySelector('#{gain}'); n.value = 2;"
+                "n.dispatchEvent(new Event('change')); })()"
+            )
+        tab.until(f'{last} !== {first!r}')
+        wait_until(lambda: 6.0 < tab.number('#position') < 20.0)
+        tab.click('#finish')
+        wait_until(lambda: tab.text('#state') == 'Ended')
+        tab.until('performance.now() - scene.at > 200')  # the last state is drawn
+        now = tab.run("Number(document.querySelector('#seek').max)")
+        lines, scene = tab.run('[lines, scene]')
+        tab.run(
+            "(() => { const s = document.querySelector('#seek'); s.value = 3.5;"
+            "s.dispatchEvent(new Event('input')); })()"
+        )
+        tab.until("document.querySelector('#grade').innerText === '10'")
+        forces = [tab.number(f'#force-{name}') for name in FORCES]
+        arrows = np.diff(np.reshape(tab.run('scene.arrows'), (-1, 2))).ravel()
+        terms = [tab.number(f'#term-{name}') for name in ('motor', *PID.terms)]
+        tab.close()
+    process.communicate(timeout=PATIENCE)
+    log = read_bag(next((tmp_path / 'bags').iterdir()))
+    laps, number = laps_of(log)
+    ghosts = [lap for lap in (laps.last, laps.best) if lap]
+    assert ghosts[0] != ghosts[1]
+    columns = {'speed-chart': ['speed'], 'command-chart': [*reversed(PID.terms), 'motor']}
+    for chart, names in columns.items():
+        drawn = [(lap, name) for lap in ghosts for name in names]
+        for (lap, name), line in zip(drawn, lines[chart], strict=True):
+            rows = np.flatnonzero(np.array(number) == lap.number)
+            assert len(rows) - 1 <= len(line)  # no term is known before the first command
+            _assert_drawn(line, log, rows[-len(line) :], getattr(log, name, None))
+    posts = np.array(scene['posts'])
+    for lap, place in zip(ghosts, scene['cars'][::3], strict=True):  # body, wheel, wheel
+        t = min(now - laps.current.start + lap.start, lap.end)
+        expected = np.interp(np.interp(t, log.t, log.distance), *posts.T)
+        assert place == pytest.approx(expected, abs=0.1)
+    k = int(np.searchsorted(log.t, 3.5 - 1e-9))
+    commands = {
+        tuple(round(float(log.columns()[name][row]), 3) for name in ('motor', *PID.terms)): row
+        for row in (k - 1, k)
+    }
+    motor = Vehicle().mass * log.motor[commands[tuple(terms)]]
+    assert forces[0] == round(motor)
+    assert forces[1] == round(log.gravity[k])
+    assert forces[2:] == [round(log.drag[k], 2), round(log.friction[k], 2)]
+    assert arrows[1] / arrows[0] == pytest.approx(log.gravity[k] / motor, abs=1e-3)
+
+
+def _assert_drawn(line: list[list[float]], log: Log, rows: Any, values: Any) -> None:  # noqa: ANN401
+    """Compare a line with the bag; a state's command may come after its row, as the next one's."""
+    x, drawn = np.array(line).T
+    np.testing.assert_allclose(x, log.distance[rows], atol=1e-6)
+    now, before = (np.isclose(drawn, values[k], atol=1e-6) for k in (rows, np.maximum(rows - 1, 0)))
+    assert (now | before).all()
