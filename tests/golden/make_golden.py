@@ -5,9 +5,9 @@ module with the Python of the checkout that they are to describe::
 
     PYTHONPATH=tests .venv/bin/python -m golden.make_golden FILE
 
-For each run by the command line the figures are the topics of its bag with their types, the
-metadata, and for each recorded field the number of its values, the first and the last one, and a
-hash of all. Left out is what differs from run to run: wall time, /rosout and /parameter_events.
+For each run by the command line the figures are its metadata and, for each topic of its bag, type,
+number of messages and a hash of the values of each field. Left out is what differs from run to run:
+wall time, and what /rosout and /parameter_events carry.
 The bag is read by `rosbags`, so that the figures do not depend on the package's own reader.
 """
 
@@ -32,7 +32,7 @@ from golden.scenarios import SCENARIOS
 from rosbags.highlevel import AnyReader
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from golden.scenarios import Scenario
 
@@ -49,7 +49,7 @@ _STATES_BY_HAND = 150
 _NANOSECONDS = 10**9
 
 
-def figures(scenario: Scenario, folder: Path) -> dict[str, Any]:
+def figures(scenario: Scenario, folder: Path) -> dict[str, str]:
     """Make the run in the empty `folder`; return the figures of its bag."""
     for name, text in scenario.files.items():
         (folder / name).parent.mkdir(exist_ok=True)
@@ -67,33 +67,30 @@ def figures(scenario: Scenario, folder: Path) -> dict[str, Any]:
     unpinned = _UNPINNED
     if scenario.mode == 'teleop':
         topics, unpinned = _from_the_start(topics), (*_UNPINNED, *_COUNTED)
-    return {
-        'topics': dict(sorted(types.items())),
-        'metadata': {
-            name: '*' if name in unpinned else value for name, value in sorted(metadata.items())
-        },
-        'fields': {
-            f'{topic}.{name}': figure(values)
-            for topic, messages in sorted(topics.items())
-            for name, values in _columns(messages, _start(topic, topics)).items()
-        },
+    pinned = {name: '*' if name in unpinned else value for name, value in metadata.items()}
+    return {'metadata': ' '.join(f'{name}={value}' for name, value in sorted(pinned.items()))} | {
+        topic: ' '.join([kind, *_figures(_columns(topics[topic], _start(topic, topics)))])
+        if topic in topics
+        else kind
+        for topic, kind in sorted(types.items())
     }
 
 
-def loop_figures(name: str) -> dict[str, Any]:
+def loop_figures(name: str) -> dict[str, str]:
     """Return the figures of a loop without ROS."""
-    return {'fields': {field: figure(values) for field, values in loops.columns(name).items()}}
+    return {'log': ' '.join(_figures(loops.columns(name)))}
+
+
+def _figures(columns: Mapping[str, Sequence[float]]) -> list[str]:
+    """Return the number of rows, and each column's name with a hash of its values' bits."""
+    rows = {len(values) for values in columns.values()}
+    hashes = [f'{name}:{figure(values)}' for name, values in columns.items()]
+    return [*map(str, rows), *hashes]
 
 
 def figure(values: Sequence[float]) -> str:
-    """Return how many values there are, the first, the last, and a hash of their bits.
-
-    The hash is the first half of the SHA-256 of the values, each as a little-endian float64.
-    """
-    if not values:
-        return '0'
-    digest = sha256(struct.pack(f'<{len(values)}d', *values)).hexdigest()
-    return f'{len(values)} {float(values[0])!r} {float(values[-1])!r} {digest[:32]}'
+    """Return the first 8 digits of the SHA-256 of the values, each as a little-endian float64."""
+    return sha256(struct.pack(f'<{len(values)}d', *values)).hexdigest()[:8]
 
 
 def libm() -> str:
@@ -196,13 +193,12 @@ def _numbers(message: Any, prefix: str = '') -> Iterator[tuple[str, float]]:  # 
             yield prefix + field.name, float(value)
 
 
-def differences(expected: dict[str, Any], found: dict[str, Any]) -> list[str]:
-    """Return a line for each figure that differs, with both values."""
+def differences(expected: Mapping[str, str], found: Mapping[str, str]) -> list[str]:
+    """Return a line for each topic that differs: what was expected alone, and what was found."""
     return [
-        f'{part} of {name}: expected {old}, found {new}'
-        for part in expected
-        for name in sorted(expected[part].keys() | found[part].keys())
-        if (old := expected[part].get(name)) != (new := found[part].get(name))
+        f'{name}: expected {sorted(old - new)}, found {sorted(new - old)}'
+        for name in sorted(expected.keys() | found.keys())
+        if (old := {*expected.get(name, '').split()}) != (new := {*found.get(name, '').split()})
     ]
 
 
