@@ -52,10 +52,6 @@ def test_to_reverse_one_lets_go_and_presses_again() -> None:
     assert drive(driver, back, 1.0) == pytest.approx(-LIMITS.acceleration)
 
 
-def test_a_car_that_stands_reverses_at_once() -> None:
-    assert drive(Driver(), DriverInput(forward=-1.0), 1.0) == pytest.approx(-LIMITS.acceleration)
-
-
 def test_forward_right_after_braking_to_a_standstill_needs_no_letting_go() -> None:
     driver = Driver()
     drive(driver, DriverInput(forward=-1.0), 3.0, speed=8.0)

@@ -16,12 +16,10 @@ from barc_sim.vehicle.integrators import rk4
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.lateral_dynamics import (
     LateralParameters,
-    characteristic_speed,
     critical_speed,
     eigenvalues,
     lateral_matrix,
     side_slip_gain,
-    understeer_gradient,
     yaw_gain,
 )
 
@@ -67,27 +65,6 @@ def test_steady_state_has_the_gains_of_the_closed_form(
     assert seen.v_y / SMALL == pytest.approx(side_slip_gain(vehicle, lateral, v), rel=1e-5)
 
 
-def test_understeer_gradient_is_what_more_speed_demands_of_the_wheel() -> None:
-    def steering_by_curvature(v: float) -> float:
-        seen = at_speed(DynamicBicycle(UNDERSTEERING, 'rk4'), ODD, v, SMALL, 6.0)
-        return SMALL / (seen.psi_dot / v)
-
-    slow, fast = steering_by_curvature(10.0), steering_by_curvature(30.0)
-    gradient = (fast - slow) / (30.0**2 - 10.0**2)
-    assert gradient == pytest.approx(understeer_gradient(ODD, UNDERSTEERING), rel=1e-4)
-
-
-def test_yaw_rate_is_greatest_at_the_characteristic_speed() -> None:
-    v = characteristic_speed(CAR, UNDERSTEERING)
-    below, at, above = (
-        at_speed(DynamicBicycle(UNDERSTEERING, 'rk4'), CAR, speed, SMALL, 8.0).psi_dot
-        for speed in (0.9 * v, v, 1.1 * v)
-    )
-    assert at > below
-    assert at > above
-    assert at / SMALL == pytest.approx(v / (2.0 * 3.0), rel=1e-5)
-
-
 @pytest.mark.parametrize(('share', 'grows'), [(0.95, False), (1.05, True)])
 def test_oversteering_car_is_stable_up_to_its_critical_speed(share: float, *, grows: bool) -> None:
     v = share * critical_speed(CAR, OVERSTEERING)
@@ -130,25 +107,6 @@ def test_free_response_turns_and_decays_with_the_eigenvalues() -> None:
         state = rk4(lambda at: derivative((0.0, 0.0, 0.0, v, *at))[4:], state, half_turn / n)
     decay = -exp(rate.real * half_turn)
     assert state == pytest.approx(tuple(decay * part for part in begin), rel=1e-6)
-
-
-def test_independent_integrator_finds_the_same() -> None:
-    solve_ivp = pytest.importorskip('scipy.integrate').solve_ivp
-    vehicle, held = Vehicle(), Input(1.0, 0.05)
-    derivative = rates(held, lambda x: 0.1 * sin(x / 10.0), vehicle, UNDERSTEERING)
-    solution = solve_ivp(
-        lambda _, at: derivative(tuple(at)),
-        (0.0, 3.0),
-        [0.0, 0.0, 0.0, 15.0, 0.0, 0.0],
-        method='DOP853',
-        rtol=1e-12,
-        atol=1e-12,
-    )
-    bicycle, state = DynamicBicycle(UNDERSTEERING, 'rk4'), State(v=15.0)
-    for _ in range(600):
-        state = bicycle.step(state, held, lambda x: 0.1 * sin(x / 10.0), vehicle, TS)
-    found = bicycle.motion(state, 0.05, vehicle)
-    assert found == pytest.approx(tuple(solution.y[:, -1]), rel=1e-7, abs=1e-7)
 
 
 # Physics

@@ -8,8 +8,7 @@ from math import exp as real_exp
 
 import pytest
 
-from barc_sim.errors import UserError
-from barc_sim.vehicle.integrators import INTEGRATORS, integrator
+from barc_sim.vehicle.integrators import INTEGRATORS
 
 
 def turned(name: str, steps: int) -> float:
@@ -24,11 +23,6 @@ def turned(name: str, steps: int) -> float:
 def test_error_falls_with_the_declared_order(name: str) -> None:
     order = log2(turned(name, 256) / turned(name, 512))
     assert order == pytest.approx(INTEGRATORS[name].order, abs=0.02)
-
-
-def test_rk4_is_exact_where_the_solution_is_of_degree_four() -> None:
-    rates = INTEGRATORS['rk4'].step(lambda at: (1.0, 4.0 * at[0] ** 3), (0.0, 0.0), 0.7)
-    assert rates == (pytest.approx(0.7), pytest.approx(0.7**4, rel=1e-12))
 
 
 def test_euler_takes_the_slope_at_the_beginning() -> None:
@@ -53,8 +47,3 @@ def test_amplification_of_short_steps_is_the_true_one() -> None:
 def test_decay_becomes_growth_at_the_methods_limit(name: str, limit: float) -> None:
     method = INTEGRATORS[name]
     assert method.amplification(-0.999 * limit) < 1.0 < method.amplification(-1.001 * limit)
-
-
-def test_unknown_integrator_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(UserError, match=r"^integrator 'rk45' must be 'euler' or 'rk4'$"):
-        integrator('rk45')

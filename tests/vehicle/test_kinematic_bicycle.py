@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, bikeFE, slip_angle, step
+from barc_sim.vehicle.bike_model import Input, State, Vehicle, slip_angle, step
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 
 TS = 0.02
@@ -17,10 +16,6 @@ ODD_VEHICLE = Vehicle(mass=1700.0, air_drag_coeff=0.7, friction=90.0, l_f=1.1, l
 FREE = Vehicle(air_drag_coeff=0.0, friction=0.0)
 speeds = st.floats(-30.0, 30.0)
 properties = settings(deadline=None, derandomize=True)
-
-
-def flat(_: float) -> float:
-    return 0.0
 
 
 def drive(state: State, held: Input, vehicle: Vehicle, steps: int, theta: float = 0.0) -> State:
@@ -77,26 +72,3 @@ def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, 
     vehicle = Vehicle(mass=2000.0, air_drag_coeff=a0, friction=friction)
     found = drive(State(v=v), Input(), vehicle, 1).v
     assert 0.0 <= found <= v or v <= found <= 0.0
-
-
-def test_rk4_lets_the_command_take_the_car_through_zero() -> None:
-    assert drive(State(v=4.0), Input(-4.0), Vehicle(), 100).v == pytest.approx(-4.0, abs=1e-3)
-    assert drive(State(v=-4.0), Input(4.0), Vehicle(), 100).v == pytest.approx(4.0, abs=1e-3)
-
-
-@properties
-@given(v=speeds, motor=st.floats(-8.0, 8.0), servo=st.floats(-0.6, 0.6), psi=st.floats(-3.0, 3.0))
-def test_rk4_mirrors_left_and_right(v: float, motor: float, servo: float, psi: float) -> None:
-    left = drive(State(1.0, 2.0, psi, v), Input(motor, servo), ODD_VEHICLE, 1)
-    right = drive(State(1.0, -2.0, -psi, v), Input(motor, -servo), ODD_VEHICLE, 1)
-    assert right == State(left.x, -left.y, -left.psi, left.v)
-
-
-def test_model_of_ones_own_steps_by_itself() -> None:
-    def own(*arguments: float, **keywords: float) -> list[float]:
-        return bikeFE(*arguments, **keywords)
-
-    state = KinematicBicycle(model=own).step(State(v=8.0), Input(1.0), flat, FREE, TS)
-    assert state == step(State(v=8.0), Input(1.0), 0.0, FREE, TS)
-    with pytest.raises(UserError, match=r"^integrator 'rk4' does not go with a model of"):
-        KinematicBicycle('rk4', own)

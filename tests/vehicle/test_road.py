@@ -30,27 +30,13 @@ def roads(draw: st.DrawFn) -> Road:
 # The lab's road
 
 
-@pytest.mark.parametrize(
-    ('start', 'end', 'grade_deg'),
-    [
-        (0.0, 20.0, 0.0),
-        (20.0, 40.0, 10.0),
-        (40.0, 60.0, 0.0),
-        (60.0, 80.0, -10.0),
-        (80.0, 100.0, 0.0),
-        (100.0, 120.0, 30.0),
-        (120.0, 140.0, 0.0),
-        (140.0, 160.0, -30.0),
-        (160.0, 180.0, 0.0),
-    ],
-)
+@pytest.mark.parametrize(('stretch', 'grade_deg'), [*enumerate([0, 10, 0, -10, 0, 30, 0, -30, 0])])
 def test_lab_road_has_the_labs_grades_and_each_stretch_owns_its_left_end(
-    start: float, end: float, grade_deg: float
+    stretch: int, grade_deg: float
 ) -> None:
-    road = Road.lab()
-    assert road.grade_deg(start) == grade_deg
-    assert road.grade_deg((start + end) / 2) == grade_deg
-    assert road.grade_deg(nextafter(end, 0.0)) == grade_deg
+    start, end = 20.0 * stretch, 20.0 * (stretch + 1)
+    for s in (start, (start + end) / 2, nextafter(end, 0.0)):
+        assert Road.lab().grade_deg(s) == grade_deg
 
 
 def test_lab_road_goes_on_level_at_both_ends() -> None:
@@ -60,28 +46,10 @@ def test_lab_road_goes_on_level_at_both_ends() -> None:
     assert road.elevation(1e6) == road.elevation(160.0)
 
 
-@pytest.mark.parametrize(
-    ('s', 'elevation'),
-    [
-        (20.0, 0.0),
-        (40.0, 20.0 * sin(radians(10.0))),
-        (60.0, 20.0 * sin(radians(10.0))),
-        (80.0, 0.0),
-        (110.0, 5.0),
-        (120.0, 10.0),
-        (150.0, 5.0),
-        (180.0, 0.0),
-    ],
-)
-def test_lab_road_rises_by_the_sine_of_its_grade(s: float, elevation: float) -> None:
-    assert Road.lab().elevation(s) == pytest.approx(elevation, abs=1e-12)
-
-
-def test_flat_road_is_flat() -> None:
-    road = Road.flat()
-    for s in (-100.0, 0.0, 1e6):
-        assert road.grade_deg(s) == 0.0
-        assert road.elevation(s) == 0.0
+def test_lab_road_rises_by_the_sine_of_its_grade() -> None:
+    top = 20.0 * sin(radians(10.0))
+    found = [Road.lab().elevation(s) for s in (20.0, 40.0, 60.0, 80.0, 110.0, 120.0, 150.0, 180.0)]
+    assert found == pytest.approx([0.0, top, top, 0.0, 5.0, 10.0, 5.0, 0.0], abs=1e-12)
 
 
 # Any road
@@ -139,7 +107,6 @@ def test_road_is_a_value() -> None:
     assert Road.flat() == Road(starts=(0.0,), grades_deg=(0.0,), name='flat')
     assert Road.lab() != Road.flat()
     assert len({Road.lab(), Road.lab(), Road.flat()}) == 2
-    assert repr(Road.flat()) == "Road(starts=(0.0,), grades_deg=(0.0,), name='flat')"
 
 
 # By name
@@ -179,18 +146,14 @@ def test_file_named_like_a_built_in_road_does_not_hide_it(
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
-        ('', "its header is '', not 'start_m,grade_deg'"),
         ('# only words\n\n', "its header is '', not 'start_m,grade_deg'"),
         ('0,0\n20,10\n', "its header is '0,0', not 'start_m,grade_deg'"),
-        ('grade_deg,start_m\n0,0\n', "its header is 'grade_deg,start_m', not"),
         ('start_m;grade_deg\n0;0\n', "its header is 'start_m;grade_deg', not"),
         (HEADER, '0 starts and 0 grades must be'),
         (f'{HEADER}0,0\n20\n', "'20' must be two numbers, distance [m] and grade [deg]"),
         (f'{HEADER}0,0\n20,10,5\n', "'20,10,5' must be two numbers"),
-        (f'{HEADER}0,0\n20,steep\n', "'20,steep' must be two numbers"),
         (f'{HEADER}0,0\n20,\n', "'20,' must be two numbers"),
         (f'{HEADER}0,0\n20,nan\n', 'nan is not a finite number'),
-        (f'{HEADER}0,0\n20,91\n', 'grade 91.0 must lie between -90 and 90 degrees'),
         (f'{HEADER}0,0\n20,1\n10,2\n', 'start 10.0 m must lie beyond the one before it, 20.0 m'),
         (f'{HEADER}0,{"1" * 200_000}\n', 'field larger than field limit'),
     ],
@@ -217,20 +180,6 @@ def test_name_of_no_road_is_refused(
     assert str(refusal.value) == (
         f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"
     )
-
-
-def test_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / 'hill.csv'
-    path.write_bytes('start_m,grade_deg'.encode('utf-16'))
-    with pytest.raises(UserError, match='nor a CSV file that can be read'):
-        Road.named(str(path))
-
-
-def test_hill_is_shorter_on_the_map_than_along_its_surface() -> None:
-    road = Road.lab()
-    assert road.horizontal(20.0) == 20.0
-    assert road.horizontal(40.0) - road.horizontal(20.0) == pytest.approx(19.696, abs=1e-3)
-    assert road.horizontal(120.0) - road.horizontal(100.0) == pytest.approx(17.321, abs=1e-3)
 
 
 @properties

@@ -61,18 +61,6 @@ def test_error_is_measured_minus_true_in_the_true_vehicles_frame(psi: float, see
     )
 
 
-def test_error_across_points_to_the_left() -> None:
-    eastward, northward = TRUE._replace(psi=0.0), TRUE._replace(psi=pi / 2.0)
-    measured, error = Sensor(Deviation(ey=1.0)).measure(eastward)
-    assert (measured.x, measured.y) == (TRUE.x, TRUE.y + error.ey)
-    measured, error = Sensor(Deviation(ey=1.0)).measure(northward)
-    assert (measured.x, measured.y) == pytest.approx((TRUE.x - error.ey, TRUE.y))
-
-
-def test_same_seed_gives_the_same_errors() -> None:
-    assert errors(Sensor(NOISY, 5), 20) == errors(Sensor(NOISY, 5), 20)
-
-
 def test_other_seed_gives_other_errors() -> None:
     assert errors(Sensor(NOISY, 5), 1) != errors(Sensor(NOISY, 6), 1)
 
@@ -87,12 +75,6 @@ def test_turning_one_deviation_off_leaves_the_other_errors_as_they_were(off: str
     all_on = errors(Sensor(NOISY, 3), 10)
     one_off = errors(Sensor(NOISY._replace(**{off: 0.0}), 3), 10)
     assert one_off == [error._replace(**{off: 0.0}) for error in all_on]
-
-
-def test_measuring_one_signal_with_noise_leaves_the_others_exact() -> None:
-    measured, error = Sensor(Deviation(v_x=0.5)).measure(TRUE)
-    assert measured == TRUE._replace(v_x=measured.v_x)
-    assert measured.v_x == TRUE.v_x + error.v_x != TRUE.v_x
 
 
 def test_errors_have_zero_mean_and_the_given_deviations_and_are_white() -> None:
