@@ -31,11 +31,6 @@ def test_a_film_shows_first_and_last_state_and_lasts_as_long_as_the_run(fps: int
     assert np.diff(times)[:-1] == pytest.approx(1 / fps)
 
 
-def test_a_film_at_the_rate_of_the_states_has_a_frame_for_each() -> None:
-    log = closed_loop(distance=30.0)
-    assert animation.frame_times(float(log.t[-1]), 50) == pytest.approx(log.t)
-
-
 def test_a_film_of_one_state_has_one_frame() -> None:
     assert animation.frame_times(0.0, 50).tolist() == [0.0]
 

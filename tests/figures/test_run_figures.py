@@ -87,17 +87,6 @@ def test_the_error_after_the_run_up_has_an_axis_of_its_own(log: Log) -> None:
     assert len(speed_figure(log.map(lambda column: column[:10])).axes) == 3
 
 
-def test_every_axis_has_its_unit(log: Log) -> None:
-    figure = speed_figure(log)
-    assert [axes.get_ylabel() for axes in figure.axes] == [
-        'Speed [m/s]',
-        'Error [m/s]',
-        'Grade [°]',
-        'Command [m/s²]',
-    ]
-    assert figure.axes[-1].get_xlabel() == 'Position along the road [m]'
-
-
 def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
     noisy = closed_loop(Plant(noise=Deviation(v_x=0.1)), distance=30.0)
     drawn = lines(speed_figure(noisy).axes[0])

@@ -30,12 +30,6 @@ def test_twenty_metres_at_ten_degrees_are_19_696_on_the_map(log: Log) -> None:
     assert np.diff(x) == pytest.approx(19.696, abs=2e-3)
 
 
-def test_the_course_on_the_map_is_the_sum_of_its_stretches(log: Log) -> None:
-    x, _ = Terrain(log).at(180.0)
-    expected = 20.0 * (5 + 2 * cos(radians(10.0)) + 2 * cos(radians(30.0)))
-    assert x == pytest.approx(expected, abs=0.02)
-
-
 def test_elevation_is_that_of_the_road(log: Log) -> None:
     s = np.linspace(0.0, 180.0, 500)
     road = Road.lab()

@@ -40,20 +40,6 @@ def words(figure: Figure) -> set[str]:
     return {text.get_text() for text in figure.findobj(Text)}
 
 
-def test_axes_have_names_and_units() -> None:
-    assert {
-        'A title',
-        'kp [1/s]',
-        'ki [1/s²]',
-        'RMS speed error [m/s]',
-        'Time [s]',
-        'Speed [m/s]',
-        'Speed error [m/s]',
-        'start',
-        'found',
-    } <= words(drawn())
-
-
 def test_start_and_found_are_marked_on_the_map() -> None:
     plane = drawn().axes[0]
     marks = {line.get_label(): line.get_xydata() for line in plane.lines}

@@ -7,24 +7,12 @@ from math import isnan
 import pytest
 
 from barc_sim.simulation.convergence import ROUNDING, STEPS, Study, order, studies
-from barc_sim.simulation.reference_drives import REFERENCE_DRIVES
 from barc_sim.vehicle.integrators import INTEGRATORS
 
 
 @pytest.fixture(scope='module')
 def found() -> list[Study]:
     return [*studies()]
-
-
-def test_each_model_and_integrator_is_studied_in_each_of_its_drives(
-    found: list[Study],
-) -> None:
-    assert [(study.test_drive, study.model, study.integrator) for study in found] == [
-        (test_drive.name, model, integrator)
-        for test_drive in REFERENCE_DRIVES
-        for model in test_drive.models
-        for integrator in INTEGRATORS
-    ]
 
 
 def test_smooth_drives_converge_with_the_integrators_order(found: list[Study]) -> None:

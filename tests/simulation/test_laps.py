@@ -39,12 +39,6 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
     assert [stretch['theta_deg'] for stretch in stretch_facts(laps.current)][:2] == [0.0, 10.0]
 
 
-def test_a_reset_after_a_pause_begins_a_lap() -> None:
-    short = closed_loop(distance=15.0)
-    _, numbers = laps_of(joined(short, short, pause=10.0))
-    assert numbers == [0] * len(short) + [1] * len(short)
-
-
 def test_fast_car_without_a_reset_drives_one_lap() -> None:
     laps = Laps()
     numbers = {laps.add(0.02 * k, 2.0 * k, 0.0, 100.0, 8.0, 0.0) for k in range(100)}

@@ -44,11 +44,6 @@ def test_array_of_another_length_is_refused_by_name(log: Log, name: str) -> None
         replace(log, **{name: getattr(log, name)[1:]})
 
 
-def test_array_of_two_dimensions_is_refused(log: Log) -> None:
-    with pytest.raises(ValueError, match=r'^x has shape \(51, 1\), expected \(51,\)$'):
-        replace(log, x=log.x[:, np.newaxis])
-
-
 @pytest.mark.parametrize(('shape', 'expected'), [((), r'\(1,\)'), ((3, 17), r'\(51,\)')])
 def test_time_that_is_no_vector_is_refused(log: Log, shape: tuple[int, ...], expected: str) -> None:
     with pytest.raises(ValueError, match=rf'^t has shape .*, expected {expected}$'):
@@ -65,11 +60,6 @@ def test_length_is_the_number_of_states(log: Log, n: int) -> None:
 def test_log_is_not_changed_but_replaced(log: Log) -> None:
     with pytest.raises(FrozenInstanceError):
         log.t = log.x  # type: ignore[misc]
-
-
-def test_log_equals_only_itself(log: Log) -> None:
-    assert log == log  # noqa: PLR0124
-    assert log != replace(log)
 
 
 @pytest.mark.parametrize('psi', [0.0, 0.5, 2.0, -3.0])

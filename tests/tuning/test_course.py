@@ -26,10 +26,6 @@ def test_the_noise_is_that_of_a_run_with_the_seed() -> None:
     assert run.e_v_x.tolist() == list(course.errors[: len(run)])
 
 
-def test_without_noise_there_are_no_errors() -> None:
-    assert not any(Course().errors)
-
-
 def test_a_loop_is_given_up_after_thrice_the_time_that_it_should_take() -> None:
     course = Course(speed=4.0, distance=100.0, limit=8.0)
     assert course.max_duration == 3.0 * (100.0 / 4.0 + 4.0 / 8.0)
