@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -160,7 +159,3 @@ class CruiseController(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node alone, until a signal stops it."""
     return call('controller', lambda: spin(CruiseController, args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from math import isfinite
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -107,7 +106,3 @@ class Relay(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node alone, until it is stopped."""
     return call('relay', lambda: spin(Relay, args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -39,11 +39,15 @@ def subscription(
     group: CallbackGroup,
     *,
     qos: QoSProfile = QOS,
+    raw: bool = False,
 ) -> Subscription:
-    """Return a subscription of `node` to `topic`, whose callback runs in `group`."""
+    """Return a subscription of `node` to `topic`, whose callback runs in `group`.
+
+    With `raw` it takes serialized messages.
+    """
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(
-        message_type, topic, callback, qos, callback_group=group, event_callbacks=events
+        message_type, topic, callback, qos, callback_group=group, event_callbacks=events, raw=raw
     )
 
 
@@ -69,10 +73,7 @@ def drained_subscription(
         callback(data)
         drain()
 
-    events = SubscriptionEventCallbacks(use_default_callbacks=False)
-    made = node.create_subscription(
-        message_type, topic, on_message, QOS, callback_group=group, event_callbacks=events, raw=True
-    )
+    made = subscription(node, message_type, topic, on_message, group, raw=True)
     return drain
 
 

@@ -8,10 +8,10 @@ import weakref
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import QoSProfile
 
+from barc_sim.ros import endpoints
 from barc_sim.ros.executor.rclpy_private import set_listener
 
 if TYPE_CHECKING:
@@ -61,14 +61,8 @@ def polled(
     node: Node, message_type: type[Any], topic: str, depth: int, group: PolledCallbackGroup
 ) -> Subscription:
     """Return a subscription that keeps the newest `depth` messages until `take` takes them."""
-    return node.create_subscription(
-        message_type,
-        topic,
-        lambda _: None,
-        QoSProfile(depth=depth),
-        callback_group=group,
-        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-    )
+    qos = QoSProfile(depth=depth)
+    return endpoints.subscription(node, message_type, topic, lambda _: None, group, qos=qos)
 
 
 def take(subscription: Subscription, limit: int) -> Iterator[tuple[Any, dict[str, int]]]:

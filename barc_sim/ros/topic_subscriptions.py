@@ -8,12 +8,11 @@ from dataclasses import replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile
 
 from barc_sim.bags.messages import Message
 from barc_sim.errors import UserError
-from barc_sim.ros import offered_qos
+from barc_sim.ros import endpoints, offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.peers import types_here
@@ -226,14 +225,8 @@ class TopicSubscriptions:
         self._definitions[type_name] = definition
 
     def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
-        return self._node.create_subscription(
-            message_type,
-            name,
-            lambda _: None,  # rclpy requires a callback; a polled subscription never calls it
-            qos,
-            callback_group=self._polled,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=True,
+        return endpoints.subscription(
+            self._node, message_type, name, _never, self._polled, qos=qos, raw=True
         )
 
     def take(self) -> list[Message]:
@@ -298,3 +291,7 @@ class TopicSubscriptions:
     def _destroy(self, recorded: RecordedTopic) -> None:
         for subscription in recorded.subscriptions:
             self._node.destroy_subscription(subscription)
+
+
+def _never(_: bytes) -> None:
+    """Serve as the callback that rclpy requires; polled subscriptions never call it."""

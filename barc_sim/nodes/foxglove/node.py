@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from operator import attrgetter
 from typing import Any
@@ -81,7 +80,3 @@ def _announced() -> FoxgloveServer:
     node = FoxgloveServer()
     print(f'foxglove   {node.url}', flush=True)  # noqa: T201
     return node
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections import deque
 from typing import TYPE_CHECKING, Any
@@ -133,7 +132,3 @@ class Keyboard(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node alone, until `q`, Ctrl-C, or a signal."""
     return call('keyboard', lambda: spin(lambda: Keyboard(Terminal()), args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from math import isfinite
 from typing import TYPE_CHECKING, Any
@@ -216,7 +215,3 @@ def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float
 def main(args: list[str] | None = None) -> int:
     """Run the node alone, until a signal stops it."""
     return call('mirror', lambda: spin(MirrorNode, args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -306,7 +305,3 @@ def _respond(
 def main(args: list[str] | None = None) -> int:
     """Run the node alone, until a signal stops it."""
     return call('bag_recorder', lambda: spin(BagRecorder, args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -276,7 +275,3 @@ class VehicleSimulator(StepperCounts, Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node alone, until it finishes or is stopped."""
     return call('vehicle_simulator', lambda: spin(VehicleSimulator, args))
-
-
-if __name__ == '__main__':
-    sys.exit(main())

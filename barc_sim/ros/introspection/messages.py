@@ -6,11 +6,11 @@ import importlib
 from statistics import fmean, pstdev
 from typing import TYPE_CHECKING, Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from barc_sim.bags.losses import Losses
 from barc_sim.errors import UserError
+from barc_sim.ros.endpoints import subscription
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.offered_qos import matches, request
 from barc_sim.ros.serialized import Taker
@@ -39,14 +39,8 @@ class Messages:
         """Subscribe; `kind` is the class of the messages."""
         self.losses = Losses()
         self._taker = Taker()
-        self._subscription = node.create_subscription(
-            kind,
-            topic,
-            lambda _: None,
-            qos,
-            callback_group=PolledCallbackGroup(),
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=True,
+        self._subscription = subscription(
+            node, kind, topic, lambda _: None, PolledCallbackGroup(), qos=qos, raw=True
         )
 
     def take(self) -> Iterator[Taken]:
