@@ -20,7 +20,7 @@ from typing import Any
 from barc_sim.cli.parser import Parser, call
 from barc_sim.errors import UserError
 
-#: Modules of this folder with `add_arguments`, `measure`, `report` and perhaps `plot`.
+#: Modules of this folder with `add_arguments`, `measure` and `report`.
 _NAMES = sorted(
     file.stem for file in Path(__file__).parent.glob('*.py') if not file.stem.startswith('_')
 )
@@ -38,8 +38,6 @@ def main(args: list[str] | None = None) -> None:
         command = commands.add_parser(name, help=about.splitlines()[0], description=about)
         module.add_arguments(command)
         command.add_argument('--json', type=Path, metavar='FILE', help='write the figures there')
-        if hasattr(module, 'plot'):
-            command.add_argument('--plot', type=Path, metavar='FILE', help='draw them there')
         command.set_defaults(module=module, benchmark=name)
     options = parser.parse_args(args)
     machine = _machine()
@@ -49,8 +47,6 @@ def main(args: list[str] | None = None) -> None:
     if options.json:
         figures = {'benchmark': options.benchmark, 'machine': machine, 'found': found}
         _write(options.json, json.dumps(figures, indent=1) + '\n')
-    if getattr(options, 'plot', None):
-        options.module.plot(found).savefig(options.plot)
 
 
 def _write(path: Path, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Measurements of the same thing with different executors, each in a process of its own."""
+"""Measurements of several subjects in turns, each in a process of its own, and their table."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 EXECUTORS = {
     'ours': 'QuickExecutor',
@@ -25,13 +25,14 @@ EXECUTORS = {
 }
 #: Executors in C++, which do without callback groups.
 EVENTS_EXECUTORS = {'events': "Jazzy's EventsExecutor", 'kilted': "Kilted's EventsExecutor"}
-TITLES = {**EXECUTORS, **EVENTS_EXECUTORS}
 
 #: [s] for one measurement. Beside a busy thread, a stock executor may need for ever.
 _LIMIT = 60.0
 
-#: By case and executor, the figures of each repetition.
-Found = dict[str, dict[str, list[dict[str, float]]]]
+#: The figures of one measurement, by name; None where it did not end.
+Figures = dict[str, float] | None
+#: By case and subject, the figures of each repetition.
+Found = dict[str, dict[str, list[Figures]]]
 
 
 def at_least_one(text: str) -> int:
@@ -41,74 +42,88 @@ def at_least_one(text: str) -> int:
     return int(text)
 
 
-def interleaved(
-    worker: str,
-    cases: list[str],
-    repeat: int,
-    pythons: Mapping[str, str] | None = None,
-    **task: Any,  # noqa: ANN401
-) -> Found:
-    """Run a program of this folder for each case and executor, in turns.
+def add_number(
+    parser: argparse.ArgumentParser, option: str, default: int, meaning: str, metavar: str = 'N'
+) -> None:
+    """Declare an option that takes a whole number from 1 on."""
+    about = f'{meaning} ({default})'
+    parser.add_argument(option, type=at_least_one, default=default, metavar=metavar, help=about)
 
-    It gets the task as JSON on its command line, with the time at which it was started, and
-    prints the figures as JSON. In turns, a busy machine slows all alike. `pythons` has the
-    interpreter of each executor that is measured; by default this one, for rclpy's and ours.
-    """
-    pythons = pythons or dict.fromkeys(EXECUTORS, sys.executable)
-    # The wheels of ROS set these when Python begins, once.
-    wheels = ('LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')
-    environment = {name: value for name, value in os.environ.items() if name not in wheels}
-    found: Found = {case: {name: [] for name in pythons} for case in cases}
-    program = str(Path(__file__).with_name(worker))
+
+def add_case(parser: argparse.ArgumentParser, cases: Iterable[str]) -> None:
+    """Declare the option `--case`."""
+    about = 'measure only this; can be repeated'
+    parser.add_argument('--case', choices=list(cases), action='append', help=about)
+
+
+def in_turns(
+    subjects: Mapping[str, Iterable[str]], repeat: int, measure: Callable[[str, str], Figures]
+) -> Found:
+    """Measure the subjects of each case in turns, so that a busy machine slows all alike."""
+    found: Found = {case: {name: [] for name in names} for case, names in subjects.items()}
     for number in range(repeat):
         print(f'repetition {number + 1} of {repeat}', file=sys.stderr)
-        for case in cases:
-            for name, python in pythons.items():
-                arguments = json.dumps(
-                    {'case': case, 'executor': name, 'spawned': time.time(), **task}
-                )
-                try:
-                    done = subprocess.run(  # noqa: S603 (our own)
-                        [python, program, arguments],
-                        env=environment if python != sys.executable else None,
-                        capture_output=True,
-                        text=True,
-                        check=False,
-                        timeout=_LIMIT,
-                    )
-                except subprocess.TimeoutExpired:
-                    print(f'{case} with {TITLES[name]}: no end in {_LIMIT:g} s', file=sys.stderr)
-                    continue
-                if done.returncode:
-                    raise UserError(f'{case} with {TITLES[name]} failed: {done.stderr}')
-                found[case][name].append(json.loads(done.stdout))
+        for case, by_subject in found.items():
+            for name, runs in by_subject.items():
+                runs.append(measure(case, name))
     return found
 
 
-def table(found: Found) -> str:
-    """Return medians, with ranges in brackets, and the first figure's ratios."""
+def measured(worker: str, python: str = sys.executable, **task: Any) -> Any:  # noqa: ANN401
+    """Run a program of this folder; return what it prints as JSON, or None if it does not end.
+
+    It gets the task as JSON on its command line, with the time at which it was started.
+    """
+    # The wheels of ROS set these when Python begins, once.
+    wheels = ('LD_LIBRARY_PATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE')
+    environment = {name: value for name, value in os.environ.items() if name not in wheels}
+    program = str(Path(__file__).with_name(worker))
+    try:
+        done = subprocess.run(  # noqa: S603 (our own)
+            [python, program, json.dumps({'spawned': time.time(), **task})],
+            env=environment if python != sys.executable else None,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=_LIMIT + task.get('seconds', 0),
+        )
+    except subprocess.TimeoutExpired:
+        return None
+    if done.returncode:
+        raise UserError(f'{task} failed: {done.stderr}')
+    return json.loads(done.stdout)
+
+
+def table(found: Found, titles: Mapping[str, str] | None = None, *, ratio: bool = True) -> str:
+    """Return medians, with ranges in brackets, and the ratio to the first subject's."""
+    titles = titles or {}
     lines = []
-    for case, by_executor in found.items():
-        keys = list(by_executor['ours'][0])
-        runs = len(by_executor['ours'])
-        rows = [[f'{case}: medians of {runs} runs', *keys, f'{keys[0]}, ratio']]
-        ours = median(run[keys[0]] for run in by_executor['ours'])
-        for name, figures in by_executor.items():
-            if not figures:
-                rows.append([TITLES[name], f'no end in {_LIMIT:g} s', *[''] * len(keys)])
-                continue
-            cells = [_cell([run[key] for run in figures]) for key in keys]
-            ratio = ours / median(run[keys[0]] for run in figures)
-            rows.append([TITLES[name], *cells, f'{ratio:.2f}'])
+    for case, by_subject in found.items():
+        first = [each for each in next(iter(by_subject.values())) if each]
+        keys = list(first[0]) if first else []
+        rows = [[case, *keys, *([f'{keys[0]}, ratio'] if ratio and keys else [])]]
+        for name, runs in by_subject.items():
+            ended = [run for run in runs if run]
+            cells = [_cell([run[key] for run in ended if key in run]) for key in keys]
+            if ratio and ended and first:
+                base, other = (median(run[keys[0]] for run in each) for each in (first, ended))
+                cells.append(f'{base / other:.2f}')
+            rows.append([titles.get(name, name), *(cells if ended else ['no end'])])
+        width = len(rows[0])
+        rows = [[*row, *[''] * (width - len(row))] for row in rows]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        for first, *others in rows:
+        for head, *others in rows:
             cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
-            lines.append('  '.join([first.ljust(widths[0]), *cells]))
+            lines.append('  '.join([head.ljust(widths[0]), *cells]).rstrip())
         lines.append('')
-    return '\n'.join([*lines, 'ratio: QuickExecutor to the other'])
+    runs = max(len(runs) for by_subject in found.values() for runs in by_subject.values())
+    last = f'medians of {runs} runs [least, greatest]'
+    return '\n'.join([*lines, f'{last}; ratio: the first to the other' if ratio else last])
 
 
 def _cell(values: list[float]) -> str:
+    if not values:
+        return ''
     shown = [_number(value) for value in (median(values), min(values), max(values))]
     return '{} [{}, {}]'.format(*shown)
 

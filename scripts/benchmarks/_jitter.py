@@ -9,18 +9,45 @@ import tempfile
 import time
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rclpy
-from _executor import Sleeper, Ticker
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Header
 
 from barc_sim.nodes.recorder.node import BagRecorder
-from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _PERIOD = 0.02  # s
 _WARM_UP = 1.0  # s
 _WORTH_TELLING = 1.0  # ms
+
+
+class Ticker(Node):
+    """Publishes on many topics at 50 Hz, and calls `note` each time."""
+
+    def __init__(self, note: Callable[[], None]) -> None:
+        super().__init__('ticker')
+        self._note = note
+        self._outlets = [self.create_publisher(Header, f'topic_{i}', 10) for i in range(7)]
+        self.create_timer(_PERIOD, self._tick, QuickCallbackGroup())
+
+    def _tick(self) -> None:
+        self._note()
+        for outlet in self._outlets:
+            outlet.publish(Header())
+
+
+class Sleeper(Node):
+    """Blocks its thread for 100 ms in every 200 ms."""
+
+    def __init__(self) -> None:
+        super().__init__('sleeper')
+        self.create_timer(0.2, lambda: time.sleep(0.1))
 
 
 class Clock:

@@ -9,8 +9,10 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 import time
+from pathlib import Path
 from statistics import quantiles
 from typing import TYPE_CHECKING, Any
 
@@ -129,6 +131,8 @@ def main(task: dict[str, Any]) -> None:
         players.append(Player('ping', 'pong', lambda: None, group()))
     for player in players:
         executor.add_node(player)
+    if 'recorded' in task['case']:
+        rounds.at_end = _record(executor)
     if apart and not peer:
         arguments = json.dumps({**task, 'peer': True})
         with subprocess.Popen([sys.executable, __file__, arguments]) as other:  # noqa: S603
@@ -139,6 +143,15 @@ def main(task: dict[str, Any]) -> None:
             _play(executor, players, rounds, task)
     else:
         _play(executor, [] if peer else players, rounds, task)
+
+
+def _record(executor: Any) -> Callable[[], object]:  # noqa: ANN401
+    """Add a recorder; return what removes its bag."""
+    from barc_sim.nodes.recorder.node import BagRecorder  # noqa: PLC0415 (in ours alone)
+
+    folder = tempfile.TemporaryDirectory()
+    executor.add_node(BagRecorder(Path(folder.name)))
+    return folder.cleanup
 
 
 def _play(executor: Any, players: list[Player], rounds: Rounds, task: dict[str, Any]) -> None:  # noqa: ANN401

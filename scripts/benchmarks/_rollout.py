@@ -124,7 +124,7 @@ def main(task: dict[str, object]) -> dict[str, float]:
             'single': single_loop,
         }
         rate = _rate(drives[subject], seconds)
-    return {'steps_per_s': rate}
+    return {'steps/s': rate}
 
 
 if __name__ == '__main__':

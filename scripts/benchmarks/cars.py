@@ -12,10 +12,9 @@ import tempfile
 import time
 from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
-from statistics import median
 from typing import TYPE_CHECKING
 
-from _compare import at_least_one
+from _compare import Found, add_number, at_least_one, in_turns, table
 
 from barc_sim.bags.reader import info
 from barc_sim.errors import UserError
@@ -23,8 +22,6 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     import argparse
 
-#: By number of cars, the figures of each repetition.
-Found = dict[str, list[dict[str, float]]]
 _COUNTED = {'missed': 'missed_deadlines', 'slips': 'slipped_periods', 'lost': 'lost_messages'}
 
 
@@ -33,22 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--cars', type=at_least_one, nargs='+', default=[1, 10, 20, 30, 40], metavar='N'
     )
-    parser.add_argument(
-        '--repeat', type=at_least_one, default=3, metavar='N', help='repetitions (3)'
-    )
-    parser.add_argument(
-        '--distance', type=at_least_one, default=60, metavar='M', help='length of a run (60)'
-    )
+    add_number(parser, '--repeat', 3, 'repetitions')
+    add_number(parser, '--distance', 60, 'length of a run', 'M')
 
 
 def measure(options: argparse.Namespace) -> Found:
     """Return the figures of each number of cars, a list of one per repetition."""
-    found: Found = {str(cars): [] for cars in options.cars}
-    for number in range(options.repeat):
-        print(f'repetition {number + 1} of {options.repeat}', file=sys.stderr)
-        for cars, figures in found.items():
-            figures.append(_drive(cars, options.distance))
-    return found
+    return in_turns(
+        {'cars': map(str, options.cars)},
+        options.repeat,
+        lambda _, cars: _drive(cars, options.distance),
+    )
 
 
 def _drive(cars: str, distance: int) -> dict[str, float]:
@@ -67,19 +59,9 @@ def _drive(cars: str, distance: int) -> dict[str, float]:
         metadata = info(next(Path(folder).iterdir()))
     processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     counts = {name: float(metadata[key]) for name, key in _COUNTED.items()}
-    return {'processor, s': processor, 'wall, s': took, **counts}
+    return {'of a core': processor / took, 'processor, s': processor, 'wall, s': took, **counts}
 
 
 def report(found: Found) -> str:
-    """Return a table of medians, with the greatest counts."""
-    names = ['processor, s', 'wall, s', *_COUNTED]
-    first = next(iter(found.values()))
-    lines = [f'{len(first)} runs each: median times, greatest counts']
-    lines.append('  '.join(['cars', *(name.rjust(12) for name in names), '    of a core']))
-    for cars, runs in found.items():
-        times = [median(run[name] for run in runs) for name in names[:2]]
-        counts = [max(run[name] for run in runs) for name in _COUNTED]
-        cells = [*(f'{value:.2f}' for value in times), *(f'{value:.0f}' for value in counts)]
-        share = f'{times[0] / times[1]:.2f}'
-        lines.append('  '.join([cars.rjust(4), *(c.rjust(12) for c in cells), share.rjust(13)]))
-    return '\n'.join(lines)
+    """Return a table."""
+    return table(found, ratio=False)

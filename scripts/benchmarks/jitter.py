@@ -8,17 +8,11 @@ the time in which the kernel kept the thread waiting for a core is counted apart
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import time
-from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from _compare import at_least_one
-
-from barc_sim.errors import UserError
+from _compare import add_number, measured
 
 if TYPE_CHECKING:
     import argparse
@@ -37,28 +31,17 @@ Found = dict[str, list[dict[str, Any]]]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        '--minutes', type=at_least_one, default=30, metavar='M', help='of all together (30)'
-    )
-    parser.add_argument(
-        '--seconds', type=at_least_one, default=30, metavar='S', help='of a slice (30)'
-    )
+    add_number(parser, '--minutes', 30, 'of all together', 'M')
+    add_number(parser, '--seconds', 30, 'of a slice', 'S')
 
 
 def measure(options: argparse.Namespace) -> Found:
     """Return what each slice found."""
     found: Found = {subject: [] for subject in _SUBJECTS}
-    program = str(Path(__file__).with_name('_jitter.py'))
     end = time.monotonic() + options.minutes * 60
     while time.monotonic() < end:
         for subject, slices in found.items():
-            task = json.dumps({'subject': subject, 'seconds': options.seconds})
-            done = subprocess.run(  # noqa: S603 (our own)
-                [sys.executable, program, task], capture_output=True, text=True, check=False
-            )
-            if done.returncode:
-                raise UserError(f'{_SUBJECTS[subject]} failed: {done.stderr}')
-            slices.append(json.loads(done.stdout))
+            slices.append(measured('_jitter.py', subject=subject, seconds=options.seconds))
     return found
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from _compare import Found, at_least_one, interleaved, table
+from _compare import EXECUTORS, Found, add_case, add_number, in_turns, measured, table
 
 if TYPE_CHECKING:
     import argparse
@@ -18,23 +18,22 @@ _CASES = ('real time', 'real time, mirrored', 'real time, blocked', 'lock-step')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        '--repeat', type=at_least_one, default=5, metavar='N', help='repetitions (5)'
-    )
-    parser.add_argument(
-        '--distance', type=at_least_one, default=180, metavar='M', help='length of a run (180)'
-    )
-    parser.add_argument(
-        '--case', choices=_CASES, action='append', help='measure only this; can be repeated'
-    )
+    add_number(parser, '--repeat', 5, 'repetitions')
+    add_number(parser, '--distance', 180, 'length of a run', 'M')
+    add_case(parser, _CASES)
 
 
 def measure(options: argparse.Namespace) -> Found:
     """Return the figures of each case and executor, a list of one per repetition."""
-    cases = options.case or list(_CASES)
-    return interleaved('_run.py', cases, options.repeat, distance=float(options.distance))
+    return in_turns(
+        dict.fromkeys(options.case or _CASES, EXECUTORS),
+        options.repeat,
+        lambda case, name: measured(
+            '_run.py', case=case, executor=name, distance=float(options.distance)
+        ),
+    )
 
 
 def report(found: Found) -> str:
     """Return a table."""
-    return table(found)
+    return table(found, EXECUTORS)

@@ -13,9 +13,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
+
+from _compare import Found, add_number, in_turns, measured, table
 
 if TYPE_CHECKING:
     import argparse
@@ -38,38 +39,21 @@ _CASES = ('no view', 'nobody looks', 'a page counts', 'Chromium draws')
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('--repeat', type=int, default=3, metavar='N', help='repetitions (3)')
+    add_number(parser, '--repeat', 3, 'repetitions')
 
 
-def measure(options: Namespace) -> dict[str, Any]:
+def measure(options: Namespace) -> Found:
     """Return the figures of each case, a list of one per repetition."""
-    cases = _CASES if _CHROMIUM else _CASES[:-1]
-    found: dict[str, Any] = {case: [] for case in cases}
-    for _ in range(options.repeat):
-        for case in cases:  # interleaved: the machine's moods meet all alike
-            found[case].append(json.loads(_run('drive', case)))
-    return found
-
-
-def _run(*arguments: str) -> str:
-    done = subprocess.run(  # noqa: S603 (this file)
-        [sys.executable, __file__, *arguments], capture_output=True, text=True, check=True
+    return in_turns(
+        {'the run': _CASES if _CHROMIUM else _CASES[:-1]},
+        options.repeat,
+        lambda _, case: measured('view.py', case=case),
     )
-    return done.stdout
 
 
-def report(found: dict[str, Any]) -> str:
-    """Return a table of medians, and ranges in brackets."""
-    keys = list(found['no view'][0])
-    lines = [''.join(f'{key:>24}' for key in ('', *keys))]
-    for case, runs in found.items():
-        cells = [_cell([run[key] for run in runs]) for key in keys]
-        lines.append(''.join(f'{cell:>24}' for cell in (case, *cells)))
-    return '\n'.join(lines)
-
-
-def _cell(values: list[float]) -> str:
-    return f'{median(values):.4g} [{min(values):.3g}, {max(values):.3g}]'
+def report(found: Found) -> str:
+    """Return a table."""
+    return table(found, ratio=False)
 
 
 def _drive(case: str) -> dict[str, float]:
@@ -95,7 +79,7 @@ def _open(case: str, url: str, folder: str) -> subprocess.Popen[str] | None:
     if case == _CASES[1]:
         return None
     if case == _CASES[2]:
-        command = [sys.executable, __file__, 'count', url]
+        command = [sys.executable, __file__, json.dumps({'url': url})]
     else:
         command = [str(_CHROMIUM), *_FLAGS, f'--user-data-dir={folder}/chromium', url]
     page = subprocess.Popen(  # noqa: S603 (this file, or Chromium)
@@ -143,5 +127,5 @@ def _count(url: str) -> float:
 
 
 if __name__ == '__main__':
-    work: Any = {'drive': _drive, 'count': _count}[sys.argv[1]]
-    print(json.dumps(work(sys.argv[2])))
+    task = json.loads(sys.argv[1])
+    print(json.dumps(_drive(task['case']) if 'case' in task else _count(task['url'])))
