@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,6 +47,23 @@ def barc(*words: str, main: Callable[..., int] = main) -> subprocess.CompletedPr
         except SystemExit as end:  # of argparse
             code = end.code
     return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
+
+
+def refused(*words: str) -> str:
+    """Run `barc COMMAND` in this process, which refuses in one line; return that line."""
+    done = barc(*words)
+    assert (done.returncode, done.stdout) == (2, '')
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f'barc {words[0]}: error: ')
+    return line
+
+
+def wait_for(condition: Callable[[], object], seconds: float = 60.0) -> None:
+    """Wait for what another thread or process does, without ROS."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
 
 
 def acc(folder: Path, *options: str, script: str = '') -> subprocess.CompletedProcess[str]:

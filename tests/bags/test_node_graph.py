@@ -15,10 +15,6 @@ GRAPH = NodeGraph(
 )
 
 
-def test_json_keeps_the_graph() -> None:
-    assert NodeGraph.from_json(GRAPH.to_json()) == GRAPH
-
-
 def test_table_tells_source_and_purpose_of_our_own_nodes() -> None:
     ours, foreign = table(GRAPH)
     assert ours.name == '/car2/controller'

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import mcap_doctor
 import pytest
+from command_line import wait_for
 from mcap.records import Message as Record
 
 from barc_sim.bags import pieces
@@ -19,7 +20,7 @@ from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import SimulatedClock, WriterThread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
 TOPIC = Topic(
@@ -77,13 +78,6 @@ def thread(
 def recorded(tmp_path: Path) -> list[int]:
     file = tmp_path / 'run' / 'run_0.mcap'
     return [record.sequence for record in records(file) if isinstance(record, Record)]
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def test_messages_are_written_in_order_of_reception(

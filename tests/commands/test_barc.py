@@ -13,9 +13,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
+from command_line import barc
 
 import barc_sim
-from barc_sim.__main__ import main as barc
 from barc_sim.commands import COMMANDS, GROUPS, NODES
 
 PACKAGE = Path(barc_sim.__file__).parent
@@ -31,15 +31,10 @@ installed = pytest.mark.skipif(
 
 
 @pytest.mark.parametrize('argv', [[], ['--help']])
-def test_every_command_is_listed_in_its_group(
-    argv: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    try:
-        code: object = barc(argv)
-    except SystemExit as end:
-        code = end.code
-    assert code == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_every_command_is_listed_in_its_group(argv: list[str]) -> None:
+    done = barc(*argv)
+    assert done.returncode == 0
+    lines = done.stdout.splitlines()
     for group, commands in GROUPS.items():
         first = lines.index(f'{group}:') + 1
         listed = [line.split()[0] for line in lines[first : first + len(commands)]]
@@ -63,22 +58,15 @@ def test_every_module_of_a_command_is_listed() -> None:
         (['node', 'pilot'], "barc node: error: argument NAME: invalid choice: 'pilot'"),
     ],
 )
-def test_a_mistake_is_one_sentence_and_exit_code_2(
-    argv: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as end:
-        barc(argv)
-    assert end.value.code == 2
-    out, err = capsys.readouterr()
-    assert out == ''
-    assert err.startswith(sentence)
-    assert err.count('\n') == 1
+def test_a_mistake_is_one_sentence_and_exit_code_2(argv: list[str], sentence: str) -> None:
+    done = barc(*argv)
+    assert (done.returncode, done.stdout) == (2, '')
+    assert done.stderr.startswith(sentence)
+    assert done.stderr.count('\n') == 1
 
 
-def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        barc(['--version'])
-    assert capsys.readouterr().out == f'barc {barc_sim.__version__}\n'
+def test_version_is_the_packages() -> None:
+    assert barc('--version').stdout == f'barc {barc_sim.__version__}\n'
 
 
 def test_help_of_every_command_waits_for_no_library() -> None:

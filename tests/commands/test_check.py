@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from io import StringIO
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import refused
 from rich.console import Console
 
 from barc_sim.__main__ import main as barc
@@ -109,10 +108,9 @@ def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     assert max(map(len, text.splitlines())) <= 100
 
 
-@pytest.mark.parametrize('name', ['a.svg', 'a.pdf'])
-def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path, name: str) -> None:
-    assert barc(['check', str(folder), '--save', str(tmp_path / name)]) == 0
-    assert (tmp_path / name).stat().st_size > 1000
+def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path) -> None:
+    assert barc(['check', str(folder), '--save', str(tmp_path / 'a.svg')]) == 0
+    assert (tmp_path / 'a.svg').stat().st_size > 1000
     assert not (folder / 'check.png').exists()
 
 
@@ -125,36 +123,12 @@ def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path, name: str) -
         (['my_lab', '--save', 'a.png', '--no-plot'], 'contradict each other'),
     ],
 )
+@pytest.mark.usefixtures('folder')
 def test_misuse_is_one_line_and_exit_code_2(
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    args: list[str],
-    complaint: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, args: list[str], complaint: str
 ) -> None:
-    monkeypatch.chdir(folder.parent)
-    assert barc(['check', *args]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.startswith('barc check: error: ')
-    assert complaint in captured.err
-    assert captured.err.count('\n') == 1
-
-
-@pytest.mark.parametrize(
-    ('option', 'text'), [('--kp', 'nan'), ('--ki', 'much'), ('--acceleration-limit', '0')]
-)
-def test_numbers_out_of_range_are_refused_as_by_a_run(
-    capsys: pytest.CaptureFixture[str], option: str, text: str
-) -> None:
-    errors = []
-    for command in (['check', 'my_lab'], ['acc']):
-        with pytest.raises(SystemExit) as end:
-            barc([*command, option, text])
-        assert end.value.code == 2
-        errors.append(capsys.readouterr().err.partition(':')[2])
-    assert f'argument {option}: {text!r} is not a number from' in errors[0]
-    assert errors[0] == errors[1]
+    monkeypatch.chdir(tmp_path)
+    assert complaint in refused('check', *args)
 
 
 def test_where_nothing_is_valid_no_figure_is_drawn(folder: Path) -> None:
@@ -163,15 +137,3 @@ def test_where_nothing_is_valid_no_figure_is_drawn(folder: Path) -> None:
 
     assert barc(['check', str(folder)]) == 1
     assert not (folder / 'check.png').exists()
-
-
-def test_the_module_is_a_command(folder: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, '-m', 'barc_sim', 'check', str(folder), '--no-plot', '--seed', '3'],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
-    assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout.endswith('5 of 5 criteria are met in full: 50 of 100 points\n')

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import refused
 from user_files import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main as barc
@@ -266,13 +267,6 @@ def test_what_works_counts_where_the_rest_hangs(graded: tuple[Path, Path, int]) 
     assert 'endless loop' in messages(content)
 
 
-def test_a_link_to_a_neighbours_file_brings_nothing(graded: tuple[Path, Path, int]) -> None:
-    content = results(graded[1], 'nothing')
-
-    assert content['score'] == 0.0
-    assert 'bike_model.py is a link' in content['output']
-
-
 def test_a_file_in_another_encoding_is_reported(graded: tuple[Path, Path, int]) -> None:
     assert 'UTF-8' in messages(results(graded[1], 'latin'))
 
@@ -327,16 +321,8 @@ def test_seed_and_rubric_are_taken(graded: tuple[Path, Path, int], tmp_path: Pat
         (['.', '--rubric', 'none.yaml'], "the rubric 'none.yaml' cannot be read"),
     ],
 )
-def test_a_wrong_option_is_refused(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
-    try:
-        code: object = barc(['grade', *arguments])
-    except SystemExit as error:
-        code = error.code
-
-    assert code == 2
-    assert message in capsys.readouterr().err
+def test_a_wrong_option_is_refused(arguments: list[str], message: str) -> None:
+    assert message in refused('grade', *arguments)
 
 
 #: Sleeps in each call: below the limit of one call, and of processor time.

@@ -11,6 +11,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import refused
 
 from barc_sim.__main__ import main as barc
 from barc_sim.__main__ import parse
@@ -22,20 +23,10 @@ from barc_sim.simulation.metrics import summary
 if TYPE_CHECKING:
     from pathlib import Path
 
-SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
 #: A small search.
 QUICK = [
-    '--distance',
-    '30',
-    '--kp-range',
-    '10',
-    '50',
-    '--ki-range',
-    '0',
-    '900',
-    '--kd-range',
-    '0',
-    '0',
+    *('--distance', '30', '--kp-range', '10', '50'),
+    *('--ki-range', '0', '900', '--kd-range', '0', '0'),
 ]
 
 
@@ -105,13 +96,12 @@ def test_a_range_of_one_number_holds_the_gain(capsys: pytest.CaptureFixture[str]
     assert line[line.index('--kd') + 1] == '0'
 
 
-@pytest.mark.parametrize('suffix', ['png', 'pdf', 'svg'])
-def test_the_figure_is_saved_in_the_format_of_its_name(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], suffix: str
+def test_the_figure_is_saved_where_it_is_wanted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / f'figure.{suffix}'
+    path = tmp_path / 'figure.pdf'
     assert barc(['tune', *QUICK, '--save', str(path)]) == 0
-    assert path.read_bytes().startswith(SIGNATURES[suffix])
+    assert path.read_bytes().startswith(b'%PDF')
     assert capsys.readouterr().out.endswith(f'\n{path}\n')
 
 
@@ -127,7 +117,7 @@ def test_an_own_controller_is_tuned(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert barc(['tune', *QUICK, *args]) == 0
     line = command_of(capsys.readouterr().out)
     assert line[-2:] == ['--controller', str(path)]
-    assert figure.read_bytes().startswith(SIGNATURES['png'])
+    assert figure.read_bytes().startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize(
@@ -142,15 +132,8 @@ def test_an_own_controller_is_tuned(tmp_path: Path, capsys: pytest.CaptureFixtur
         (['--controller', 'nowhere.py'], "nowhere.py' cannot be read"),
     ],
 )
-def test_what_cannot_be_done_is_one_sentence(
-    capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
-) -> None:
-    assert barc(['tune', *QUICK, *args]) == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert captured.err.startswith('barc tune: error: ')
-    assert complaint in captured.err
-    assert captured.err.count('\n') == 1
+def test_what_cannot_be_done_is_one_sentence(args: list[str], complaint: str) -> None:
+    assert complaint in refused('tune', *QUICK, *args)
 
 
 @pytest.mark.parametrize(
@@ -167,16 +150,8 @@ def test_what_cannot_be_done_is_one_sentence(
         (['--fast'], 'unrecognized arguments: --fast'),
     ],
 )
-def test_a_wrong_option_is_refused_in_a_line(
-    capsys: pytest.CaptureFixture[str], args: list[str], complaint: str
-) -> None:
-    with pytest.raises(SystemExit) as exit_:
-        barc(['tune', *args])
-    assert exit_.value.code == 2
-    captured = capsys.readouterr()
-    assert captured.out == ''
-    assert complaint in captured.err
-    assert captured.err.count('\n') == 1
+def test_a_wrong_option_is_refused_in_a_line(args: list[str], complaint: str) -> None:
+    assert complaint in refused('tune', *args)
 
 
 @pytest.mark.parametrize('own', [False, True])

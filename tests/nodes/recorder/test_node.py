@@ -17,6 +17,7 @@ pytest.importorskip('rclpy')
 import mcap_doctor
 import yaml
 from barc_interfaces.msg import ECU
+from command_line import wait_for
 from mcap.reader import SeekingReader
 from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.context import Context
@@ -268,13 +269,6 @@ def publisher(ros: Context) -> Iterator[Publisher]:
     node = Node('talker', context=ros)
     yield node.create_publisher(Float64, 'value', LATCHED)
     node.destroy_node()
-
-
-def wait_for(condition: Callable[[], bool], deadline: float = 30.0) -> None:
-    end = time.monotonic() + deadline
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_alone_it_records_until_a_signal(
