@@ -35,11 +35,6 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(tmp_path: Path) -> None
     assert bag.info(path)['lost_messages'] == '0'
 
 
-def test_run_without_mirrors_has_none(tmp_path: Path) -> None:
-    found = messages(bag_of(tmp_path, '--realtime-factor', 'max', '--distance', '20'))
-    assert not set(found) & (EACH_STATE | NOW_AND_THEN)
-
-
 def test_those_that_are_named_are_there_and_no_others(tmp_path: Path) -> None:
     options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors', 'accel,path')
     found = messages(bag_of(tmp_path, *options))

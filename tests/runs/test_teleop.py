@@ -22,7 +22,7 @@ from command_line import call
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
-from barc_sim.control.driver import COAST, DriverInput, Limits
+from barc_sim.control.driver import DriverInput, Limits
 from barc_sim.simulation.closed_loop import drive
 
 if TYPE_CHECKING:
@@ -146,8 +146,11 @@ def lost(path: Path) -> float:
     return 0.02 * float(bag.info(path)['slipped_periods'])
 
 
-def test_keys_drive_the_car_as_the_limits_predict(session: Session) -> None:
-    session.hold(b'\x1b[A', 2.0)
+def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
+    session: Session,
+) -> None:
+    session.hold(b'\x1b[A', 1.5)
+    session.type(b'd')
     session.until(rb'held -')
     session.look(0.5)  # coasting
     session.type(b'q')
@@ -155,13 +158,18 @@ def test_keys_drive_the_car_as_the_limits_predict(session: Session) -> None:
     log = bag.read(session.bag())
     heard = requests(session.bag())
     begun = next(t for t, request in heard if request.forward == 1.0)
-    ended = next(t for t, request in heard if request == COAST)
-    assert ended - begun > 2.0
+    ended = next(t for t, request in heard if t > begun and request.forward == 0.0)
+    assert ended - begun > 1.5
     slack = lost(session.bag()) * Limits().acceleration
     expected = (ended - begun) * Limits().acceleration
     assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.01)
     assert termios.tcgetattr(session.fd) == session.before
+    again = drive(heard, float(log.t[-1]))
+    # The nodes' ticks fall elsewhere in the same 50 ms.
+    assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
+    assert log.psi[-1] < 0.0
+    assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + lost(session.bag()))
 
 
 def test_left_space_and_reset(session: Session) -> None:

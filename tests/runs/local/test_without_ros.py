@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -18,10 +19,15 @@ ROOT = Path(barc_sim.__file__).parents[1]
 
 def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `barc` in a Python that lacks ROS, and what only Linux has."""
+    return python(folder, '-m', 'barc_sim', *words)
+
+
+def python(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    tests = os.pathsep.join([ELSEWHERE['PYTHONPATH'], str(ROOT / 'tests')])
     return subprocess.run(
-        [sys.executable, '-m', 'barc_sim', *words],
+        [sys.executable, *words],
         cwd=folder,
-        env=os.environ | ELSEWHERE,
+        env=os.environ | ELSEWHERE | {'PYTHONPATH': tests},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -52,30 +58,37 @@ def test_real_time_is_kept(tmp_path: Path) -> None:
     assert 'missed deadlines 0' in done.stdout
 
 
-@pytest.mark.parametrize(
-    ('words', 'what'),
-    [
-        (('acc', '--cars', '2'), '--cars'),
-        (('acc', '--foxglove'), '--foxglove'),
-        (('acc', '--mirrors', 'odom'), '--mirrors'),
-        (('acc', '--no-controller'), '--no-controller'),
-        (('acc', '--engine', 'ros'), '--engine ros'),
-        (('acc', '--ros-args', '-r', '__ns:=/lane'), "the ROS argument '-r'"),
-        (('record',), 'barc record'),
-        (('topics',), 'barc topics'),
-        (('echo', '/z_vhcl'), 'barc echo'),
-        (('param', 'list'), 'barc param'),
-        (('node', 'controller'), 'barc node'),
-    ],
-)
-def test_what_needs_ros_says_what_to_install(
-    tmp_path: Path, words: tuple[str, ...], what: str
-) -> None:
-    done = barc(tmp_path, *words)
-    assert (done.returncode, done.stdout) == (2, '')
-    (line,) = done.stderr.splitlines()
-    assert f'{what} needs ROS 2: ' in line
-    assert 'ros-jazzy-ros-base' in line
+#: Prints a line of JSON for each of the command lines: exit code, output and error.
+REFUSE = """
+import json, sys
+from command_line import barc
+for words in json.loads(sys.argv[1]):
+    done = barc(*words)
+    print(json.dumps([done.returncode, done.stdout, done.stderr]))
+"""
+
+
+def test_what_needs_ros_says_what_to_install(tmp_path: Path) -> None:
+    lines = {
+        'acc --cars 2': '--cars',
+        'acc --foxglove': '--foxglove',
+        'acc --mirrors odom': '--mirrors',
+        'acc --no-controller': '--no-controller',
+        'acc --engine ros': '--engine ros',
+        'acc --ros-args -r __ns:=/lane': "the ROS argument '-r'",
+        'record': 'barc record',
+        'topics': 'barc topics',
+        'echo /z_vhcl': 'barc echo',
+        'param list': 'barc param',
+        'node controller': 'barc node',
+    }
+    words = json.dumps([line.split() for line in lines])
+    found = python(tmp_path, '-c', REFUSE, words).stdout.splitlines()
+    for what, answer in zip(lines.values(), found, strict=True):
+        code, out, error = json.loads(answer)
+        assert (code, out, error.count('\n')) == (2, '', 1)
+        assert f'{what} needs ROS 2: ' in error
+        assert 'ros-jazzy-ros-base' in error
     assert list(tmp_path.iterdir()) == []
 
 
