@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-import barc_sim
-
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable
 
-ROOT = Path(barc_sim.__file__).parents[1]
+    Start = Callable[..., subprocess.Popen[str]]
+    Ready = Callable[[str], subprocess.Popen[str]]
+
 PRELUDE = """
 import os, signal, sys, threading, time
 from barc_sim.cli.signals import StopSignals
@@ -26,48 +23,35 @@ def ready():
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
-class Process:
-    """A process that runs a script, and prints `ready` before the signal."""
-
-    def __init__(self, script: str) -> None:
-        self.popen = subprocess.Popen(
-            [sys.executable, '-c', PRELUDE + script],
-            cwd=ROOT,
-            env=os.environ | {'PYTHONUNBUFFERED': '1'},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.line('ready')
-
-    def line(self, expected: str) -> None:
-        """Read the next line."""
-        assert self.popen.stdout
-        assert self.popen.stdout.readline() == f'{expected}\n'
-
-    def end(self) -> tuple[int, str, str]:
-        """Return exit code, the rest of the output, and stderr."""
-        out, err = self.popen.communicate(timeout=20)
-        return self.popen.returncode, out, err
-
-
 @pytest.fixture
-def processes() -> Iterator[list[Process]]:
-    processes: list[Process] = []
-    yield processes
-    for process in processes:
-        process.popen.kill()
-        process.popen.communicate()
+def ready(start: Start) -> Ready:
+    """Return a function that starts a script, and waits until it prints `ready`."""
+
+    def ready(script: str) -> subprocess.Popen[str]:
+        process = start('-uc', PRELUDE + script, stdin=subprocess.PIPE)
+        assert line(process) == 'ready\n'
+        return process
+
+    return ready
+
+
+def line(process: subprocess.Popen[str]) -> str:
+    assert process.stdout
+    return process.stdout.readline()
+
+
+def end(process: subprocess.Popen[str]) -> tuple[int, str, str]:
+    """Return exit code, the rest of the output, and stderr."""
+    out, err = process.communicate(timeout=20)
+    return process.returncode, out, err
 
 
 @pytest.mark.parametrize('number', SIGNALS)
 def test_signal_asks_to_stop_while_the_main_thread_is_busy_elsewhere(
-    processes: list[Process], number: signal.Signals
+    ready: Ready, number: signal.Signals
 ) -> None:
     # A join holds the main thread back from running a handler of its own.
-    processes.append(
-        Process("""
+    process = ready("""
 with StopSignals() as stop:
     asked = threading.Lock()
     asked.acquire()
@@ -76,30 +60,26 @@ with StopSignals() as stop:
     asked.acquire()
     print(stop.requested.is_set())
 """)
-    )
-    processes[0].popen.send_signal(number)
-    assert processes[0].end() == (0, 'True\n', '')
+    process.send_signal(number)
+    assert end(process) == (0, 'True\n', '')
 
 
-def test_callback_that_comes_after_the_signal_is_called_at_once(processes: list[Process]) -> None:
-    processes.append(
-        Process("""
+def test_callback_that_comes_after_the_signal_is_called_at_once(ready: Ready) -> None:
+    process = ready("""
 with StopSignals() as stop:
     ready()
     stop.requested.wait()
     stop.then(lambda: print('stopped'))
 """)
-    )
-    processes[0].popen.send_signal(signal.SIGINT)
-    assert processes[0].end() == (0, 'stopped\n', '')
+    process.send_signal(signal.SIGINT)
+    assert end(process) == (0, 'stopped\n', '')
 
 
 @pytest.mark.parametrize('number', SIGNALS)
 def test_signal_that_was_blocked_from_the_start_is_handled(
-    processes: list[Process], number: signal.Signals
+    ready: Ready, number: signal.Signals
 ) -> None:
-    processes.append(
-        Process(f"""
+    process = ready(f"""
 held = {list(map(int, SIGNALS))}
 signal.pthread_sigmask(signal.SIG_BLOCK, held)
 os.kill(os.getpid(), {int(number)})
@@ -109,31 +89,25 @@ with StopSignals() as stop:
     sys.stdin.read()
     print('asked')
 """)
-    )
-    assert processes[0].end() == (0, 'asked\n', '')
+    assert end(process) == (0, 'asked\n', '')
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_second_signal_ends_a_process_that_hangs(
-    processes: list[Process], number: signal.Signals
-) -> None:
-    processes.append(
-        Process("""
+def test_second_signal_ends_a_process_that_hangs(ready: Ready, number: signal.Signals) -> None:
+    process = ready("""
 with StopSignals(echo=0.0) as stop:
     stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     threading.Event().wait()
 """)
-    )
-    processes[0].popen.send_signal(number)
-    processes[0].line('asked')
-    processes[0].popen.send_signal(number)
-    assert processes[0].end() == (128 + number, '', '')
+    process.send_signal(number)
+    assert line(process) == 'asked\n'
+    process.send_signal(number)
+    assert end(process) == (128 + number, '', '')
 
 
-def test_echo_of_a_signal_does_not_cut_the_end_short(processes: list[Process]) -> None:
-    processes.append(
-        Process("""
+def test_echo_of_a_signal_does_not_cut_the_end_short(ready: Ready) -> None:
+    process = ready("""
 with StopSignals(echo=3600.0) as stop:
     stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
@@ -141,39 +115,34 @@ with StopSignals(echo=3600.0) as stop:
     sys.stdin.read()
     print('closed')
 """)
-    )
-    processes[0].popen.send_signal(signal.SIGTERM)
-    processes[0].line('asked')
-    processes[0].popen.send_signal(signal.SIGTERM)
-    processes[0].popen.send_signal(signal.SIGINT)
-    assert processes[0].end() == (0, 'closed\n', '')
+    process.send_signal(signal.SIGTERM)
+    assert line(process) == 'asked\n'
+    process.send_signal(signal.SIGTERM)
+    process.send_signal(signal.SIGINT)
+    assert end(process) == (0, 'closed\n', '')
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_signal_after_the_exit_is_ignored(processes: list[Process], number: signal.Signals) -> None:
-    processes.append(
-        Process("""
+def test_signal_after_the_exit_is_ignored(ready: Ready, number: signal.Signals) -> None:
+    process = ready("""
 with StopSignals():
     pass
 ready()
 sys.stdin.read()
 print('ended in order')
 """)
-    )
-    processes[0].popen.send_signal(number)
-    assert processes[0].end() == (0, 'ended in order\n', '')
+    process.send_signal(number)
+    assert end(process) == (0, 'ended in order\n', '')
 
 
-def test_hang_up_that_nohup_ignores_stays_ignored(processes: list[Process]) -> None:
-    processes.append(
-        Process("""
+def test_hang_up_that_nohup_ignores_stays_ignored(ready: Ready) -> None:
+    process = ready("""
 signal.signal(signal.SIGHUP, signal.SIG_IGN)
 with StopSignals() as stop:
     ready()
     stop.then(lambda: os.write(1, b'asked\\n'))
     stop.requested.wait()
 """)
-    )
-    processes[0].popen.send_signal(signal.SIGHUP)
-    processes[0].popen.send_signal(signal.SIGTERM)
-    assert processes[0].end() == (0, 'asked\n', '')
+    process.send_signal(signal.SIGHUP)
+    process.send_signal(signal.SIGTERM)
+    assert end(process) == (0, 'asked\n', '')

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import pytest
@@ -11,7 +10,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 import yaml
-from command_line import barc, call, spinning
+from command_line import barc, call, refused, spinning
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -116,20 +115,19 @@ def test_description_and_bounds_are_printed() -> None:
         ),
     ],
 )
+@pytest.mark.usefixtures('impatient')
 def test_mistake_is_one_sentence(car: Node, words: str, sentence: str) -> None:
     before = [value(car, parameter.name) for parameter in TABLE]
-    done = barc('param', *words.split())
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr == f'barc param: error: {sentence}\n'
+    assert refused('param', *words.split()) == f'barc param: error: {sentence}'
     assert [value(car, parameter.name) for parameter in TABLE] == before
 
 
+@pytest.mark.usefixtures('impatient')
 def test_node_that_offers_no_parameters_is_named(ros: Context) -> None:
     mute = Node('mute', context=ros, start_parameter_services=False)
-    commands = (('param', 'list', 'mute'), ('param', 'list'))
-    with spinning(ros, mute), ThreadPoolExecutor() as threads:
-        alone, among = threads.map(lambda words: call(*words), commands)
-    assert 'error: /mute has no parameter services' in alone.stderr
+    with spinning(ros, mute):
+        assert 'error: /mute has no parameter services' in refused('param', 'list', 'mute')
+        among = barc('param', 'list')
     assert (among.returncode, among.stdout) == (0, '')
     assert '/mute has no parameter services' in among.stderr
 

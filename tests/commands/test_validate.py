@@ -50,22 +50,16 @@ def test_table_prints_each_error_and_order_under_its_step(capsys: Run) -> None:
     assert max(map(len, lines)) <= 100
 
 
-def test_table_explains_what_the_labs_road_does(capsys: Run) -> None:
-    barc(['validate'])
-    assert "grade of the lab's road jumps" in capsys.readouterr().out
-
-
 def test_figure_is_saved_here_where_there_is_no_display(here: Path, capsys: Run) -> None:
     barc(['validate'])
     assert capsys.readouterr().out.splitlines()[-1] == 'convergence.png'
     assert (here / 'convergence.png').read_bytes().startswith(b'\x89PNG')
 
 
-@pytest.mark.parametrize(('name', 'begin'), [('a.svg', b'<?xml'), ('a.pdf', b'%PDF')])
-def test_figure_is_saved_in_the_format_of_its_name(here: Path, name: str, begin: bytes) -> None:
-    assert barc(['validate', '--save', name]) == 0
-    assert (here / name).read_bytes().startswith(begin)
-    assert [path.name for path in here.iterdir()] == [name]
+def test_figure_is_saved_in_the_format_of_its_name(here: Path) -> None:
+    assert barc(['validate', '--save', 'a.svg']) == 0
+    assert (here / 'a.svg').read_bytes().startswith(b'<?xml')
+    assert [path.name for path in here.iterdir()] == ['a.svg']
 
 
 def test_figure_is_shown_where_there_is_a_display(
@@ -98,12 +92,6 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Ru
     }
     assert printed['studies'][1]['order'] is None
     assert not list(here.iterdir())
-
-
-def test_json_and_figure_can_be_had_together(here: Path, capsys: Run) -> None:
-    assert barc(['validate', '--json', '--save', 'b.png']) == 0
-    assert len(json.loads(capsys.readouterr().out)['studies']) == len(STUDIES)
-    assert (here / 'b.png').is_file()
 
 
 @pytest.mark.parametrize('arguments', [['--save', 'a.txt'], ['--save', 'no/such/a.png']])

@@ -19,6 +19,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 import mcap_doctor
+from command_line import wait_for
 from mcap.records import Channel, Message
 
 from barc_sim.bags import reader as bag
@@ -26,7 +27,7 @@ from barc_sim.bags.records import records
 from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
 SOAK = 'BARC_SIM_SOAK' in os.environ
@@ -78,13 +79,6 @@ def process(*arguments: str, stdout: Path) -> Iterator[None]:
             yield
         finally:
             started.kill()
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 @pytest.mark.timeout(1800)

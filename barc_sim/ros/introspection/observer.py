@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 #: [s] to wait for something that is not there.
-PATIENCE = 3.0
+_PATIENCE = 3.0
 #: [s] to wait for the first other node: discovery on a busy machine can take this long.
 _BUSY = 8.0
 #: [s] the same where no other process of this machine takes part: others are on the network.
@@ -68,9 +68,9 @@ class GraphObserver:
         if self._stop.requested.wait(seconds):
             raise KeyboardInterrupt
 
-    def wait_for(self, condition: Callable[[], object], seconds: float = PATIENCE) -> bool:
-        """Wait for `condition`; return False if it is not true within `seconds`."""
-        end = time.monotonic() + seconds
+    def wait_for(self, condition: Callable[[], object]) -> bool:
+        """Wait for `condition`; return False if it is not true within some seconds."""
+        end = time.monotonic() + _PATIENCE
         while not condition():
             if time.monotonic() > end:
                 return False

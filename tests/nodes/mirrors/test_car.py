@@ -96,14 +96,6 @@ def test_left_and_right_mirror_each_other(v: float, servo: float) -> None:
         assert one[i].speed == pytest.approx(other[j].speed)
 
 
-def test_acceleration_on_a_straight_is_the_command() -> None:
-    frictionless = Vehicle(air_drag_coeff=0.0, friction=0.0)
-    states = [State(v=5.0)]
-    states.append(step(states[0], Input(motor=2.0), 0.0, frictionless, 0.02))
-    before, now = (motion(state, 0.0, frictionless) for state in states)
-    assert acceleration(before, now, 0.02) == pytest.approx((2.0, 0.0, 0.0))
-
-
 def test_acceleration_on_a_circle_points_to_its_centre() -> None:
     servo, v = 0.3, 6.0
     moving = motion(State(v=v), servo, VEHICLE)

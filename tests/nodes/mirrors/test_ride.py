@@ -32,21 +32,11 @@ def test_wheels_have_rolled_the_distance() -> None:
     assert last.rolled == pytest.approx((16.0 / WHEEL_RADIUS,) * 4)
 
 
-def test_only_the_first_state_starts_a_ride() -> None:
-    assert [state.is_first for state in ride(states(8.0, 3))] == [True, False, False]
-
-
 def test_reset_starts_a_new_ride() -> None:
     *_, last = ride([*states(8.0, 5, x=30.0), *states(0.0, 1)])
     assert last.is_first
     assert last.rolled == (0.0,) * 4
     assert last.acceleration == (0.0, 0.0, 0.0)
-
-
-def test_acceleration_is_the_change_of_speed() -> None:
-    slow, fast = states(8.0, 2)
-    _, last = ride([slow, fast._replace(v_x=8.1)])
-    assert last.acceleration == pytest.approx((5.0, 0.0, 0.0))
 
 
 def test_trail_lies_on_the_hills() -> None:
