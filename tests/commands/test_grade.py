@@ -74,8 +74,8 @@ ATTACKS = {
             except RuntimeError:
                 pass
     """,
-    'read_others': """
-        import os
+    'look_elsewhere': """
+        import os, socket
         for root in ('..', '/tmp', '/root', '/home', '/proc/1'):
             for way in (os.listdir, open):
                 try:
@@ -83,6 +83,10 @@ ATTACKS = {
                     way(root + '/reference/bike_model.py')
                 except OSError:
                     pass
+        try:
+            socket.create_connection(('127.0.0.1', 80), 1)
+        except OSError:
+            pass
     """,
     'kill_parent': """
         import os, signal
@@ -92,13 +96,6 @@ ATTACKS = {
                     os.kill(pid, number)
                 except OSError:
                     pass
-    """,
-    'connect': """
-        import socket
-        try:
-            socket.create_connection(('127.0.0.1', 80), 1)
-        except OSError:
-            pass
     """,
     'exit_handler': """
         import atexit, os, signal
@@ -123,7 +120,6 @@ for i in range(3, 64):
 """
 #: In place of a model: nothing of it is right.
 BROKEN = {
-    'empty': ('', 'bikeFE'),
     'template': ('def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    pass', 'return'),
     'exits': ('import os\nos._exit(0)', 'exit code 0'),
     'raises': ('raise SystemExit(0)', 'SystemExit'),
@@ -154,7 +150,6 @@ def graded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int]:
         add(name, bike_model=f'{textwrap.dedent(code)}\n{MODEL}')
     for name, (code, _) in BROKEN.items():
         add(name, bike_model=code)
-    add('loops', bike_model='while True:\n    pass', controller=CONTROLLER)
     (folder / 'submissions' / 'nothing' / 'bike_model.py').symlink_to('../reference/bike_model.py')
     add('latin', bike_model='')
     (folder / 'submissions' / 'latin' / 'bike_model.py').write_bytes(b'# \xe9')
@@ -217,7 +212,7 @@ def test_submissions_that_are_alike_are_named(graded: tuple[Path, Path, int]) ->
     rows = csv.DictReader(io.StringIO((graded[1] / 'class.csv').read_text()))
     alike = {row['name']: row['alike'] for row in rows}
 
-    assert alike['packed.zip'] == 'loops 100%, reference 100%'
+    assert alike['packed.zip'] == 'reference 100%'
     assert alike['latin'] == ''
 
 
@@ -260,13 +255,6 @@ def test_a_broken_submission_gets_zero_and_the_reason(
     assert reason in messages(content)
 
 
-def test_what_works_counts_where_the_rest_hangs(graded: tuple[Path, Path, int]) -> None:
-    content = results(graded[1], 'loops')
-
-    assert content['score'] == ALL_POINTS - MODEL_POINTS
-    assert 'endless loop' in messages(content)
-
-
 def test_a_file_in_another_encoding_is_reported(graded: tuple[Path, Path, int]) -> None:
     assert 'UTF-8' in messages(results(graded[1], 'latin'))
 
@@ -299,15 +287,20 @@ def test_the_same_is_found_each_time(graded: tuple[Path, Path, int], tmp_path: P
         assert (tmp_path / name).read_bytes() == (out / 'reference' / name).read_bytes()
 
 
-def test_seed_and_rubric_are_taken(graded: tuple[Path, Path, int], tmp_path: Path) -> None:
+@pytest.mark.usefixtures('graded')  # where code can be confined
+def test_what_works_counts_where_the_rest_hangs_by_seed_and_rubric(tmp_path: Path) -> None:
     rubric = tmp_path / 'rubric.yaml'
     rubric.write_text('criteria: {pid.reset: 2, model.x: 1}')
+    (tmp_path / 'loops').mkdir()
+    (tmp_path / 'loops' / 'bike_model.py').write_text('def bikeFE(*_):\n    while True: pass')
+    (tmp_path / 'loops' / 'controller.py').write_text(CONTROLLER)
     arguments = ['--out', str(tmp_path / 'out'), '--rubric', str(rubric), '--seed', '7']
 
-    assert barc(['grade', str(graded[0] / 'packed.zip'), *arguments]) == 0
+    assert barc(['grade', str(tmp_path / 'loops'), *arguments]) == 0
 
     content = results(tmp_path, 'out')
     assert content['score'] == 2.0
+    assert 'endless loop' in messages(content)
     assert [test['max_score'] for test in content['tests']] == [1.0, 2.0]
     assert content['extra_data']['seed'] == 7
 
