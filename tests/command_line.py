@@ -27,16 +27,11 @@ if TYPE_CHECKING:
 ENVIRONMENT = {'PYTHONPATH': str(Path(barc_sim.__file__).parents[1])}
 
 
-def call(command: str, *options: str, timeout: float = 60.0) -> subprocess.CompletedProcess[str]:
-    """Run `barc COMMAND` to its end."""
-    return subprocess.run(
-        [sys.executable, '-m', 'barc_sim', command, *options],
-        env=os.environ | ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=timeout,
-    )
+def call(*words: str, timeout: float = 60.0, **options: Any) -> subprocess.CompletedProcess[str]:  # noqa: ANN401
+    """Run `barc COMMAND`, with `options` of Popen, to its end."""
+    with started(*words, **options) as process:
+        out, err = process.communicate(timeout=timeout)
+    return subprocess.CompletedProcess(words, process.returncode, out, err)
 
 
 def barc(*words: str, main: Callable[..., int] = main) -> subprocess.CompletedProcess[str]:
@@ -98,16 +93,16 @@ def messages(path: Path) -> dict[str, list[Any]]:
 
 
 @contextmanager
-def started(command: str, *options: str) -> Iterator[subprocess.Popen[str]]:
-    """Start it; it is gone afterwards."""
-    with subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim', command, *options],
-        env=os.environ | ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+def started(*words: str, **options: Any) -> Iterator[subprocess.Popen[str]]:  # noqa: ANN401
+    """Start `barc COMMAND` with `options` of Popen; it is gone afterwards."""
+    usual = {
+        'env': os.environ | ENVIRONMENT,
+        'stdin': subprocess.DEVNULL,
+        'stdout': subprocess.PIPE,
+        'stderr': subprocess.PIPE,
+    }
+    command = [sys.executable, '-m', 'barc_sim', *words]
+    with subprocess.Popen(command, text=True, **usual | options) as process:
         try:
             yield process
         finally:

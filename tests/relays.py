@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 FUNCTION = """\
 def relay(linear_x, angular_z):
     return [2.0 * linear_x, 0.3 * angular_z]
@@ -106,3 +109,23 @@ def main():
 if __name__ == '__main__':
     main()
 """
+
+#: Asks for full speed until the car has it.
+_JOYSTICK = """
+import rclpy
+from barc_interfaces.msg import ZDynBkMdl
+from geometry_msgs.msg import Twist, Vector3
+rclpy.init()
+node = rclpy.create_node('joystick')
+twists = node.create_publisher(Twist, 'cmd_vel', 10)
+speeds = [0.0]
+node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda m: speeds.append(m.v_x), 10)
+node.create_timer(0.05, lambda: twists.publish(Twist(linear=Vector3(x=1.0))))
+while speeds[-1] < 1.0:
+    rclpy.spin_once(node)
+"""
+
+
+def joystick() -> None:
+    """Drive, from a process of its own, until the car moves."""
+    subprocess.run([sys.executable, '-c', _JOYSTICK], check=True, timeout=60.0)

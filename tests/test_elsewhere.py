@@ -5,30 +5,21 @@ from __future__ import annotations
 import csv
 import json
 import os
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import call
 from elsewhere import ELSEWHERE
 from user_files import CONTROLLER, MODEL
 
 if TYPE_CHECKING:
+    import subprocess
     from pathlib import Path
 
 
 def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `barc`, whose stdout can hold ASCII alone."""
-    return subprocess.run(
-        [sys.executable, '-m', 'barc_sim', *words],
-        cwd=folder,
-        env=os.environ | ELSEWHERE,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
+    return call(*words, cwd=folder, env=os.environ | ELSEWHERE, timeout=100.0)
 
 
 def done(folder: Path, *words: str) -> str:

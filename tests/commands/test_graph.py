@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -14,37 +11,23 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from command_line import call, started
 from PIL import Image
 from rclpy.node import Node
 from std_msgs.msg import String
 
-import barc_sim
 from barc_sim.bags import reader as bag
 from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.figures.graph_figure import GraphDrawing, lines
 from barc_sim.ros.graph_observer import observe
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rclpy.context import Context
 
-ROOT = Path(barc_sim.__file__).parents[1]
-ENVIRONMENT = {'PYTHONPATH': str(ROOT), 'MPLBACKEND': 'agg'}
 TELEOP = {'/vehicle_simulator', '/relay', '/bag_recorder'}
 TOPICS = {'/cmd_vel', '/ecu', '/z_vhcl', '/ez_vhcl', '/environment'}
-
-
-def command(
-    folder: Path, *options: str, module: str = 'barc_sim graph'
-) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, '-m', *module.split(), *options],
-        cwd=folder,
-        env=os.environ | ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
 
 
 def texts(path: Path) -> set[str]:
@@ -73,27 +56,16 @@ def test_links_are_seen_as_they_are(ros: Context) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures('ros_domain')
 def test_graph_of_a_drive_by_hand_live_and_from_its_bag(tmp_path: Path) -> None:
-    run = subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim.run', 'teleop', '--view', 'none'],
-        cwd=tmp_path,
-        env=os.environ | ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    try:
+    with started('teleop', '--view', 'none', cwd=tmp_path, stderr=subprocess.DEVNULL) as run:
         assert run.stdout
         run.stdout.readline()  # names the engine
         run.stdout.readline()  # it drives
-        live = command(tmp_path, '--save', 'live.svg')
+        live = call('graph', '--save', 'live.svg', cwd=tmp_path)
         run.send_signal(signal.SIGTERM)
         run.communicate(timeout=60)
-    finally:
-        run.kill()
     assert live.returncode == 0, live.stderr
     (path,) = (tmp_path / 'bags').iterdir()
-    recorded = command(tmp_path, '--bag', str(path))
+    recorded = call('graph', '--bag', str(path), cwd=tmp_path)
     assert recorded.stdout.splitlines()[:-1] == live.stdout.splitlines()[:-1]
     for name in ('live.svg', 'graph.svg'):
         assert texts(tmp_path / name) >= TELEOP | TOPICS

@@ -5,9 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
-import time
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,6 +13,7 @@ pytest.importorskip('rclpy')
 
 import mcap_doctor
 import yaml
+from command_line import refused, started, wait_for
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -26,7 +24,7 @@ from barc_sim.bags import records as bag_records
 from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from rclpy.context import Context
@@ -41,31 +39,9 @@ def talker(ros: Context) -> Iterator[Node]:
     node.destroy_node()
 
 
-@contextmanager
-def recording(*arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Start the command."""
-    with subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim', 'record', *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: Path) -> None:
     publisher = talker.create_publisher(Float64, 'value', LATCHED)
-    with recording('--output', str(tmp_path / 'mine'), '--topics', 'value') as process:
+    with started('record', '--output', str(tmp_path / 'mine'), '--topics', 'value') as process:
         wait_for(lambda: publisher.get_subscription_count() == 1)
         for _ in range(5):
             publisher.publish(Float64())
@@ -84,8 +60,9 @@ def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: 
 
 def test_files_are_split_at_the_size_without_a_loss(talker: Node, tmp_path: Path) -> None:
     publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
-    with recording(
-        '--output', str(tmp_path / 'mine'), '--topics', 'value', '--max-bag-size', '200000'
+    with started(
+        *('record', '--output', str(tmp_path / 'mine')),
+        *('--topics', 'value', '--max-bag-size', '200000'),
     ) as process:
         wait_for(lambda: publisher.get_subscription_count() == 1)
         for _ in range(100):
@@ -101,14 +78,10 @@ def test_files_are_split_at_the_size_without_a_loss(talker: Node, tmp_path: Path
     assert information['rosbag2_bagfile_information']['message_count'] == 100
 
 
-def test_a_folder_that_is_in_the_way_is_one_sentence(ros_domain: int, tmp_path: Path) -> None:
-    del ros_domain
-    with recording('--output', str(tmp_path)) as process:
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert err.splitlines()[-1] == (
-        f"barc record: error: '{tmp_path}' exists: name a new folder for the bag"
-    )
+@pytest.mark.usefixtures('ros_domain')
+def test_a_folder_that_is_in_the_way_is_one_sentence(tmp_path: Path) -> None:
+    line = refused('record', '--output', str(tmp_path))
+    assert line == f"barc record: error: '{tmp_path}' exists: name a new folder for the bag"
 
 
 @pytest.fixture
@@ -123,38 +96,34 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(['umount', '--lazy', str(folder)], check=True)  # noqa: S607 (the system's)
 
 
-def flood(talker: Node, process: subprocess.Popen[str], *, until: Callable[[], bool]) -> None:
-    """Publish what no compression makes smaller."""
+def flood(talker: Node, process: subprocess.Popen[str]) -> None:
+    """Publish what no compression makes smaller until the process ends."""
     publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
     wait_for(lambda: publisher.get_subscription_count() == 1)
 
     def published() -> bool:
         publisher.publish(UInt8MultiArray(data=os.urandom(50_000)))
-        return until() or process.poll() is not None
+        return process.poll() is not None
 
     wait_for(published)
 
 
-def test_a_read_only_disk_is_one_sentence(ros_domain: int, small_disk: Path) -> None:
-    del ros_domain
+@pytest.mark.usefixtures('ros_domain')
+def test_a_read_only_disk_is_one_sentence(small_disk: Path) -> None:
     remount = ['mount', '-o', 'remount,ro', str(small_disk)]
     subprocess.run(remount, check=True)
-    with recording('--output', str(small_disk / 'mine'), '--min-free-space', '0') as process:
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 2
-    assert err.count('\n') == 1
-    assert err.startswith('barc record: error: ')
-    assert err.endswith('name another folder\n')
+    line = refused('record', '--output', str(small_disk / 'mine'), '--min-free-space', '0')
+    assert line.endswith('name another folder')
 
 
 def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
     talker: Node, small_disk: Path
 ) -> None:
     directory = small_disk / 'mine'
-    with recording(
-        *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
+    with started(
+        'record', *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
     ) as process:
-        flood(talker, process, until=lambda: False)
+        flood(talker, process)
         _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert f"writing to '{directory}' failed: No space left on device" in err
@@ -163,14 +132,19 @@ def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
     damage = bag_records.Damage()
     assert list(bag_records.records(file, damage=damage))
     assert damage == bag_records.Damage(unfinished=True)
+    copy = small_disk.parent / 'copy'  # where there is space to recover it
+    copy.mkdir()
+    (copy / 'mine_0.mcap').write_bytes(file.read_bytes())
+    assert recover(copy).counts['/value'] > 50
+    mcap_doctor.check(copy / 'mine_0.mcap')
 
 
 def test_the_reserve_leaves_room_to_finish_the_bag(talker: Node, small_disk: Path) -> None:
     directory = small_disk / 'mine'
-    with recording(
-        *('--output', str(directory), '--topics', 'value', '--min-free-space', '2')
+    with started(
+        'record', *('--output', str(directory), '--topics', 'value', '--min-free-space', '2')
     ) as process:
-        flood(talker, process, until=lambda: False)
+        flood(talker, process)
         _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert 'MiB are free, and 2 MiB must stay free' in err
@@ -183,7 +157,8 @@ def test_it_goes_on_if_asked_for_as_soon_as_there_is_space(talker: Node, small_d
     blocker.write_bytes(bytes(3_500_000))
     directory = small_disk / 'mine'
     lines: list[str] = []
-    with recording(
+    with started(
+        'record',
         *('--output', str(directory), '--topics', 'value'),
         *('--min-free-space', '0', '--on-write-error', 'continue'),
     ) as process:
@@ -203,17 +178,3 @@ def test_it_goes_on_if_asked_for_as_soon_as_there_is_space(talker: Node, small_d
     assert process.returncode == 1
     assert 'recorded 20 messages, lost 0' in out
     mcap_doctor.check(directory / 'mine_0.mcap')
-
-
-def test_a_bag_on_a_full_disk_is_recovered_elsewhere(talker: Node, small_disk: Path) -> None:
-    directory = small_disk / 'mine'
-    with recording(
-        *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
-    ) as process:
-        flood(talker, process, until=lambda: False)
-        process.communicate(timeout=60)
-    copy = small_disk.parent / 'copy'
-    copy.mkdir()
-    (copy / 'mine_0.mcap').write_bytes((directory / 'mine_0.mcap').read_bytes())
-    assert recover(copy).counts['/value'] > 50
-    mcap_doctor.check(copy / 'mine_0.mcap')

@@ -106,7 +106,6 @@ def assert_whole(path: Path) -> None:
         ('acc --bag-dir /proc/bags', "no bag can be made in '/proc/bags'"),
         ('acc --ros-args -r z_vhcl', "'-r z_vhcl'"),
         ('acc --ros-args -p vehicle_simulator:mass:=-1.0', 'mass of vehicle_simulator must lie'),
-        ('acc --ros-args -p vehicle_simulator:road:=nowhere', "road 'nowhere' is neither"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
@@ -155,15 +154,11 @@ def test_help_needs_no_ros(run: Run) -> None:
 
 def test_parameters_after_ros_args_count_unless_an_option_is_given(run: Run, here: Path) -> None:
     given = ('--ros-args', '-p', 'vehicle_simulator:distance:=1.0', '-p', 'controller:kp:=20.0')
-    for options, distance, kp in (
-        ([], 1.0, '20.0'),
-        (['--distance', '2', '--kp', '25'], 2.0, '25.0'),
-    ):
-        code, out, _ = run('acc', '-q', *MAX, *options, *given)
-        assert code == 0
-        log, info = bag.read(here / out.strip()), bag.info(here / out.strip())
-        assert log.x[-2] < distance <= log.x[-1]
-        assert info['kp'] == kp
+    code, out, _ = run('acc', '-q', *MAX, '--kp', '25', *given)
+    assert code == 0
+    log = bag.read(here / out.strip())
+    assert log.x[-2] < 1.0 <= log.x[-1]
+    assert bag.info(here / out.strip())['kp'] == '25.0'
 
 
 def test_namespace_moves_every_topic_of_the_run(run: Run, here: Path) -> None:
@@ -176,13 +171,19 @@ def test_namespace_moves_every_topic_of_the_run(run: Run, here: Path) -> None:
     assert bag.read(here / out.strip()).x[-1] >= 1.0
 
 
-def test_bag_goes_to_the_given_folder_or_nowhere(run: Run, here: Path) -> None:
+def test_bag_goes_nowhere_on_request(run: Run, here: Path) -> None:
     assert run('acc', '-q', *SHORT, '--no-bag') == (0, '', '')
     assert not list(here.iterdir())
-    code, out, _ = run('acc', '-q', *SHORT, '--bag-dir', 'a/b')
+
+
+def test_quiet_run_prints_the_path_of_its_bag_and_nothing_else(run: Run, here: Path) -> None:
+    code, out, err = run('acc', '-q', *SHORT, '--bag-dir', 'a/b')
     assert code == 0
-    assert_whole(here / out.strip())
-    assert (here / out.strip()).parent == here / 'a' / 'b'
+    # A busy machine may keep the simulator waiting for its controller.
+    assert [line for line in err.splitlines() if 'waiting for' not in line] == []
+    (path,) = out.splitlines()
+    assert_whole(here / path)
+    assert (here / path).parent == here / 'a' / 'b'
 
 
 def test_factor_scales_the_wall_clock(run: Run, here: Path) -> None:
@@ -197,15 +198,6 @@ def test_factor_scales_the_wall_clock(run: Run, here: Path) -> None:
 
 
 # Output
-
-
-def test_quiet_run_prints_the_path_of_its_bag_and_nothing_else(run: Run, here: Path) -> None:
-    code, out, err = run('acc', '-q', *SHORT)
-    assert code == 0
-    # A busy machine may keep the simulator waiting for its controller.
-    assert [line for line in err.splitlines() if 'waiting for' not in line] == []
-    (path,) = out.splitlines()
-    assert_whole(here / path)
 
 
 def test_pipe_gets_plain_lines_a_table_and_what_to_do_next(run: Run, here: Path) -> None:
@@ -297,7 +289,7 @@ def test_second_run_is_refused_beside_the_first_until_that_is_gone(
 # Signals
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
 def test_signal_ends_the_run_in_order_also_where_it_comes_twice(
     start: Start, here: Path, number: signal.Signals
 ) -> None:
@@ -313,7 +305,7 @@ def test_signal_ends_the_run_in_order_also_where_it_comes_twice(
 
 
 @pytest.mark.parametrize(
-    'seed', [*range(4), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 12))]
+    'seed', [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 12))]
 )
 def test_signal_at_any_moment_leaves_a_whole_bag_or_none(
     start: Start, here: Path, seed: int

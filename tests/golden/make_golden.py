@@ -26,13 +26,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from command_line import ENVIRONMENT
+from command_line import started
 from golden import drivers, loops
 from golden.scenarios import SCENARIOS
 from rosbags.highlevel import AnyReader
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from golden.scenarios import Scenario
 
@@ -49,12 +49,14 @@ _STATES_BY_HAND = 150
 _NANOSECONDS = 10**9
 
 
-def figures(scenario: Scenario, folder: Path) -> dict[str, str]:
-    """Make the run in the empty `folder`; return the figures of its bag."""
+def figures(
+    scenario: Scenario, folder: Path, run: Callable[[Scenario, Path], object] | None = None
+) -> dict[str, str]:
+    """Make the run in the empty `folder`, by default in a process; return its bag's figures."""
     for name, text in scenario.files.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text, encoding='utf-8')
-    _run(scenario, folder)
+    (run or _run)(scenario, folder)
     (bag,) = (folder / 'bags').iterdir()
     with AnyReader([bag]) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
@@ -113,24 +115,12 @@ def _run(scenario: Scenario, folder: Path) -> None:
     RuntimeError
         where it fails.
     """
-    command = [sys.executable, '-m', 'barc_sim.run', *scenario.arguments()]
-    with subprocess.Popen(
-        command,
-        cwd=folder,
-        env=os.environ | ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as process:
-        try:
-            if scenario.driver:
-                drivers.drive(scenario.driver, process)
-            output, _ = process.communicate(timeout=drivers.TIMEOUT)
-        finally:
-            process.kill()
+    with started(*scenario.arguments(), cwd=folder, stderr=subprocess.STDOUT) as process:
+        if scenario.driver:
+            drivers.drive(scenario.driver, process)
+        output, _ = process.communicate(timeout=drivers.TIMEOUT)
     if process.returncode:
-        raise RuntimeError(f'{command} ended with {process.returncode}: {output}')
+        raise RuntimeError(f'{scenario} ended with {process.returncode}: {output}')
 
 
 def _from_the_start(topics: Topics) -> Topics:

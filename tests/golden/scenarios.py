@@ -108,7 +108,7 @@ class Scenario(NamedTuple):
     driver: str = ''
 
     def arguments(self) -> list[str]:
-        """Return the command line that follows `python -m barc_sim.run`."""
+        """Return the words that follow `barc`."""
         ros = [word for item in self.parameters.items() for word in ('-p', '{}:={}'.format(*item))]
         if self.remap:
             ros += ['-r', self.remap]

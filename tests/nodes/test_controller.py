@@ -11,10 +11,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, PidState, ZDynBkMdl
+from node_bench import NodeBench, overrides
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from user_files import load
@@ -28,7 +26,7 @@ from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from rclpy.context import Context
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
 MS = 1_000_000
 
 
-class Bench:
+class Bench(NodeBench):
     """A controller, and a node that sends it states and hears its answers."""
 
     def __init__(
@@ -48,15 +46,10 @@ class Bench:
         controller: Controller | None = None,
         **parameters: float | str | bool,
     ) -> None:
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.controller = CruiseController(
-            controller=controller, context=context, parameter_overrides=overrides
+            controller=controller, context=context, parameter_overrides=overrides(**parameters)
         )
-        self.peer = Node('peer', context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.controller)
-        self.executor.add_node(self.peer)
-        self.until = partial(spin_until, self.executor)
+        super().__init__(context, spin_until, self.controller)
         self.commands: list[ECU] = []
         self.told: list[PidState] = []
         self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
@@ -82,31 +75,14 @@ class Bench:
 
     def set(self, **values: float) -> list[Any]:
         """Set parameters through the controller's service; return its verdicts."""
-        client = self.peer.create_client(SetParameters, 'controller/set_parameters')
-        self.until(client.service_is_ready)
-        request = SetParameters.Request(
-            parameters=[
-                Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
-            ]
-        )
-        future = client.call_async(request)
-        self.until(future.done)
-        return list(future.result().results)
+        parameters = [parameter.to_parameter_msg() for parameter in overrides(**values)]
+        response = self.call(SetParameters, 'controller/set_parameters', parameters=parameters)
+        return list(response.results)
 
 
 @pytest.fixture
-def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
-    made: list[Bench] = []
-
-    def make(controller: Controller | None = None, **parameters: float | str | bool) -> Bench:
-        made.append(Bench(ros, spin_until, controller, **parameters))
-        return made[-1]
-
-    yield make
-    for one in made:
-        one.executor.shutdown()
-        one.controller.destroy_node()
-        one.peer.destroy_node()
+def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+    return partial(benches, Bench)
 
 
 def expected(samples: Sequence[tuple[float, float]], reference: float = 8.0) -> list[float]:
@@ -239,10 +215,7 @@ def test_reset_is_a_fresh_start(bench: Callable[..., Bench]) -> None:
     one = bench()
     samples = [(0, 1.0), (20 * MS, 1.5), (40 * MS, 3.0)]
     first = one.answers(samples)
-    client = one.peer.create_client(Trigger, 'controller/reset')
-    one.until(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    one.until(future.done)
+    one.call(Trigger, 'controller/reset')
     assert one.answers([(stamp + 60 * MS, v_x) for stamp, v_x in samples]) == first
 
 

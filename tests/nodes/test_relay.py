@@ -12,8 +12,7 @@ pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
 from geometry_msgs.msg import Twist, Vector3
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from node_bench import NodeBench, overrides
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -22,24 +21,19 @@ from barc_sim.nodes.relay import Relay
 from barc_sim.ros import names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from rclpy.context import Context
 
 
-class Bench:
+class Bench(NodeBench):
     """A relay, and a node that sends it Twists and hears its commands."""
 
     def __init__(
         self, context: Context, spin_until: Callable[..., None], **parameters: float | bool | str
     ) -> None:
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
-        self.relay = Relay(context=context, parameter_overrides=overrides)
-        self.peer = Node('peer', context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.relay)
-        self.executor.add_node(self.peer)
-        self.until = partial(spin_until, self.executor)
+        self.relay = Relay(context=context, parameter_overrides=overrides(**parameters))
+        super().__init__(context, spin_until, self.relay)
         self.commands: list[ECU] = []
         self.peer.create_subscription(ECU, 'ecu', self.commands.append, names.QOS)
         self.twists = self.peer.create_publisher(Twist, 'cmd_vel', 10)  # as the stock ones do
@@ -56,18 +50,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
-    benches = []
-
-    def make(**parameters: float | bool | str) -> Bench:
-        benches.append(Bench(ros, spin_until, **parameters))
-        return benches[-1]
-
-    yield make
-    for made in benches:
-        made.executor.shutdown()
-        made.peer.destroy_node()
-        made.relay.destroy_node()
+def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+    return partial(benches, Bench)
 
 
 def test_relay_commands_coasting_without_a_stamp_from_its_start_on(

@@ -18,7 +18,7 @@ import yaml
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ZDynBkMdl
-from command_line import acc, bag_of, messages
+from command_line import acc, bag_of, messages, started
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosbags.highlevel import AnyReader
@@ -243,13 +243,7 @@ def test_road_file_that_is_gone_does_not_matter_at_a_reset(
     executor = SingleThreadedExecutor(context=ros)
     executor.add_node(node)
     options = ['-q', '--road', 'hills.csv', '--distance', '0', '--realtime-factor', '5']
-    with subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim.run', 'acc', *options],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as run:
+    with started('acc', *options, cwd=tmp_path) as run:
         spin_until(executor, lambda: bool(states) and states[-1].x > 3.5)
         road.unlink()
         answer = reset.call_async(Trigger.Request())

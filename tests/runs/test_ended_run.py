@@ -5,8 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import subprocess
-import sys
 import time
 import zipfile
 from pathlib import Path
@@ -14,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.request import urlopen
 
 import pytest
-from command_line import barc
-from websockets.sync.client import connect
+from command_line import ENVIRONMENT, barc, started
+from page_client import connect_page
 
-import barc_sim
 from barc_sim import read_bag
 from barc_sim.__main__ import parse
 from barc_sim.bags import reader
@@ -26,7 +23,6 @@ from barc_sim.runs.ended_run import EndedRun, next_command
 if TYPE_CHECKING:
     from websockets.sync.client import ClientConnection
 
-ROOT = Path(barc_sim.__file__).parents[1]
 PATIENCE = 30.0  #: [s]
 VALUES = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0, 'speed_reference': 6.0, 'acceleration_limit': 5.0}
 URL = 'http://127.0.0.1:4711/a-token/'
@@ -78,11 +74,6 @@ def test_report_and_bag_can_be_downloaded_and_the_run_before_is_compared(tmp_pat
     assert EndedRun(URL, ['acc'], None).file('bag.zip') is None
 
 
-def page(url: str) -> ClientConnection:
-    address = url.replace('http://', 'ws://') + 'socket'
-    return connect(address, origin='/'.join(url.split('/')[:3]))  # type: ignore[arg-type]
-
-
 def receive(socket: ClientConnection, kind: str) -> dict[str, Any]:
     """Return the next message of a type."""
     until = time.monotonic() + PATIENCE
@@ -98,43 +89,34 @@ def receive(socket: ClientConnection, kind: str) -> dict[str, Any]:
 @pytest.mark.usefixtures('ros_domain')
 def test_page_ends_the_run_and_drives_again_with_other_gains(tmp_path: Path, engine: str) -> None:
     words = ('acc', '--engine', engine, '--view', 'web', '--laps', '0')
-    with subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim', *words],
-        cwd=tmp_path,
-        env=os.environ | {'PYTHONPATH': str(ROOT), 'XDG_STATE_HOME': str(tmp_path / 'state')},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        try:
-            assert process.stdout
-            process.stdout.readline()
-            url = process.stdout.readline().split()[-1]
-            with page(url) as socket:
-                known = receive(socket, 'hello')
-                while 'kp' not in known['tuning']:
-                    known = receive(socket, 'facts')
-                receive(socket, 'status')
-                socket.send(json.dumps({'type': 'finish'}))
-                assert receive(socket, 'end')['bag']
-                assert receive(socket, 'kept')['again']
-                with urlopen(f'{url}bag.zip', timeout=PATIENCE) as answer:  # noqa: S310 (our own)
-                    assert zipfile.ZipFile(io.BytesIO(answer.read())).namelist()
-                socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 4.5}))
-                assert receive(socket, 'facts')['tuning']['kp'] == 4.5
-                socket.send(json.dumps({'type': 'again'}))
-                address = receive(socket, 'again')['address']
-            while not (line := process.stdout.readline()).startswith('live page'):
-                assert line
-            assert line.split()[-1] == address
-            with page(address) as socket:
-                known = receive(socket, 'hello')
-                while known['tuning'].get('kp') != 4.5:
-                    known = receive(socket, 'facts')
-                socket.send(json.dumps({'type': 'finish'}))
-                assert receive(socket, 'kept')['before']
-            assert process.wait(PATIENCE) == 0  # the page is closed
-        finally:
-            process.kill()
+    environment = os.environ | ENVIRONMENT | {'XDG_STATE_HOME': str(tmp_path / 'state')}
+    with started(*words, cwd=tmp_path, env=environment, stderr=None) as process:
+        assert process.stdout
+        process.stdout.readline()
+        url = process.stdout.readline().split()[-1]
+        with connect_page(url) as socket:
+            known = receive(socket, 'hello')
+            while 'kp' not in known['tuning']:
+                known = receive(socket, 'facts')
+            receive(socket, 'status')
+            socket.send(json.dumps({'type': 'finish'}))
+            assert receive(socket, 'end')['bag']
+            assert receive(socket, 'kept')['again']
+            with urlopen(f'{url}bag.zip', timeout=PATIENCE) as answer:  # noqa: S310 (our own)
+                assert zipfile.ZipFile(io.BytesIO(answer.read())).namelist()
+            socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 4.5}))
+            assert receive(socket, 'facts')['tuning']['kp'] == 4.5
+            socket.send(json.dumps({'type': 'again'}))
+            address = receive(socket, 'again')['address']
+        while not (line := process.stdout.readline()).startswith('live page'):
+            assert line
+        assert line.split()[-1] == address
+        with connect_page(address) as socket:
+            known = receive(socket, 'hello')
+            while known['tuning'].get('kp') != 4.5:
+                known = receive(socket, 'facts')
+            socket.send(json.dumps({'type': 'finish'}))
+            assert receive(socket, 'kept')['before']
+        assert process.wait(PATIENCE) == 0  # the page is closed
     newest = max((tmp_path / 'bags').iterdir())
     assert '--gain kp=4.5' in reader.info(newest)['command']

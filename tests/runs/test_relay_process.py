@@ -4,41 +4,24 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import call
-from relays import ROS_2
+from command_line import barc, started
+from relays import ROS_2, joystick
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.node_graph import NodeGraph
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.usefixtures('ros_domain')
 DEADLINE = 60.0
-#: Asks for full speed until the car has it.
-DRIVER = """
-import rclpy
-from barc_interfaces.msg import ZDynBkMdl
-from geometry_msgs.msg import Twist, Vector3
-rclpy.init()
-node = rclpy.create_node('joystick')
-twists = node.create_publisher(Twist, 'cmd_vel', 10)
-speeds = [0.0]
-node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda m: speeds.append(m.v_x), 10)
-node.create_timer(0.05, lambda: twists.publish(Twist(linear=Vector3(x=1.0))))
-while speeds[-1] < 1.0:
-    rclpy.spin_once(node)
-"""
+UNSEEN = ('--view', 'none')
 #: Dies at the first state of the car.
 DIES = ROS_2.replace('import ECU', 'import ECU, ZDynBkMdl').replace(
     '    def on_twist',
@@ -47,28 +30,6 @@ DIES = ROS_2.replace('import ECU', 'import ECU, ZDynBkMdl').replace(
     '        raise ZeroDivisionError("a fault of mine")\n\n'
     '    def on_twist',
 )
-
-
-@contextmanager
-def teleop(folder: Path, *options: str) -> Iterator[subprocess.Popen[str]]:
-    run = subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim.run', 'teleop', '--view', 'none', *options],
-        cwd=folder,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        yield run
-    finally:
-        run.kill()
-        run.communicate()
-
-
-def drive() -> None:
-    """Drive until the car moves."""
-    subprocess.run([sys.executable, '-c', DRIVER], check=True, timeout=DEADLINE)
 
 
 def newest(folder: Path) -> Path:
@@ -80,8 +41,8 @@ def newest(folder: Path) -> Path:
 def test_program_drives_from_a_process_that_ends_with_the_run(tmp_path: Path) -> None:
     says = f'import os\nprint("pid", os.getpid(), flush=True)\n{ROS_2}'
     (tmp_path / 'mine.py').write_text(says, encoding='utf-8')
-    with teleop(tmp_path, '--relay', 'mine.py') as run:
-        drive()
+    with started('teleop', *UNSEEN, '--relay', 'mine.py', cwd=tmp_path) as run:
+        joystick()
         run.send_signal(signal.SIGTERM)
         out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0, err
@@ -98,7 +59,7 @@ def test_program_drives_from_a_process_that_ends_with_the_run(tmp_path: Path) ->
 @pytest.mark.slow
 def test_death_of_the_program_ends_the_run_with_a_sentence(tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(DIES, encoding='utf-8')
-    with teleop(tmp_path, '--relay', 'mine.py') as run:
+    with started('teleop', *UNSEEN, '--relay', 'mine.py', cwd=tmp_path) as run:
         out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 1
     sentence = 'the relay mine.py has ended with exit code 1: ZeroDivisionError: a fault of mine'
@@ -109,13 +70,9 @@ def test_death_of_the_program_ends_the_run_with_a_sentence(tmp_path: Path) -> No
 
 
 def test_without_a_relay_the_run_waits_for_another(tmp_path: Path) -> None:
-    with teleop(tmp_path, '--no-relay') as run:
-        relay = subprocess.Popen([sys.executable, '-m', 'barc_sim', 'node', 'relay'])
-        try:
-            drive()
-        finally:
-            relay.terminate()
-            relay.wait(DEADLINE)
+    with started('teleop', *UNSEEN, '--no-relay', cwd=tmp_path) as run:
+        with started('node', 'relay', stdout=None, stderr=None):
+            joystick()
         run.send_signal(signal.SIGTERM)
         _, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0, err
@@ -136,7 +93,7 @@ def test_options_that_contradict_are_refused(
     mine = tmp_path / 'mine.py'
     mine.write_text(ROS_2, encoding='utf-8')
     words = [str(mine) if word == 'mine.py' else word for word in options]
-    done = call('teleop', '--bag-dir', str(tmp_path / 'bags'), *words)
+    done = barc('teleop', '--bag-dir', str(tmp_path / 'bags'), *words)
     assert done.returncode == 2
     assert sentence in done.stderr.splitlines()[-1].replace(str(mine), 'mine.py')
     assert not (tmp_path / 'bags').exists()

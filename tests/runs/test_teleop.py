@@ -18,7 +18,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import call
+from command_line import call, started
+from relays import joystick
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
@@ -260,33 +261,10 @@ def test_an_error_in_a_node_gives_the_terminal_back(tmp_path: Path) -> None:
 
 
 def test_without_a_terminal_it_says_so_and_drives_from_cmd_vel(tmp_path: Path) -> None:
-    publish = (
-        'import rclpy\n'
-        'from geometry_msgs.msg import Twist, Vector3\n'
-        'from barc_interfaces.msg import ZDynBkMdl\n'
-        'rclpy.init()\n'
-        "node = rclpy.create_node('joystick')\n"
-        "twists = node.create_publisher(Twist, 'cmd_vel', 10)\n"
-        'speed = [0.0]\n'
-        "node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda m: speed.append(m.v_x), 10)\n"
-        'node.create_timer(0.1, lambda: twists.publish(Twist(linear=Vector3(x=1.0))))\n'
-        'while speed[-1] < 1.0:\n'
-        '    rclpy.spin_once(node)\n'
-    )
-    run = subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim.run', 'teleop'],
-        cwd=tmp_path,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        subprocess.run([sys.executable, '-c', publish], check=True, timeout=DEADLINE)
+    with started('teleop', cwd=tmp_path) as run:
+        joystick()
         run.send_signal(signal.SIGTERM)
         out, err = run.communicate(timeout=DEADLINE)
-    finally:
-        run.kill()
     assert run.returncode == 0
     assert 'no keys are read, as the standard input is no terminal' in err
     assert 'held ↑' in out or 'missed deadlines' in out

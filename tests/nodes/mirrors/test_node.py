@@ -14,8 +14,7 @@ from barc_interfaces.msg import ECU, ZDynBkMdl
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from node_bench import NodeBench, overrides
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
@@ -32,7 +31,7 @@ from barc_sim.ros.conversions import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from rclpy.context import Context
 
@@ -48,7 +47,7 @@ TYPES = {
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class Bench:
+class Bench(NodeBench):
     """A mirror, and a node that publishes states and commands and subscribes to the mirrors."""
 
     def __init__(
@@ -61,19 +60,14 @@ class Bench:
         period: float = 1.0,
         **parameters: float | str | bool,
     ) -> None:
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.mirror = MirrorNode(
             facts=facts,
             period=period,
             context=context,
             namespace=namespace,
-            parameter_overrides=overrides,
+            parameter_overrides=overrides(**parameters),
         )
-        self.peer = Node('peer', context=context, namespace=namespace)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.mirror)
-        self.executor.add_node(self.peer)
-        self.until = partial(spin_until, self.executor)
+        super().__init__(context, spin_until, self.mirror, namespace)
         self.received: dict[str, list[Any]] = {topic: [] for topic in TYPES}
         for topic, kind in TYPES.items():
             self.peer.create_subscription(kind, topic, self.received[topic].append, names.QOS)
@@ -101,18 +95,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
-    benches = []
-
-    def create(**options: Any) -> Bench:  # noqa: ANN401 (as Bench has them)
-        benches.append(Bench(ros, spin_until, **options))
-        return benches[-1]
-
-    yield create
-    for each in benches:
-        each.executor.shutdown()
-        each.mirror.destroy_node()
-        each.peer.destroy_node()
+def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+    return partial(benches, Bench)
 
 
 def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Callable[..., Bench]) -> None:

@@ -94,6 +94,12 @@ def messages(path: Path, topic: str) -> list[Any]:
         return [message for _, _, message in reader.iter_messages(topics=[topic])]
 
 
+def kept(recorder: BagRecorder, topic: str, kind: type[Any]) -> list[Any]:
+    """Return what a topic's messages are in the bag, which is closed."""
+    recorder.close()
+    return [deserialize_message(message.data, kind) for message in messages(recorder.path, topic)]
+
+
 def test_keeps_every_message_as_it_was_sent(recorder: BagRecorder, talker: Node) -> None:
     publisher = talker.create_publisher(ECU, 'ecu', 100)
     recorder.discover()
@@ -102,11 +108,10 @@ def test_keeps_every_message_as_it_was_sent(recorder: BagRecorder, talker: Node)
     for message in sent:
         publisher.publish(message)
     after = time.time_ns()
-    recorder.close()
-    kept = messages(recorder.path, '/ecu')
-    assert [deserialize_message(message.data, ECU) for message in kept] == sent
-    assert [message.sequence for message in kept] == list(range(1, 251))
-    for message in kept:
+    assert kept(recorder, '/ecu', ECU) == sent
+    records = messages(recorder.path, '/ecu')
+    assert [message.sequence for message in records] == list(range(1, 251))
+    for message in records:
         assert before <= message.publish_time <= message.log_time
         assert message.publish_time <= after
 
@@ -122,30 +127,21 @@ def test_finds_topics_and_latched_messages_while_it_is_spun(
     spin_until(executor, lambda: recorder.counts.get('/value') == 1)
     publisher.publish(Float64(data=8.0))
     spin_until(executor, lambda: recorder.counts.get('/value') == 2)
-    recorder.close()
-    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
-    assert kept == [7.0, 8.0]
+    assert [message.data for message in kept(recorder, '/value', Float64)] == [7.0, 8.0]
 
 
 def test_records_the_log_and_events_of_constructors(recorder: BagRecorder, talker: Node) -> None:
     talker.declare_parameter('gain', 2.0)
     talker.get_logger().info('ready')
-    recorder.close()
-    events = [
-        deserialize_message(message.data, ParameterEvent)
-        for message in messages(recorder.path, '/parameter_events')
-    ]
     of_talker = [
         parameter.name
-        for event in events
+        for event in kept(recorder, '/parameter_events', ParameterEvent)
         if event.node == '/talker'
         for parameter in event.new_parameters
     ]
     assert 'use_sim_time' in of_talker
     assert 'gain' in of_talker
-    said = [
-        deserialize_message(message.data, Log) for message in messages(recorder.path, '/rosout')
-    ]
+    said = kept(recorder, '/rosout', Log)
     assert ('talker', 'ready') in [(log.name, log.msg) for log in said]
     assert 'bag_recorder' in [log.name for log in said]
 
@@ -214,11 +210,10 @@ def test_names_a_topic_whose_type_has_no_definition(
     talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
     spin_until(executor, lambda: any(text.startswith('/value is not recorded') for text in said))
     recorder.discover()
-    recorder.close()
+    logged = [log.msg for log in kept(recorder, '/rosout', Log)]
+    assert len([text for text in logged if text.startswith('/value is not recorded')]) == 1
     assert '/value' not in recorder.counts
     assert 'std_msgs/msg/Float64' in bag.info(recorder.path)['not recorded /value']
-    kept = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
-    assert len([text for text in kept if text.startswith('/value is not recorded')]) == 1
 
 
 def test_missing_definition_is_requested_from_the_publisher(
@@ -347,9 +342,8 @@ def test_late_publisher_that_offers_less_costs_the_others_nothing(
             late = talker.create_publisher(Float64, 'value', BEST_EFFORT)
             recorder.discover()
     late.publish(Float64(data=-1.0))
-    recorder.close()
-    kept = [deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')]
-    assert sorted(kept) == [-1.0, *map(float, range(50))]
+    values = [message.data for message in kept(recorder, '/value', Float64)]
+    assert sorted(values) == [-1.0, *map(float, range(50))]
     assert recorder.lost['/value'] == {}
 
 

@@ -17,9 +17,9 @@ import pytest
 pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
-from rclpy.executors import SingleThreadedExecutor
+from command_line import bag_of, started
+from node_bench import NodeBench, overrides
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
@@ -32,7 +32,7 @@ from barc_sim.ros.conversions import to_nanoseconds
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from rclpy.context import Context
@@ -57,22 +57,17 @@ print(json.dumps(found))
 """
 
 
-class Bench:
+class Bench(NodeBench):
     """A simulator, a driver that answers it, and the times of clock and states."""
 
     def __init__(
         self, context: Context, spin_until: Callable[..., None], **parameters: float | bool
     ) -> None:
         check_period = parameters.pop('check_period', 1.0)
-        overrides = [Parameter(name, value=value) for name, value in parameters.items()]
         self.simulator = VehicleSimulator(
-            check_period=check_period, context=context, parameter_overrides=overrides
+            check_period=check_period, context=context, parameter_overrides=overrides(**parameters)
         )
-        self.peer = Node('peer', context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.simulator)
-        self.executor.add_node(self.peer)
-        self.until = partial(spin_until, self.executor)
+        super().__init__(context, spin_until, self.simulator)
         self.times: list[int] = []
         self.stamps: list[int] = []
         self.commands = self.peer.create_publisher(ECU, 'ecu', names.QOS)
@@ -86,28 +81,10 @@ class Bench:
     def _on_clock(self, message: Clock) -> None:
         self.times.append(to_nanoseconds(message.clock))
 
-    def call(self, kind: type, name: str, **request: bool) -> None:
-        """Call a service of the simulator."""
-        client = self.peer.create_client(kind, name)
-        self.until(client.service_is_ready)
-        answer = client.call_async(kind.Request(**request))
-        self.until(answer.done)
-        self.peer.destroy_client(client)
-
 
 @pytest.fixture
-def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Callable[..., Bench]]:
-    benches = []
-
-    def create(**parameters: float | bool) -> Bench:
-        benches.append(Bench(ros, spin_until, **parameters))
-        return benches[-1]
-
-    yield create
-    for each in benches:
-        each.executor.shutdown()
-        each.simulator.destroy_node()
-        each.peer.destroy_node()
+def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+    return partial(benches, Bench)
 
 
 @pytest.mark.parametrize(
@@ -213,12 +190,7 @@ def test_plain_node_in_another_process_keeps_time_with_a_run(tmp_path: Path, fac
     ) as follower:
         assert follower.stdout
         assert follower.stdout.readline() == 'ready\n'
-        with subprocess.Popen(
-            [sys.executable, '-m', 'barc_sim.run', 'acc', *options],
-            cwd=tmp_path,
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as run:
+        with started('acc', *options, cwd=tmp_path) as run:
             printed, _ = follower.communicate(timeout=60)
             run.send_signal(signal.SIGINT)
             path, _ = run.communicate(timeout=60)
@@ -245,18 +217,7 @@ def recorded(path: Path) -> tuple[list[int], list[int]]:
 
 @pytest.mark.usefixtures('ros_domain')
 def test_own_nodes_do_the_same_with_simulated_time(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [
-            *(sys.executable, '-m', 'barc_sim.run', 'acc', '--realtime-factor', 'max', '--quiet'),
-            *('--mirrors', 'all', '--ros-args', '-p', 'use_sim_time:=true'),
-        ],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == 0, done.stderr
-    path = tmp_path / done.stdout.strip()
+    options = ('--realtime-factor', 'max', '--mirrors', 'all')
+    path = bag_of(tmp_path, *options, '--ros-args', '-p', 'use_sim_time:=true')
     assert np.array_equal(bag.read(path).v_x, closed_loop().v_x)
     assert bag.info(path)['lost_messages'] == '0'

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from itertools import groupby
@@ -16,7 +14,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import ENVIRONMENT, call, messages
+from command_line import call, messages, started
 from page_client import connect_page, rows
 from rosbags.highlevel import AnyReader
 
@@ -46,31 +44,20 @@ def drive(engine: str, folder: Path) -> Path:
     folder.mkdir()
     (folder / 'relay.py').write_text(RELAY, encoding='utf-8')
     words = ('--engine', engine, '--relay', 'relay.py', '--realtime-factor', FACTOR)
-    with subprocess.Popen(
-        [sys.executable, '-m', 'barc_sim', 'teleop', *words],
-        cwd=folder,
-        env=os.environ | ENVIRONMENT,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as process:
-        try:
-            assert process.stdout
-            url = next(line.split()[-1] for line in process.stdout if line.startswith('live page'))
-            with connect_page(url) as socket:
-                moved = 0
-                while (wanted := request(moved)) is not None:
-                    forward, turn = wanted
-                    socket.send(json.dumps({'type': 'drive', 'linear': forward, 'angular': turn}))
-                    with suppress(TimeoutError):
-                        received = socket.recv(timeout=0.02)
-                        moved += sum(row['speed'] > 0.0 for row in rows(received))
-            process.send_signal(signal.SIGINT)
-            process.stdout.read()
-            assert process.wait(30.0) == 0
-        finally:
-            process.kill()
+    with started('teleop', *words, cwd=folder, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout
+        url = next(line.split()[-1] for line in process.stdout if line.startswith('live page'))
+        with connect_page(url) as socket:
+            moved = 0
+            while (wanted := request(moved)) is not None:
+                forward, turn = wanted
+                socket.send(json.dumps({'type': 'drive', 'linear': forward, 'angular': turn}))
+                with suppress(TimeoutError):
+                    received = socket.recv(timeout=0.02)
+                    moved += sum(row['speed'] > 0.0 for row in rows(received))
+        process.send_signal(signal.SIGINT)
+        process.stdout.read()
+        assert process.wait(30.0) == 0
     (bag,) = (folder / 'bags').iterdir()
     return bag
 

@@ -8,12 +8,15 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from command_line import barc
 from golden.make_golden import differences, figures
 from golden.scenarios import SCENARIOS
 from golden.test_golden import golden
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from golden.scenarios import Scenario
 
 __all__ = ['golden']
 
@@ -31,10 +34,16 @@ def test_run_without_ros_gives_the_golden_figures(
     golden: dict[str, Any],
     name: str,
     tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    def run(scenario: Scenario, folder: Path) -> None:
+        monkeypatch.chdir(folder)
+        assert barc(*scenario.arguments()).returncode == 0
+
     scenario = SCENARIOS[name]
-    folder = tmp_path / 'run'
-    folder.mkdir()
-    found = figures(scenario._replace(options=f'{scenario.options} --engine local'), folder)
-    assert found['metadata'].pop('engine') == 'local, without ROS'
+    local = scenario._replace(options=f'{scenario.options} --engine local')
+    found = figures(local, tmp_path, run)
+    before, engine, after = found['metadata'].partition('engine=local, without ROS ')
+    assert engine
+    found['metadata'] = before + after
     assert not differences(golden[name], found)

@@ -6,8 +6,6 @@ import json
 import os
 import signal
 import socket
-import subprocess
-import sys
 import time
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any
@@ -26,7 +24,8 @@ from barc_sim.simulation.laps import laps_of
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    import subprocess
+    from collections.abc import Callable
     from pathlib import Path
 
     from websockets.sync.client import ClientConnection
@@ -76,29 +75,19 @@ WATCH = """import('./chart.js').then(({ Chart }) => {
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str], str]]]:
+def begin(
+    start: Callable[..., subprocess.Popen[str]],
+) -> Callable[..., tuple[subprocess.Popen[str], str]]:
     """Return a function that starts a run without ROS, and returns it with its page's address."""
-    processes = []
 
-    def start(*words: str) -> tuple[subprocess.Popen[str], str]:
-        process = subprocess.Popen(
-            [sys.executable, '-m', 'barc_sim', *words, '--engine', 'local', '--view', 'web'],
-            cwd=tmp_path,
-            env=os.environ | ELSEWHERE,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        processes.append(process)
+    def begin(*words: str) -> tuple[subprocess.Popen[str], str]:
+        local = ('--engine', 'local', '--view', 'web')
+        process = start('-m', 'barc_sim', *words, *local, env=os.environ | ELSEWHERE)
         assert process.stdout
         assert process.stdout.readline() == 'engine     local, without ROS\n'
         return process, process.stdout.readline().split()[-1]
 
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    return begin
 
 
 def wait(connection: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
@@ -113,8 +102,8 @@ def wait(connection: ClientConnection, what: Callable[[dict[str, Any]], bool]) -
     raise AssertionError('it did not come')
 
 
-def test_page_drives_by_hand(start: Callable[..., Any], tmp_path: Path) -> None:
-    process, url = start('teleop')
+def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = begin('teleop')
     with connect_page(url) as socket:
         wait(socket, lambda m: m.get('type') == 'hello')
         until = time.monotonic() + 1.0
@@ -131,8 +120,8 @@ def test_page_drives_by_hand(start: Callable[..., Any], tmp_path: Path) -> None:
     assert log.speed.max() > 1.0
 
 
-def test_page_tunes_and_pauses(start: Callable[..., Any], tmp_path: Path) -> None:
-    process, url = start('acc', '--laps', '0')
+def test_page_tunes_and_pauses(begin: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = begin('acc', '--laps', '0')
     with connect_page(url) as socket:
         wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
         socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
@@ -165,12 +154,12 @@ def test_page_tunes_and_pauses(start: Callable[..., Any], tmp_path: Path) -> Non
 
 @pytest.mark.slow
 def test_more_half_open_connections_than_descriptors_end_no_run(
-    start: Callable[..., Any], tmp_path: Path
+    begin: Callable[..., Any], tmp_path: Path
 ) -> None:
     resource = pytest.importorskip('resource')
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    process, url = start('acc', '--laps', '0')
+    process, url = begin('acc', '--laps', '0')
     resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (1024, 1024))
     where = urlsplit(url)
     with ExitStack() as stack:
@@ -187,8 +176,8 @@ def test_more_half_open_connections_than_descriptors_end_no_run(
 
 
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
-def test_browser_drives(start: Callable[..., Any], tmp_path: Path) -> None:
-    process, url = start('teleop')
+def test_browser_drives(begin: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = begin('teleop')
     with Browser() as browser:
         tab = browser.open(url)
         tab.until("document.querySelector('#time').textContent !== '\\u2013'")
