@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.figures.animation import View
+    from barc_sim.figures.run_view import RunView
     from barc_sim.simulation.log import Log
 
 FORMATS = ('mp4', 'gif')
@@ -93,7 +93,7 @@ def _play_in_window(log: Log, title: str) -> bool:
     return True
 
 
-def view_of(log: Log, figure: Figure, title: str) -> View:
+def view_of(log: Log, figure: Figure, title: str) -> RunView:
     """Return the view for this run: from above if a driver steered."""
     from barc_sim.figures import side_view, top_view  # noqa: PLC0415
 

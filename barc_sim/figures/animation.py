@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.animation import FuncAnimation
@@ -13,19 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Iterator, Sequence
 
     from matplotlib.artist import Artist
-    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-
-class View(Protocol):
-    """Shows a run at any of its times, as `RunView` does."""
-
-    figure: Figure
-    duration: float  #: [s]
-    artists: Sequence[Artist]  #: moved by `update`, in the order of drawing
-
-    def update(self, t: float) -> None:
-        """Show the run at `t` [s]."""
+    from barc_sim.figures.run_view import RunView
 
 
 def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
@@ -40,7 +30,7 @@ def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
     return np.minimum(np.arange(count) / fps, duration)
 
 
-def frames(view: View, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
+def frames(view: RunView, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
     """Draw the view at each of `times`; its fixed parts are drawn once.
 
     Yields
@@ -60,7 +50,7 @@ def frames(view: View, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
         yield image
 
 
-def animate(view: View, *, interval: float = 0.02) -> FuncAnimation:
+def animate(view: RunView, *, interval: float = 0.02) -> FuncAnimation:
     """Return the animation that repeats in the view's window.
 
     It runs in real time: a slow machine skips frames. `interval` [s] is the time between two.
