@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -32,8 +31,10 @@ input()
 """
 
 
-def test_participants_of_other_processes_are_known_at_once(ros: Context, ros_domain: int) -> None:
-    Node('car', context=ros)
+def test_another_process_and_its_claim_are_known_until_it_is_killed(
+    ros: Context, ros_domain: int
+) -> None:
+    node = Node('car', context=ros)
     assert not others_here(ros_domain)
     with subprocess.Popen(
         [sys.executable, '-c', HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -41,15 +42,21 @@ def test_participants_of_other_processes_are_known_at_once(ros: Context, ros_dom
         assert holder.stdout
         assert holder.stdout.readline() == 'held\n'
         assert others_here(ros_domain)
+        with pytest.raises(UserError):
+            claim(node, 'z_vhcl')
         holder.kill()
+        holder.wait(timeout=20)
     assert not others_here(ros_domain)
+    claim(node, 'z_vhcl').close()
 
 
-def test_topic_is_claimed_once_until_it_is_closed(ros: Context) -> None:
+def test_topic_is_claimed_once_until_it_is_closed(ros: Context, ros_domain: int) -> None:
     node = Node('car', context=ros)
     held = claim(node, 'z_vhcl')
-    with pytest.raises(UserError, match='another simulator publishes /z_vhcl in ROS domain'):
+    with pytest.raises(UserError, match='another simulator publishes /z_vhcl in ROS domain') as no:
         claim(node, 'z_vhcl')
+    assert '--ros-args -r __ns:=/car2' in str(no.value)
+    assert f'ROS_DOMAIN_ID={ros_domain + 1}' in str(no.value)
     held.close()
     claim(node, 'z_vhcl').close()
 
@@ -62,31 +69,6 @@ def test_topics_of_other_namespaces_are_free_however_long(ros: Context) -> None:
         claim(nodes[-1], 'z_vhcl')
     for one in held:
         one.close()
-
-
-def test_refusal_tells_how_to_run_beside_the_other(ros: Context, ros_domain: int) -> None:
-    node = Node('car', context=ros)
-    with claim(node, 'z_vhcl'), pytest.raises(UserError) as refusal:
-        claim(node, 'z_vhcl')
-    assert '--ros-args -r __ns:=/car2' in str(refusal.value)
-    assert f'ROS_DOMAIN_ID={ros_domain + 1}' in str(refusal.value)
-
-
-def test_claim_of_a_killed_process_is_free_at_once(ros: Context) -> None:
-    node = Node('car', context=ros)
-    with subprocess.Popen(
-        [sys.executable, '-c', HOLDER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as holder:
-        assert holder.stdout
-        assert holder.stdout.readline() == 'held\n'
-        with pytest.raises(UserError):
-            claim(node, 'z_vhcl')
-        holder.send_signal(signal.SIGKILL)
-        holder.wait(timeout=20)
-    claim(node, 'z_vhcl').close()
 
 
 def test_reserved_domain_is_nobody_elses() -> None:

@@ -14,13 +14,14 @@ import pytest
 pytest.importorskip('rclpy')
 
 import rclpy
+from command_line import barc
 
 import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.ros.process import ros
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     Start = Callable[..., subprocess.Popen[str]]
 
@@ -28,36 +29,14 @@ ROOT = Path(barc_sim.__file__).parents[1]
 pytestmark = pytest.mark.usefixtures('ros_domain')
 
 
-@pytest.fixture
-def start() -> Iterator[Start]:
-    """Return a function that starts a node, which is gone after the test."""
-    started: list[subprocess.Popen[str]] = []
-
-    def start(node: str, *parameters: str) -> subprocess.Popen[str]:
-        options = [word for parameter in parameters for word in ('-p', parameter)]
-        started.append(
-            subprocess.Popen(
-                [sys.executable, '-m', 'barc_sim', 'node', node, '--ros-args', *options],
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-        )
-        return started[-1]
-
-    yield start
-    for process in started:
-        process.kill()
-        process.communicate()
-
-
 @pytest.mark.parametrize('simulator_first', [True, False])
 def test_nodes_of_two_processes_find_each_other_and_drive(
     start: Start, *, simulator_first: bool
 ) -> None:
-    nodes = {'vehicle_simulator': ['realtime_factor:=0.0', 'distance:=3.0'], 'controller': []}
+    parameters = ['--ros-args', '-p', 'realtime_factor:=0.0', '-p', 'distance:=3.0']
+    nodes = {'vehicle_simulator': parameters, 'controller': []}
     order = sorted(nodes, reverse=simulator_first)
-    running = {node: start(node, *nodes[node]) for node in order}
+    running = {node: start('-m', 'barc_sim', 'node', node, *nodes[node]) for node in order}
     out, err = running['vehicle_simulator'].communicate(timeout=30)
     assert (running['vehicle_simulator'].returncode, out) == (0, '')
     assert 'Traceback' not in err
@@ -66,9 +45,9 @@ def test_nodes_of_two_processes_find_each_other_and_drive(
     assert running['controller'].returncode == 0
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_node_that_waits_ends_at_a_signal(start: Start, number: signal.Signals) -> None:
-    process = start('vehicle_simulator')
+    process = start('-m', 'barc_sim', 'node', 'vehicle_simulator')
     assert process.stderr
     assert 'waiting for a controller' in process.stderr.readline()
     process.send_signal(number)
@@ -84,14 +63,11 @@ def test_node_that_waits_ends_at_a_signal(start: Start, number: signal.Signals) 
         ('controller', 'kp', 'controller: error: ROS cannot start with its arguments: '),
     ],
 )
-def test_bad_parameter_is_one_line_and_exit_code_2(
-    start: Start, node: str, parameter: str, words: str
-) -> None:
-    process = start(node, parameter)
-    out, err = process.communicate(timeout=20)
-    assert (process.returncode, out) == (2, '')
-    assert err.startswith(words)
-    assert err.count('\n') == 1
+def test_bad_parameter_is_one_line_and_exit_code_2(node: str, parameter: str, words: str) -> None:
+    done = barc('node', node, '--ros-args', '-p', parameter)
+    assert (done.returncode, done.stdout) == (2, '')
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(words)
 
 
 # ROS's start

@@ -198,9 +198,9 @@ def test_browser_drives(begin: Callable[..., Any], tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
 def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
-    start: Callable[..., Any], tmp_path: Path
+    begin: Callable[..., Any], tmp_path: Path
 ) -> None:
-    process, url = start('acc', '--laps', '0', '--distance', '30', '--realtime-factor', '3')
+    process, url = begin('acc', '--laps', '0', '--distance', '30', '--realtime-factor', '3')
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').innerText"
     with Browser() as browser:
         tab = browser.open(url, width=1440, height=900)
