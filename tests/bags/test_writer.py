@@ -135,10 +135,11 @@ def test_rosbags_reads_the_directory_and_agrees_with_the_hash(writer: BagWriter)
 def test_metadata_is_version_9_and_covers_the_earliest_to_the_latest_message(
     writer: BagWriter,
 ) -> None:
-    for k in (3, 1, 7, 2):
+    for k in (3, 1, 7, 2):  # a clock may jump back
         write(writer, OTHER, k)
     writer.add_metadata({'steps': '4'})
     writer.close()
+    mcap_doctor.check(writer.file)
     span = {
         'duration': {'nanoseconds': 6},
         'starting_time': {'nanoseconds_since_epoch': 1001},
@@ -331,15 +332,6 @@ def test_a_next_file_that_cannot_be_made_loses_nothing(tmp_path: Path) -> None:
     writer.close()
     mcap_doctor.check(directory / 'run_0.mcap')
     assert metadata(writer)['message_count'] == 10
-
-
-def test_clock_that_jumps_back_is_kept(writer: BagWriter, directory: Path) -> None:
-    for k in (5, 6, 1, 2):
-        write(writer, VALUE, k)
-    writer.close()
-    mcap_doctor.check(directory / 'run_0.mcap')
-    assert metadata(writer)['starting_time'] == {'nanoseconds_since_epoch': 1001}
-    assert metadata(writer)['duration'] == {'nanoseconds': 5}
 
 
 # Attachments

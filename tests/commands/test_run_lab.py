@@ -65,11 +65,19 @@ def failing(step: int) -> str:
     return PID.format(line=f'assert self.calls < {step}')
 
 
-def test_the_bag_has_the_files_that_drove_and_their_hashes(start: Start, tmp_path: Path) -> None:
-    folder = lab(tmp_path / 'lab', controller='import gain\n' + PID.format(line=''), gain='')
-    code, _, _ = finish(start('acc', '-q', *MAX, '--distance', '1', '--lab', 'lab'))
-    assert code == 0
+def test_gains_go_to_the_users_class_and_its_files_with_their_hashes_to_the_bag(
+    start: Start, tmp_path: Path
+) -> None:
+    text = "print('loaded')\nimport gain\n" + PID.format(line='print(1)')
+    folder = lab(tmp_path / 'lab', controller=text, gain='')
+    words = ('-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab')
+    code, out, _ = finish(start('acc', *words))
     path = bag.newest(tmp_path / 'bags')
+    # Quiet, it prints nothing of theirs.
+    assert (code, out) == (0, f'{path.relative_to(tmp_path)}\n')
+    log = bag.read(path)
+    assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
+    assert np.isnan(log.proportional).all()
     attached = bag.attachments(path)
     printed = json.loads(bag.info(path)['student_code'])
     assert printed['files'] == {'controller': 'controller.py'}
@@ -93,17 +101,6 @@ def test_the_labs_published_law_drives_as_published(start: Start, tmp_path: Path
     errors = summary(log)
     assert errors.rms_error_after_run_up == pytest.approx(0.101, abs=0.0005)
     assert errors.max_error_after_run_up == pytest.approx(0.367, abs=0.0005)
-
-
-def test_gains_go_to_the_users_class_and_unknown_terms_are_unknown(
-    start: Start, tmp_path: Path
-) -> None:
-    lab(tmp_path / 'lab', controller=PID.format(line=''))
-    code, _, _ = finish(start('acc', '-q', *MAX, '--distance', '1', '--kp', '0.5', '--lab', 'lab'))
-    log = bag.read(bag.newest(tmp_path / 'bags'))
-    assert code == 0
-    assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
-    assert np.isnan(log.proportional).all()
 
 
 def test_an_error_in_the_run_ends_it_with_all_up_to_there_in_the_bag(
@@ -175,13 +172,6 @@ def test_a_line_printed_in_each_step_is_kept_by_a_pipe(start: Start, tmp_path: P
     assert code == 0
     assert lines == [f'call {k + 1}' for k in range(len(lines))]
     assert len(lines) > 50
-
-
-def test_a_quiet_run_prints_nothing_of_it(start: Start, tmp_path: Path) -> None:
-    lab(tmp_path / 'lab', controller="print('loaded')\n" + PID.format(line='print(1)'))
-    code, out, _ = finish(start('acc', '-q', *MAX, '--lab', 'lab', '--distance', '1'))
-    assert code == 0
-    assert out == f'{bag.newest(tmp_path / "bags").relative_to(tmp_path)}\n'
 
 
 def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
