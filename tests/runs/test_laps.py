@@ -26,7 +26,7 @@ ROW = re.compile(r' +(\d+)  +0\.0 to +(\d+\.\d) m +0\.\d+ +0\.\d+ +0\.3% +1\.00 
 def drive(folder: Path, engine: str, *options: str) -> tuple[str, Path]:
     """Drive in lock-step; return what the run prints, and its bag."""
     words = ('--engine', engine, '--realtime-factor', 'max', '--bag-dir', str(folder))
-    done = call('acc', *words, *options)
+    done = (barc if engine == 'local' else call)('acc', *words, *options)
     assert done.returncode == 0, done.stderr
     return done.stdout, next(folder.iterdir())
 
