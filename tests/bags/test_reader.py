@@ -30,6 +30,16 @@ def start(directory: Path) -> BagWriter:
     return BagWriter(directory, metadata={'command': 'acc', 'kp': '30.0'})
 
 
+def written(tmp_path: Path, log: Log, *namespaces: str) -> Path:
+    """Return a bag with a car in each namespace."""
+    writer = start(tmp_path / 'run')
+    for namespace in namespaces or ['']:
+        fill(writer, log, namespace)
+    writer.add_metadata({'kp': '31.0', 'missed': '0'})
+    writer.close()
+    return tmp_path / 'run'
+
+
 @pytest.fixture(scope='module')
 def log() -> Log:
     return closed_loop(distance=25.0)
@@ -38,11 +48,7 @@ def log() -> Log:
 @pytest.fixture
 def run(tmp_path: Path, log: Log) -> Path:
     """Return a bag of a run."""
-    writer = start(tmp_path / 'run')
-    fill(writer, log)
-    writer.add_metadata({'kp': '31.0', 'missed': '0'})
-    writer.close()
-    return tmp_path / 'run'
+    return written(tmp_path, log)
 
 
 def assert_same(read: Log, expected: Log) -> None:
@@ -58,11 +64,8 @@ def test_a_run_is_read_back_bit_for_bit(run: Path, log: Log) -> None:
 
 def test_terms_that_are_no_pids_are_read_back_by_name(tmp_path: Path) -> None:
     expected = closed_loop(controller=LQR(output_min=-8.0, output_max=8.0), distance=25.0)
-    writer = start(tmp_path / 'run')
-    fill(writer, expected)
-    writer.close()
     assert [*expected.own_terms] == [*LQR.terms]
-    assert_same(bag.read(tmp_path / 'run'), expected)
+    assert_same(bag.read(written(tmp_path, expected)), expected)
 
 
 def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path: Path) -> None:
@@ -80,10 +83,7 @@ def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path:
     expected = closed_loop(controller=Feedforward(output_min=-8.0, output_max=8.0), distance=25.0)
     assert [*expected.terms] == ['proportional', 'feedforward']
     assert expected.motor[-1] != 7.0
-    writer = start(tmp_path / 'run')
-    fill(writer, expected)
-    writer.close()
-    assert_same(bag.read(tmp_path / 'run'), expected)
+    assert_same(bag.read(written(tmp_path, expected)), expected)
 
 
 def test_the_file_alone_is_enough(run: Path, log: Log) -> None:
@@ -91,23 +91,17 @@ def test_the_file_alone_is_enough(run: Path, log: Log) -> None:
 
 
 def test_a_car_in_a_namespace_is_found(tmp_path: Path, log: Log) -> None:
-    writer = start(tmp_path / 'run')
-    fill(writer, log, '/fleet/car2')
-    writer.close()
-    assert_same(bag.read(tmp_path / 'run'), log)
+    assert_same(bag.read(written(tmp_path, log, '/fleet/car2')), log)
 
 
 def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
-    writer = start(tmp_path / 'run')
-    fill(writer, log, '/car2')
-    fill(writer, log)
-    writer.close()
+    path = written(tmp_path, log, '/car2', '')
     with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
-        bag.read(tmp_path / 'run')
+        bag.read(path)
     for namespace in ('/', '/car2', 'car2'):
-        assert_same(bag.read(tmp_path / 'run', namespace), log)
+        assert_same(bag.read(path, namespace), log)
     with pytest.raises(UserError, match='no states of the car /car3'):
-        bag.read(tmp_path / 'run', 'car3')
+        bag.read(path, 'car3')
 
 
 def test_info_is_the_newest_metadata(run: Path) -> None:
@@ -175,17 +169,14 @@ def test_a_directory_without_a_file_is_named(tmp_path: Path) -> None:
         bag.info(tmp_path)
 
 
-def test_an_empty_file_is_named(tmp_path: Path) -> None:
-    (tmp_path / 'run.mcap').touch()
-    with pytest.raises(UserError, match=r"run\.mcap' is empty: name another bag"):
+@pytest.mark.parametrize(
+    ('content', 'what'),
+    [(b'', 'is empty'), (b'not a bag, but text', 'is not an MCAP file'), (b'x', 'is not an MCAP')],
+)
+def test_a_file_of_another_kind_is_named(tmp_path: Path, content: bytes, what: str) -> None:
+    (tmp_path / 'run.mcap').write_bytes(content)
+    with pytest.raises(UserError, match=rf"run\.mcap' {what}.*: name another bag"):
         bag.read(tmp_path)
-
-
-@pytest.mark.parametrize('content', [b'not a bag, but text', b'x'])
-def test_a_file_of_another_kind_is_named(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / 'text').write_bytes(content)
-    with pytest.raises(UserError, match="text' is not an MCAP file: name another bag"):
-        bag.read(tmp_path / 'text')
 
 
 def test_a_bag_without_states_is_named(tmp_path: Path) -> None:
@@ -215,16 +206,7 @@ def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
         bag.read(tmp_path)
 
 
-def test_files_of_a_bag_are_found_by_name(tmp_path: Path) -> None:
-    writer = start(tmp_path / 'run')
-    writer.attach({'student/a.py': b'x = 1\n'})
-    writer.close()
-    assert bag.attachments(tmp_path / 'run') == {'student/a.py': b'x = 1\n'}
-
-
 def test_messages_are_counted_by_topic(tmp_path: Path) -> None:
     log = closed_loop(distance=1.0)
-    writer = start(tmp_path / 'run')
-    fill(writer, log, '/car1')
-    writer.close()
-    assert bag.counts(tmp_path / 'run') == dict.fromkeys(TOPICS, len(log))
+    path = written(tmp_path, log, '/car1')
+    assert bag.counts(path) == dict.fromkeys(TOPICS, len(log))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import mcap_doctor
 import pytest
 import yaml
+from command_line import refused
 from made_bags import VALUE
 from mcap.records import Message
 from rosbags.highlevel import AnyReader
@@ -21,10 +22,13 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from pathlib import Path
 
+ATTACHED = {'student/a.py': b'x = 1\n'}
+
 
 def write(directory: Path, *, limits: FileLimits | None = None) -> BagWriter:
     directory.mkdir()
     writer = BagWriter(directory, metadata={'command': 'acc'}, limits=limits)
+    writer.attach(ATTACHED)
     for k in range(1000):
         writer.write(
             VALUE, k.to_bytes(12, 'little'), received=1000 + k, published=900 + k, sequence=k
@@ -34,13 +38,17 @@ def write(directory: Path, *, limits: FileLimits | None = None) -> BagWriter:
     return writer
 
 
+def kill(writer: BagWriter) -> Path:
+    """Leave the bag as a kill would; return it."""
+    for file in writer._files:  # noqa: SLF001
+        file.pieces.close()
+    return writer.directory
+
+
 @pytest.fixture
 def killed(tmp_path: Path) -> Path:
     """Return the bag of a run that was killed."""
-    writer = write(tmp_path / 'run')
-    for file in writer._files:  # noqa: SLF001 (what a kill would do)
-        file.pieces.close()
-    return tmp_path / 'run'
+    return kill(write(tmp_path / 'run'))
 
 
 def messages(directory: Path) -> list[Message]:
@@ -67,6 +75,7 @@ def test_a_killed_runs_bag_becomes_whole(killed: Path) -> None:
     assert topic['topic_metadata']['offered_qos_profiles'] == VALUE.offered_qos
     assert topic['topic_metadata']['type_description_hash'] == VALUE.type_hash
     assert bag.info(killed) == {'command': 'acc'}
+    assert bag.attachments(killed) == ATTACHED
     assert {file.name for file in killed.iterdir()} == {'run_0.mcap', 'metadata.yaml'}
 
 
@@ -114,10 +123,7 @@ def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
 
 
 def test_a_bag_of_several_files_becomes_whole(tmp_path: Path) -> None:
-    writer = write(tmp_path / 'run', limits=FileLimits(duration=99e-9))
-    for file in writer._files:  # noqa: SLF001 (what a kill would do)
-        file.pieces.close()
-    found = make_whole(tmp_path / 'run')
+    found = make_whole(kill(write(tmp_path / 'run', limits=FileLimits(duration=99e-9))))
     assert list(found.spans) == [f'run_{k}.mcap' for k in range(10)]
     assert [message.sequence for message in messages(tmp_path / 'run')] == list(range(1000))
     with AnyReader([tmp_path / 'run']) as reader:
@@ -163,23 +169,6 @@ def test_command_prints_what_was_recovered(
     ]
 
 
-def test_command_names_a_missing_bag(capsys: pytest.CaptureFixture[str]) -> None:
-    assert barc(['recover', '/nowhere']) == 2
-    assert capsys.readouterr().err == (
-        "barc recover: error: there is no bag '/nowhere': name the directory of a bag\n"
-    )
-
-
-def test_attached_files_are_kept(tmp_path: Path) -> None:
-    directory = tmp_path / 'run'
-    directory.mkdir()
-    writer = BagWriter(directory)
-    writer.attach({'student/a.py': b'x = 1\n'})
-    writer.write(VALUE, bytes(12), received=1, published=1, sequence=0)
-    writer.flush()
-    for file in writer._files:  # noqa: SLF001 (what a kill would do)
-        file.pieces.close()
-    make_whole(directory)
-    mcap_doctor.check(writer.file)
-    assert bag.attachments(directory) == {'student/a.py': b'x = 1\n'}
-    assert len(messages(directory)) == 1
+def test_command_names_a_missing_bag() -> None:
+    line = refused('recover', '/nowhere')
+    assert line.endswith("there is no bag '/nowhere': name the directory of a bag")
