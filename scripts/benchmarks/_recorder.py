@@ -60,8 +60,7 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         clock = next(map(time.pthread_getcpuclockid, threads), None)
         began, processor = time.perf_counter(), time.process_time()
         own = time.clock_gettime(clock) if clock else 0.0
-        run.steps.clear()
-        run.processor.clear()
+        run.clock.ticks.clear()
         sent.append(_flood(task))
         taken = (time.perf_counter() - began) / 100.0
         used['core, %'] = (time.process_time() - processor) / taken
