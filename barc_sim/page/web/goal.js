@@ -121,7 +121,7 @@ export class Goal {
     context.fillStyle = colours.ink;
     context.textAlign = 'center';
     context.textBaseline = 'middle';
-    context.fillText(`${this.time} s`, width / 2, 24);
+    context.fillText(`${this.time} s`, width / 2, 38);
     const [left, top] = toScreen(BOX.x - BOX.length / 2, BOX.y + BOX.width / 2);
     context.lineWidth = 3;
     context.strokeStyle = this.attempt?.end == null ? colours.ink : colours.green;

@@ -37,7 +37,7 @@ export class Lesson {
     this.limited = make('span', { className: 'limited', hidden: true }, 'limited');
     this.equation.replaceChildren(
       part('motor', 'command', colours.motor), make('small', {}, 'm/s²'), this.limited,
-      ...terms.map((name, i) => make('span', {}, i ? '+ ' : '= ', part(name, name, colours[name]))),
+      ...terms.map((name, i) => make('span', {}, i ? '+\u2002' : '=\u2002', part(name, name, colours[name]))),
     );
   }
 

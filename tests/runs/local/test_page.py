@@ -200,7 +200,7 @@ def test_browser_drives(begin: Callable[..., Any], tmp_path: Path) -> None:
 def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
     begin: Callable[..., Any], tmp_path: Path
 ) -> None:
-    process, url = begin('acc', '--laps', '0', '--distance', '30', '--realtime-factor', '3')
+    process, url = begin('acc', '--laps', '0', '--distance', '30', '--realtime-factor', '6')
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').innerText"
     with Browser() as browser:
         tab = browser.open(url, width=1440, height=900)
@@ -246,7 +246,7 @@ def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
     for lap, place in zip(ghosts, scene['cars'][::3], strict=True):  # body, wheel, wheel
         t = min(now - laps.current.start + lap.start, lap.end)
         expected = np.interp(np.interp(t, log.t, log.distance), *posts.T)
-        assert place == pytest.approx(expected, abs=0.1)
+        assert place == pytest.approx(expected, abs=1.0)  # [px]
     k = int(np.searchsorted(log.t, 3.5 - 1e-9))
     commands = {
         tuple(round(float(log.columns()[name][row]), 3) for name in ('motor', *PID.terms)): row
