@@ -5,6 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import os
+import signal
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,8 +15,9 @@ from command_line import call
 from elsewhere import ELSEWHERE
 from user_files import CONTROLLER, MODEL
 
+from barc_sim.bags.reader import newest
+
 if TYPE_CHECKING:
-    import subprocess
     from pathlib import Path
 
 
@@ -36,6 +40,27 @@ def write_lab(folder: Path) -> None:
         (folder / name).write_bytes(b'\xef\xbb\xbf' + text.encode().replace(b'\n', b'\r\n'))
 
 
+#: As in the lab's third tutorial.
+RELAY = 'def relay(linear_x, angular_z):\n    return [2.0 * linear_x, 0.3 * angular_z]\n'
+
+
+def drive_by_hand(folder: Path, *options: str) -> None:
+    """Run `barc teleop` until the first state is shown."""
+    with subprocess.Popen(
+        [sys.executable, '-m', 'barc_sim', 'teleop', *options],
+        cwd=folder,
+        env=os.environ | ELSEWHERE,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout
+        assert any('speed' in line for line in process.stdout)
+        process.send_signal(signal.SIGINT)
+        process.stdout.read()
+        assert process.wait(30.0) == 0
+
+
 @pytest.fixture
 def home(tmp_path: Path) -> Path:
     """Return a folder whose name has what a path of Windows has."""
@@ -49,8 +74,15 @@ def test_three_tasks_from_the_templates_to_the_report(home: Path) -> None:
     done(home, 'new', 'my lab')
     write_lab(home / 'my lab')
     assert '9 of 9 criteria are met in full' in done(home, 'check', 'my lab')
+    (home / 'my lab' / 'relay.py').write_text(RELAY, encoding='utf-8')
+    assert '14 of 14 criteria are met in full' in done(home, 'check', 'my lab')
+    drive_by_hand(home, '--lab', 'my lab')
+    submitted = done(home, 'submit', 'my lab')
+    assert 'course        180.' in submitted
+    assert '(barc teleop --lab my lab)' in submitted.replace("'", '')
+    assert 'my lab.zip' in submitted
     assert done(home, 'acc', '--lab', 'my lab', '--realtime-factor', 'max').startswith('engine')
-    (bag,) = (home / 'bags').iterdir()
+    bag = newest(home / 'bags')
     assert done(home, 'plot', '--save', 'speed.png') == 'speed.png\n'
     assert 'report.html' in done(home, 'report')
     done(home, 'graph', '--bag', str(bag), '--save', 'graph.png')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import subprocess
 import sys
@@ -95,8 +96,10 @@ def _drive(folder: Path, bags: Path, engine: str) -> tuple[Path | None, str]:
         # In a process of its own, which the files can end.
         done = subprocess.run(  # noqa: S603 (our own command)
             [sys.executable, '-m', 'barc_sim', 'acc', '-q', '--bag-dir', str(bags), *options],
+            env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
             capture_output=True,
-            text=True,
+            encoding='utf-8',
+            errors='replace',
             timeout=_PATIENCE,
             check=False,
         )

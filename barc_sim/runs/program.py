@@ -52,11 +52,11 @@ class Program:
         self._process = subprocess.Popen(  # noqa: S603 (the user's own file)
             [sys.executable, '-c', _START, sys.executable, '-u', str(file.resolve())],
             cwd=folder or file.resolve().parent,
-            env=os.environ,
+            env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
             stdin=stdin,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            text=True,
+            encoding='utf-8',
             errors='replace',
             # A Ctrl-C ends the run, which then ends this process.
             start_new_session=True,
