@@ -21,3 +21,6 @@ class PID:
         if not (wanted > 8.0 and step > 0.0) and not (wanted < -8.0 and step < 0.0):
             self.integral += step
         return self.kp * error + self.integral + derivative
+
+
+pid = PID(kp=10.0, ki=20.0, kd=0.0)
