@@ -120,15 +120,6 @@ def test_node_info_shows_topics_and_services() -> None:
     assert '    /vehicle_simulator/reset: std_srvs/srv/Trigger\n' in printed
 
 
-def test_every_parameter_has_a_description() -> None:
-    for node in NODES:
-        names = ros2('param', 'list', node).split()
-        own = [name for name in names if name != 'use_sim_time']
-        described = ros2('param', 'describe', node, *own)
-        assert described.count('Parameter name:') == len(own)
-        assert described.count('  Description: ') == len(own)
-
-
 def test_parameter_is_set_and_read() -> None:
     assert ros2('param', 'set', '/controller', 'kp', '20.0') == 'Set parameter successful\n'
     assert ros2('param', 'get', '/controller', 'kp') == 'Double value is: 20.0\n'
@@ -157,14 +148,6 @@ def test_services_are_called() -> None:
             'service', 'call', f'/vehicle_simulator/{service}', f'std_srvs/srv/{kind}', request
         )
         assert 'success=True' in printed
-
-
-@pytest.mark.parametrize('kind', TOPICS.values())
-def test_every_field_of_an_interface_has_its_unit(kind: str) -> None:
-    shown = ros2('interface', 'show', f'barc_interfaces/msg/{kind}')
-    fields = [line for line in shown.splitlines() if line.startswith(('float64', 'bool'))]
-    assert fields
-    assert all('# ' in line for line in fields)
 
 
 def test_package_is_found_and_its_commands_are_run() -> None:
