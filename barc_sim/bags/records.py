@@ -37,7 +37,7 @@ class Damage:
     unreadable_chunks: int = 0
     unfinished: bool = False  #: its end is missing
     unread: int = 0  #: [B] after the last whole record
-    cut: bool = False  #: these are the beginning of a record, as a kill leaves it
+    cut: bool = False  #: these are at most the beginning of a record, as a kill leaves it
 
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
