@@ -36,7 +36,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         type=_positive('bytes'),
         default=inf,
         metavar='BYTES',
-        help='begin a new file of the bag at this size',
+        help='begin a new file of the bag at this size, exceeded by a chunk of 768 KiB at most',
     )
     group.add_argument(
         '--max-bag-duration',
