@@ -124,6 +124,8 @@ def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None)
 
 def reset_trigger(guard: GuardCondition, context: Context) -> bool:
     """Forget the triggers of a guard condition; return whether there were any."""
+    if not context.ok():
+        return False
     with guard.handle, context.handle:
         wait_set = _rclpy.WaitSet(0, 1, 0, 0, 0, 0, context.handle)
         wait_set.clear_entities()

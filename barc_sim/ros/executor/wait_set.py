@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 
 from barc_sim.ros.executor.entities import KINDS
@@ -84,7 +86,9 @@ class WaitSetThread(SingleThreadedExecutor):
         self.wake()
         if self._thread:
             self._thread.join()
-        self.shutdown()
+        with suppress(InvalidHandle):  # destroyed already, at the interpreter's end
+            self.shutdown()
+        self._sigint_gc = None
 
     def _run(self) -> None:
         try:
