@@ -196,6 +196,7 @@ def test_browser_drives(begin: Callable[..., Any], tmp_path: Path) -> None:
     assert log.speed.max() > 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
 def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
     begin: Callable[..., Any], tmp_path: Path
