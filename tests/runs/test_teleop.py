@@ -164,7 +164,8 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     slack = lost(session.bag()) * Limits().acceleration
     expected = (ended - begun) * Limits().acceleration
     assert log.speed[-1] == pytest.approx(expected, rel=0.05, abs=0.05 * expected + slack)
-    assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.01)
+    # The servo that returns changes the slip angle, and with it the speed.
+    assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)
     assert termios.tcgetattr(session.fd) == session.before
     again = drive(heard, float(log.t[-1]))
     # The nodes' ticks fall elsewhere in the same 50 ms.
