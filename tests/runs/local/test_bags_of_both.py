@@ -182,7 +182,7 @@ def recorded(bag: Path) -> dict[float, DriverInput]:
             if connection.topic == '/z_vhcl':
                 start = start or stamp
             elif connection.topic == '/cmd_vel' and start:
-                twist = reader.deserialize(data, connection.msgtype)
+                twist: Any = reader.deserialize(data, connection.msgtype)
                 request = DriverInput(twist.linear.x, twist.angular.z, -twist.linear.z)
                 found[(stamp - start) / 1e9] = request
     return found
