@@ -11,7 +11,15 @@ from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.call import describe_error, number, raised_at, short_repr
 from barc_sim.lab.user_code.ros_modules import modules
-from barc_sim.lab.user_code.ros_world import COMMANDS, Command, TimedTwist, World, WorldEnd
+from barc_sim.lab.user_code.ros_world import (
+    CMD_VEL,
+    COMMANDS,
+    Command,
+    TimedTwist,
+    World,
+    WorldEnd,
+    base,
+)
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -77,7 +85,7 @@ class RelayProgram:
         Raises
         ------
         UserCodeError
-            if it fails, publishes on another topic alone, or a number that is not finite.
+            if it fails, does not use `cmd_vel` and `ecu`, or publishes a number that is not finite.
         """
         world = World(twists, duration)
         if self._budget:
@@ -134,6 +142,12 @@ class RelayProgram:
             raise UserCodeError(
                 f'{self.path.name}: it publishes more than {MOST_COMMANDS} commands in '
                 f'{world.end:g} s: is the sleep of its loop missing?'
+            )
+        topics = [each.topic for each in world.subscriptions]
+        if world.commands and not any(base(topic) == CMD_VEL for topic in topics):
+            raise UserCodeError(
+                f'{self.path.name}: it subscribes to {", ".join(map(repr, topics)) or "no topic"}; '
+                f"expected {CMD_VEL}, the topic of the keyboard's Twists"
             )
         if world.commands:
             return

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _QUESTION = 1e-3
 _STATE_PERIOD = 0.02  #: [s]
 _MOST_EVENTS = 200_000  #: of one program, also where its timer has no period
-_CMD_VEL, _STATE, COMMANDS = 'cmd_vel', 'z_vhcl', 'ecu'
+CMD_VEL, _STATE, COMMANDS = 'cmd_vel', 'z_vhcl', 'ecu'
 
 
 class TimedTwist(NamedTuple):
@@ -152,7 +152,7 @@ class World:
 
     def publish(self, topic: str, message: Any) -> None:  # noqa: ANN401 (a program's)
         """Take a message that the program publishes."""
-        name = _base(topic)
+        name = base(topic)
         if name != COMMANDS:
             if topic not in self.others:
                 self.others.append(topic)
@@ -175,7 +175,7 @@ class World:
         def fill(message: Any) -> None:  # noqa: ANN401 (any message)
             message.linear.x, message.angular.z = float(twist.linear_x), float(twist.angular_z)
 
-        self._send(_CMD_VEL, fill)
+        self._send(CMD_VEL, fill)
 
     def _publish_state(self) -> None:
         def fill(message: Any) -> None:  # noqa: ANN401 (any message)
@@ -186,13 +186,13 @@ class World:
 
     def _send(self, topic: str, fill: Callable[[Any], None]) -> None:
         for each in self.subscriptions:
-            if _base(each.topic) == topic:
+            if base(each.topic) == topic:
                 message = each.kind()
                 fill(message)
                 self.deliver(lambda e=each, m=message: e.callback(m), queued=each.queued)  # type: ignore[misc]
 
 
-def _base(topic: str) -> str:
+def base(topic: str) -> str:
     """Return a topic without its namespace: the lab's stock keyboard has `turtle1/cmd_vel`."""
     return str(topic).rpartition('/')[2]
 

@@ -56,6 +56,10 @@ WORKS = {
         replaced(FUNCTION, '[2.0 * linear_x, 0.3 * angular_z]', '[angular_z, linear_x]'),
         10, 11, 'up does not change the motor: it comes as linear.x',
     ),
+    'that subscribes to another topic': Work(
+        replaced(ROS_1, 'turtle1/cmd_vel', 'keyboard/keyup'), 0, 0,
+        "it subscribes to 'keyboard/keyup'; expected cmd_vel, the topic of the keyboard's Twists",
+    ),
     'degrees': Work(
         replaced(FUNCTION, '0.3 *', '25 *'), 18, 17.5,
         'servo reaches 25 rad, which is 1432°: is it in degrees (25° are 0.436 rad)',

@@ -133,9 +133,9 @@ def test_a_reset_makes_a_fresh_relay(tmp_path: Path) -> None:
 
 def test_a_bag_is_told_the_files_and_their_hashes(reference: Path) -> None:
     lab = load_folder(reference)
-    told = json.loads(adapters.describe(lab)[adapters.METADATA])
-    assert told['files'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
-    assert told['sha256'].keys() == {'bike_model.py', 'controller.py'}
+    described = json.loads(adapters.describe(lab)[adapters.METADATA])
+    assert described['files'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
+    assert described['sha256'].keys() == {'bike_model.py', 'controller.py'}
     attached = adapters.attachments(lab)
     assert attached['student/controller.py'] == (reference / 'controller.py').read_bytes()
 

@@ -93,7 +93,7 @@ def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
 
 
 @pytest.mark.parametrize(
-    ('body', 'told'),
+    ('body', 'text'),
     [
         ('return [x / (y - y), 0, 0, 0]', 'ZeroDivisionError: float division by zero'),
         ('return foo', "NameError: name 'foo' is not defined"),
@@ -104,12 +104,12 @@ def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
     ],
 )
 def test_an_exception_names_its_line_and_what_was_passed_in(
-    tmp_path: Path, body: str, told: str
+    tmp_path: Path, body: str, text: str
 ) -> None:
     with pytest.raises(UserCodeError) as caught:
         model(tmp_path, body)(*ROW)
     said = str(caught.value)
-    assert said.startswith(f'bike_model.py, line 2: {SAID} raised {told}')
+    assert said.startswith(f'bike_model.py, line 2: {SAID} raised {text}')
     assert said.endswith(f'; {FOUR}')
     assert caught.value.__cause__ is not None
 

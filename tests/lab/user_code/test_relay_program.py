@@ -106,6 +106,7 @@ def test_speed_of_the_car_reaches_a_relay_that_subscribes_to_it(load: Load) -> N
     text = """\
 import rospy
 from barc.msg import ECU, Z_DynBkMdl
+from geometry_msgs.msg import Twist
 
 def on_state(z):
     pub.publish(ECU(1.0 if z.v_x < 2.0 else 0.0, 0.0))
@@ -113,6 +114,7 @@ def on_state(z):
 rospy.init_node('relay')
 pub = rospy.Publisher('ecu', ECU, queue_size=1)
 rospy.Subscriber('z_vhcl', Z_DynBkMdl, on_state)
+rospy.Subscriber('cmd_vel', Twist, print)
 rospy.spin()
 """
     commands = load(text).commands([], 5.0)
@@ -180,3 +182,10 @@ def test_program_is_among_the_sources_of_a_run(tmp_path: Path) -> None:
     loaded = code(tmp_path, ROS_2)
     assert [source.name for source in loaded.sources] == ['relay.py']
     assert loaded.files == {'relay': 'relay.py'}
+
+
+def test_printed_message_has_no_address(load: Load, capsys: pytest.CaptureFixture[str]) -> None:
+    load(ROS_1.replace('global motor', 'print(msg)\n\tglobal motor')).commands(HELD, 1.02)
+    assert capsys.readouterr().out == (
+        'Twist(linear=Vector3(x=1.0, y=0.0, z=0.0), angular=Vector3(x=0.0, y=0.0, z=1.0))\n'
+    )
