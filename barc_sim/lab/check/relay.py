@@ -63,8 +63,8 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
         skipped = NOT_WRITTEN in str(error)
         return [Finding(name, 0.0, str(error), skipped=skipped) for name in RELAY]
     judges: Mapping[str, Callable[[], tuple[float, str]]] = {
-        'relay.forward': partial(_forward, drives),
-        'relay.steering': partial(_steering, drives),
+        'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, drives),
+        'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, drives),
         'relay.units': partial(_units, drives),
         'relay.release': partial(_release, drives),
         'relay.rate': partial(_rate, drives[_UP]),
@@ -86,40 +86,42 @@ def _at(commands: Sequence[Command], t: float) -> Command:
     return next((each for each in reversed(commands) if each.t <= t), Command(0.0, 0.0, 0.0))
 
 
-def _forward(drives: Drives) -> tuple[float, str]:
-    held = {key: _at(drives[key], _HELD) for key in (_UP, _DOWN)}
-    faults, score = [], 0.0
-    for key, (_, motor, servo) in held.items():
-        if motor * key.sign < -_LEAST_MOTOR:
-            faults.append(f'{key.name} commands a motor of {motor:+.3g} m/s²: the sign is wrong')
-        elif abs(motor) <= _LEAST_MOTOR:
-            faults.append(f'{key.name} does not change the motor: it comes as linear.x')
-        elif abs(servo) > _LEAST_SERVO:
-            faults.append(f'{key.name} turns the wheels, too, by {servo:+.3g} rad')
-            score += 0.25
-        else:
-            score += 0.5
-    up, down = (command.motor for command in held.values())
-    return score, '; '.join(faults) or f'up commands {up:+.3g} m/s², down {down:+.3g} m/s²'
+#: Sentences: the wrong sign, no effect, an effect on the other value, too, and all right.
+_FORWARD = (
+    '{name} commands a motor of {value:+.3g} m/s²: the sign is wrong',
+    '{name} does not change the motor: it comes as linear.x',
+    '{name} turns the wheels, too, by {other:+.3g} rad',
+    'up commands {:+.3g} m/s², down {:+.3g} m/s²',
+)
+_STEERING = (
+    '{name} commands a servo of {value:+.3g} rad: left is positive',
+    '{name} does not turn the wheels: it comes as angular.z',
+    '{name} changes the motor, too, to {other:+.3g} m/s²',
+    'left turns the wheels by {:+.3g} rad, right {:+.3g}',
+)
 
 
-def _steering(drives: Drives) -> tuple[float, str]:
-    held = {key: _at(drives[key], _HELD) for key in (_LEFT, _RIGHT)}
-    faults, score = [], 0.0
-    for key, (_, motor, servo) in held.items():
-        if servo * key.sign < -_LEAST_SERVO:
-            faults.append(f'{key.name} commands a servo of {servo:+.3g} rad: left is positive')
-        elif abs(servo) <= _LEAST_SERVO:
-            faults.append(f'{key.name} does not turn the wheels: it comes as angular.z')
-        elif abs(motor) > _LEAST_MOTOR:
-            faults.append(f'{key.name} changes the motor, too, to {motor:+.3g} m/s²')
-            score += 0.25
+def _direction(
+    field: str, keys: tuple[_Key, _Key], sentences: tuple[str, ...], drives: Drives
+) -> tuple[float, str]:
+    """Judge what two keys do to a field of `Command`, and not to the other."""
+    faults, score, values = [], 0.0, []
+    least = {'motor': _LEAST_MOTOR, 'servo': _LEAST_SERVO}
+    for key in keys:
+        held = _at(drives[key], _HELD)._asdict()
+        value, (other,) = held[field], least.keys() - {field}
+        values.append(value)
+        if value * key.sign < -least[field]:
+            fault = 0
+        elif abs(value) <= least[field]:
+            fault = 1
+        elif abs(held[other]) > least[other]:
+            fault, score = 2, score + 0.25
         else:
             score += 0.5
-    left, right = (command.servo for command in held.values())
-    return score, '; '.join(
-        faults
-    ) or f'left turns the wheels by {left:+.3g} rad, right {right:+.3g}'
+            continue
+        faults.append(sentences[fault].format(name=key.name, value=value, other=held[other]))
+    return score, '; '.join(faults) or sentences[3].format(*values)
 
 
 def _greatest(drives: Drives) -> tuple[float, float]:
