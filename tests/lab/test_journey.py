@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 from command_line import barc
-from made_bags import make
+from terminal_session import READY, Session
 from user_files import MODEL
 
-from barc_sim.control.driver import DriverInput
-from barc_sim.lab.user_code.adapters import UserDriver
-from barc_sim.lab.user_code.loading import load_folder
-from barc_sim.simulation.closed_loop import drive
+from barc_sim.bags.reader import newest, read
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +34,10 @@ class PID:
 """
 CALL = '\n\npid = PID(kp=10, ki=20, kd=0.1)\n'
 RELAY = 'def relay(linear_x, angular_z):\n    return [8.0 * linear_x, 0.3 * angular_z]\n'
-FAST = ('--engine', 'local', '--realtime-factor', 'max')
+ENGINE = ('--engine', 'local', '--realtime-factor')
+FAST = (*ENGINE, 'max')
+#: The keys with arrows.
+UP, LEFT = b'\x1b[A', b'\x1b[D'
 
 
 def done(*words: str) -> str:
@@ -45,6 +45,19 @@ def done(*words: str) -> str:
     ended = barc(*words)
     assert ended.returncode == 0, ended.stderr
     return ended.stdout
+
+
+def drive_by_hand(folder: Path) -> None:
+    """Drive forward, then to the left, in a terminal."""
+    session = Session(folder, '--lab', 'my_lab', '--view', 'none', *ENGINE, '4')
+    try:
+        session.until(READY)
+        session.hold(UP, 0.7)
+        session.hold(LEFT, 0.7)
+        session.type(b'q')
+        assert session.end() == 0, session.shown.decode()
+    finally:
+        session.close()
 
 
 @pytest.mark.slow
@@ -79,10 +92,12 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
 
     # Task 3: the drive by hand.
     (lab / 'relay.py').write_text(RELAY)
-    relay = load_folder(lab, ['relay']).relay
-    assert relay
-    log = drive([(0.0, DriverInput(1.0, 0.3))], 2.0, driver=UserDriver(relay))
-    teleop = str(make(tmp_path / 'bags' / 'teleop', log, {'command': 'barc teleop --lab my_lab'}))
+    drive_by_hand(tmp_path)
+    teleop = str(newest())
+    driven = read(teleop)
+    assert driven.v_x.max() > 3.0
+    assert driven.psi.max() > 0.1  # to the left
+    assert 'relay.py: not repeated, because its commands depend' in done('regrade', teleop)
     done('replay', teleop, '--save', 'my_lab/drive.gif')
 
     # What is handed in.

@@ -52,13 +52,13 @@ def test_those_that_are_named_stand_on_the_simulators_road_in_its_namespace(
 def test_diagnostics_have_time_noise_and_bag(tmp_path: Path) -> None:
     options = ('--distance', '6', '--mirrors', 'diagnostics')
     last = messages(bag_of(tmp_path, *options))['/diagnostics'][-1]
-    told = {
+    levels = {
         status.name: {entry.key: entry.value for entry in status.values} for status in last.status
     }
-    assert set(told) == {f'/mirror: {name}' for name in ('timing', 'command', 'noise', 'bag')}
-    assert int(told['/mirror: timing']['missed deadlines']) >= 0
-    assert told['/mirror: noise']['v_x'] == '0'
-    assert int(told['/mirror: bag']['recorded messages']) > 0
+    assert set(levels) == {f'/mirror: {name}' for name in ('timing', 'command', 'noise', 'bag')}
+    assert int(levels['/mirror: timing']['missed deadlines']) >= 0
+    assert levels['/mirror: noise']['v_x'] == '0'
+    assert int(levels['/mirror: bag']['recorded messages']) > 0
 
 
 @pytest.fixture

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-import pty
-import re
-import select
 import signal
 import subprocess
 import sys
 import termios
-import time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +17,7 @@ pytest.importorskip('rclpy')
 from command_line import call, started
 from relays import joystick
 from rosbags.highlevel import AnyReader
+from terminal_session import DEADLINE, READY, Session
 
 from barc_sim.bags import reader as bag
 from barc_sim.control.driver import DriverInput, Limits
@@ -31,11 +28,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-DEADLINE = 60.0
-READY = b'q ends'
-# As a terminal window does it: the pseudo-terminal controls the process.
-TAKE_TERMINAL = 'import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)\n'
-MAIN = 'from barc_sim.run import main; sys.exit(main())'
 FAILING = """
 from barc_sim.nodes.relay import Relay
 def fail(self, twist):
@@ -43,74 +35,6 @@ def fail(self, twist):
 Relay._on_twist = fail
 """
 pytestmark = pytest.mark.usefixtures('ros_domain')
-
-
-class Session:
-    """A run in a terminal."""
-
-    def __init__(self, folder: Path, *options: str, script: str = '') -> None:
-        self.folder = folder
-        self.user, self.fd = pty.openpty()
-        self.before = termios.tcgetattr(self.fd)
-        self.shown = b''
-        self.process = subprocess.Popen(
-            [sys.executable, '-c', TAKE_TERMINAL + script + MAIN, 'teleop', *options],
-            cwd=folder,
-            env=os.environ | {'TERM': 'xterm'},
-            stdin=self.fd,
-            stdout=self.fd,
-            stderr=self.fd,
-            start_new_session=True,
-        )
-
-    def type(self, keys: bytes) -> None:
-        """Send what keys send."""
-        os.write(self.user, keys)
-
-    def hold(self, key: bytes, seconds: float) -> None:
-        """Hold a key as a keyboard does: half a second's delay, then 30 repeats a second."""
-        start = time.monotonic()
-        self.type(key)
-        self.look(0.5)
-        while time.monotonic() < start + seconds:
-            self.type(key)
-            self.look(0.03)
-
-    def look(self, seconds: float) -> None:
-        """Read what is shown, for so long."""
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0.0:
-            if select.select([self.user], [], [], left)[0]:
-                self.shown += os.read(self.user, 4096)
-
-    def until(self, pattern: bytes) -> None:
-        """Read until `pattern` is shown, from now on."""
-        start, end = len(self.shown), time.monotonic() + DEADLINE
-        while not re.search(pattern, self.shown[start:]):
-            assert time.monotonic() < end, self.shown[-2000:].decode()
-            self.look(0.05)
-
-    def end(self) -> int:
-        """Return the exit code, once it has ended."""
-        end = time.monotonic() + DEADLINE
-        while self.process.poll() is None:
-            assert time.monotonic() < end, self.shown[-2000:].decode()
-            self.look(0.05)
-        self.look(0.05)
-        return self.process.returncode
-
-    def bag(self) -> Path:
-        """Return the bag."""
-        (path,) = (self.folder / 'bags').iterdir()
-        return path
-
-    def close(self) -> None:
-        """End it whatever it does."""
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait()
-        os.close(self.user)
-        os.close(self.fd)
 
 
 @pytest.fixture
