@@ -58,6 +58,11 @@ def in_words(judgement: Judgement) -> str:
         )
         if count
     ]
+    if judgement.relay:
+        lines.append(
+            f'{judgement.relay}: not repeated, because its commands depend on when keys arrive; '
+            'barc check judges it'
+        )
     lines += [f'{name}: is not the file that the run had' for name in judgement.changed]
     width = max(len(f'{v.part} of {v.code}') for v in judgement.verdicts)
     lines += [

@@ -38,6 +38,7 @@ class Judgement:
     missed: int  #: deadlines
     claimed: Mapping[str, str]  #: by part, the code that the bag names
     changed: tuple[str, ...]  #: attached files that differ from those of the run
+    relay: str | None  #: the name of the attached relay, which is not judged
     verdicts: tuple[Verdict, ...]
 
     @property
@@ -87,6 +88,7 @@ def judge(
         missed=int(recorded.log.missed.sum()),
         claimed={part: recorded.files.get(part, _OWN) for part in parts},
         changed=recorded.changed,
+        relay=recorded.files.get('relay'),
         verdicts=tuple(verdicts),
     )
 
