@@ -16,8 +16,8 @@ GROUPS = {
         'validate': 'measure the error of each integrator',
     },
     'lab': {
-        'new': 'make a folder with templates of model, controller and relay',
-        'check': 'find mistakes in a model and a controller, and their causes',
+        'new': 'make a folder with templates: model, controller, relay and compose.py',
+        'check': 'find mistakes in model, controller, relay and compose.py, and their causes',
         'tune': 'search the gains that hold the speed best',
         'report': 'write a run as one HTML page to hand in',
         'submit': 'pack code, bags, figures and a description as one zip',
