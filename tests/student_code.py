@@ -146,6 +146,21 @@ WORKS: dict[str, Work] = {
         (f'        {_SUM}\n', ''),
         ('        return acc', f'        {_SUM}\n        return acc'),
     ),
+    'trapezoids with dt, added after the answer': _pid(
+        (98.81, 92.69, 92.28),
+        'right in all 240 outputs',
+        (f'        {_SUM}\n', ''),
+        ('self.previous = 0', 'self.previous = self.last = 0'),
+        (
+            '        return acc',
+            '        self.int_error += 0.01 * (error + self.last); self.last = error; return acc',
+        ),
+    ),
+    'a product in place of a sum': _pid(
+        (91.07, 82.17, 83.97),
+        'I is always 0: is ki used, and is each error added to the sum?',
+        (_SUM, 'self.int_error = self.int_error * error'),
+    ),
     'a list of errors': _pid(
         (100.0, 90.67, 91.55),
         'I has no dt',
@@ -162,12 +177,12 @@ WORKS: dict[str, Work] = {
     ),
     'P only': _pid(
         (84.0, 74.67, 73.58),
-        'there is no I: with ki alone the output is always 0',
+        'I is always 0: is ki used, and is each error added to the sum?',
         ('self.kp * error + I + D', 'self.kp * error'),
         (_CALL, 'PID(kp=20, ki=0, kd=0)'),
     ),
-    'PD': _pid((91.07, 82.17, 83.97), 'there is no I', ('error + I + D', 'error + D')),
-    'PI': _pid((92.0, 82.67, 84.55), 'there is no D', ('error + I + D', 'error + I')),
+    'PD': _pid((91.07, 82.17, 83.97), 'I is always 0', ('error + I + D', 'error + D')),
+    'PI': _pid((92.0, 82.67, 84.55), 'D is always 0', ('error + I + D', 'error + I')),
     'derivative of the error itself': _pid(
         (92.0, 82.67, 84.55),
         'D does not store the error of the last call',
@@ -175,6 +190,22 @@ WORKS: dict[str, Work] = {
     ),
     'a derivative that forgets': _pid(
         (92.0, 82.67, 84.55), 'D does not store the error', ('        self.previous = error\n', '')
+    ),
+    'a derivative after its error is stored': _pid(
+        (92.0, 82.67, 84.55),
+        'is the error of the last call replaced only after D has used it?',
+        ('        self.previous = error\n', ''),
+        (_D, f'self.previous = error\n        {_D}'),
+    ),
+    'gains without self': _pid(
+        (50.0, 50.0, 49.25),
+        "NameError: name 'kp' is not defined: did you mean self.kp?",
+        ('= self.kp * error', '= kp * error'),
+    ),
+    'brackets without a product': _pid(
+        (50.0, 50.0, 49.25),
+        "'float' object is not callable: self.kp is 0.5: is a * missing before the bracket?",
+        ('= self.kp * error', '= self.kp(error)'),
     ),
     'the wrong sign': _pid(
         (50.0, 50.0, 53.25),
@@ -287,6 +318,25 @@ WORKS: dict[str, Work] = {
         (100.0, 90.67, 92.3), 'right in all', ('a0*v**2 - Ff', '(a0*v**2 + Ff)*sign(v)')
     ),
     'no hills': _model((88.8, 79.47, 82.09), 'gravity is missing', ('-m*g*sin(theta) - a0', '-a0')),
+    "the lab's template": _model(
+        (50.0, 40.67, 42.3), 'is not written yet (TODO)', ('l_f = 1.5', 'l_f = TODO')
+    ),
+    'gravity on the flat': _model(
+        (78.0, 68.67, 73.3),
+        'gravity acts on the flat, too: it is -m * g * sin(theta); and F_ext has the wrong sign',
+        ('-m*g*sin(theta) - a0*v**2 - Ff', 'm*g + a0*v**2 + Ff'),
+    ),
+    'gravity without m': _model(
+        (78.01, 68.68, 73.3),
+        'm and sin(theta) are missing in gravity: the force is -m * g * sin(theta)',
+        ('-m*g*sin(theta) - a0*v**2 - Ff', '-g - a0*v**2 - Ff'),
+    ),
+    'Ff as the whole force': _model(
+        (78.0, 68.67, 73.3),
+        'the rate of change is returned in place of v_next = v + ts * rate; and F_ext is Ff alone',
+        ('-m*g*sin(theta) - a0*v**2 - Ff', 'Ff'),
+        ('v_next = v + ts*(a + F_ext/m)', 'v_next = a + F_ext/m'),
+    ),
     'a list of results': _model(
         (100.0, 90.67, 91.55),
         'right in all',

@@ -17,6 +17,12 @@ if TYPE_CHECKING:
 _RELATIVE = 1e-7
 _WIDEST = 60  #: values of a window
 _MOST_DIGITS = 4
+#: What else can make a term 0 at all times.
+_MEMORY = {
+    'P': '',
+    'I': ', and is each error added to the sum',
+    'D': ', and is the error of the last call replaced only after D has used it',
+}
 
 
 class Trial(NamedTuple):
@@ -185,7 +191,7 @@ def _change(values: Floats, width: int) -> Floats:
 def _diagnose_gain(name: str, term: str, ratios: list[float | None], trials: list[Trial]) -> str:
     """Return the cause if a gain is used wrongly, else an empty string."""
     if not any(np.any(trial.outputs[trial.first :]) for trial in trials):
-        return f'there is no {term}: with {name} alone the output is always 0'
+        return f'{term} is always 0: is {name} used{_MEMORY[term]}?'
     gains = [trial.gain for trial in trials]
     first = ratios[0]
     if first and all(_is(ratio, first) for ratio in ratios):

@@ -14,6 +14,7 @@ from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
+from barc_sim.lab.user_code.call import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.progress import Progress
@@ -132,7 +133,8 @@ def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Finding:
     try:
         drive = _drive(code, conditions, Road.lab(), LAB_DISTANCE)
     except _DriveError as error:
-        return Finding('loop.lab_road', 0.0, f'{error} ({conditions})')
+        with_gains = '' if NOT_WRITTEN in str(error) else f' ({conditions})'
+        return Finding('loop.lab_road', 0.0, f'{error}{with_gains}')
     stretches = explain(drive.log, conditions.effective, conditions.limit)
     score = _score(drive, conditions.thresholds)
     message = f'{_describe(drive, conditions.thresholds)}, {conditions}'
@@ -198,6 +200,8 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
     try:
         log = closed_loop(plant, pid, distance=distance, progress=progress)
     except UserError as error:
+        if NOT_WRITTEN in str(error):
+            raise _DriveError(str(error)) from error
         time = (pid.calls - 1) * plant.ts
         raise _DriveError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
     return Drive(road, log, progress.failure)

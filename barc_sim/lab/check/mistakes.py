@@ -140,6 +140,7 @@ TURN = (
 
 
 _LAB = Vehicle()
+_F_EXT = 'F_ext = -m * g * sin(theta) - (a0 * v**2 + Ff) * sign(v)'
 
 SPEED = (
     Mistake(
@@ -206,6 +207,14 @@ SPEED = (
         {'gravity': lambda q: -q.m * q.g * q.theta},
     ),
     Mistake(
+        'gravity acts on the flat, too: it is -m * g * sin(theta)',
+        {'gravity': lambda q: -q.m * q.g},
+    ),
+    Mistake(
+        'm and sin(theta) are missing in gravity: the force is -m * g * sin(theta)',
+        {'gravity': lambda q: -q.g},
+    ),
+    Mistake(
         'm is missing in gravity: the force is -m * g * sin(theta)',
         {'gravity': lambda q: -q.g * np.sin(q.theta)},
     ),
@@ -220,8 +229,9 @@ SPEED = (
         'a is divided by m: it is already an acceleration, v_next = v + ts * (a + F_ext / m)',
         {'v_rate': lambda q: (q.a + q.force) / q.m},
     ),
+    Mistake(f'F_ext is Ff alone: {_F_EXT}', {'force': lambda q: q.Ff}),
     Mistake(
-        'F_ext is subtracted: v_next = v + ts * (a + F_ext / m)',
+        f'F_ext has the wrong sign: v_next = v + ts * (a + F_ext / m) with {_F_EXT}',
         {'v_rate': lambda q: q.a - q.force / q.m},
     ),
     Mistake(

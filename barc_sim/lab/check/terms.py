@@ -1,7 +1,7 @@
 """Judges each term of the PID on its own: the other two gains are zero.
 
-Every common form is right. The integral can add an error before or after it is used, or the mean
-of two errors, with or without the first. The derivative can use the error or the measurement, with
+Every common form is right. The integral can add an error, or the mean of two, with or without the
+first, before or after it is used. The derivative can use the error or the measurement, with
 or without a low-pass filter of first order; its first output is not judged. A positive constant
 factor, such as a missing dt, is right and remarked upon: the gains absorb it. `pid.dt` judges it.
 """
@@ -69,18 +69,11 @@ def _proportional(sequence: Sequence) -> list[Floats]:
 
 
 def _integral(sequence: Sequence) -> list[Floats]:
-    e, area = sequence.error, np.cumsum(sequence.error) * TS
-    before = np.concatenate([[0.0], area[:-1]])
-    mean = 0.5 * (before + area)
-    return [
-        area,
-        before,
-        area - area[0],
-        before - np.minimum(np.arange(e.size), 1) * area[0],
-        mean,
-        mean - 0.5 * area[0],
-        mean + 0.5 * area[0],
-    ]
+    area = np.cumsum(sequence.error) * TS
+    first = area[0]
+    mean = area - 0.5 * TS * sequence.error
+    forms = [area, area - first, mean, mean - 0.5 * first, mean + 0.5 * first]
+    return forms + [np.concatenate([[0.0], form[:-1]]) for form in forms]
 
 
 def _derivative(sequence: Sequence) -> list[Floats]:

@@ -14,6 +14,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, Finding
 from barc_sim.lab.check.judging import Settings, findings, gains_used
+from barc_sim.lab.user_code.call import without_addresses
 from barc_sim.lab.user_code.loading import FILES, find_file, load_folder
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class _Printer(io.TextIOBase):
         return len(text)
 
     def printed(self) -> Printed:
-        return Printed(self._text, self._dropped)
+        return Printed(without_addresses(self._text), self._dropped)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from barc_sim.lab.grade.protocol import (
 )
 from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.text import one_line
+from barc_sim.lab.user_code.call import without_addresses
 from barc_sim.lab.user_code.gains import ChosenGains
 from barc_sim.lab.user_code.loading import UserCodeError, find_file
 from barc_sim.lab.user_code.relay_program import MOST_COMMANDS
@@ -82,7 +83,7 @@ class ConfinedCode:
     @property
     def printed(self) -> str:
         """The first output of the processes that have ended."""
-        text = self._printed[: self._limits.output].decode(errors='replace')
+        text = without_addresses(self._printed[: self._limits.output].decode(errors='replace'))
         return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:

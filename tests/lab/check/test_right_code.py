@@ -81,14 +81,14 @@ CONTROLLERS = {
 }
 
 
-def told(findings: list[Finding]) -> dict[str, str]:
+def messages(findings: list[Finding]) -> dict[str, str]:
     judged = [finding for finding in findings if finding.criterion not in RELAY]
     return {finding.criterion: finding.message for finding in judged if finding.score != 1.0}
 
 
 def test_the_references_own_code_gets_full_marks(lab: Lab) -> None:
     findings = judge(lab(MODEL, CONTROLLER))
-    assert told(findings) == {}
+    assert messages(findings) == {}
     assert tuple(finding.criterion for finding in findings) == CRITERIA
 
 
@@ -97,26 +97,26 @@ def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     text = model.replace(*MODELS[name])
     if name == 'no lengths':
         text = text.replace('l_f + l_r', 'L_F + L_R').replace('l_r', 'L_R')
-    assert told(judge(lab(text))[:7]) == {}
+    assert messages(judge(lab(text))[:7]) == {}
 
 
 def test_a_right_model_of_arrays_gets_full_marks(lab: Lab) -> None:
-    assert told(judge(lab(NUMPY_MODEL))[:7]) == {}
+    assert messages(judge(lab(NUMPY_MODEL))[:7]) == {}
 
 
 @pytest.mark.parametrize('seed', range(5))
 def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, seed: int) -> None:
-    assert told(judge(lab(model, controller), Settings(seed=seed))) == {}
+    assert messages(judge(lab(model, controller), Settings(seed=seed))) == {}
 
 
 @pytest.mark.parametrize('name', CONTROLLERS)
 def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str) -> None:
-    found = told(judge(lab(controller=controller.replace(*CONTROLLERS[name])))[7:])
+    found = messages(judge(lab(controller=controller.replace(*CONTROLLERS[name])))[7:])
     assert found.keys() == ({'pid.first_call'} if name == 'first error counts from zero' else set())
 
 
 def test_a_derivative_of_the_measurement_gets_full_marks(lab: Lab) -> None:
-    assert told(judge(lab(controller=ON_MEASUREMENT))[7:]).keys() == {'pid.first_call'}
+    assert messages(judge(lab(controller=ON_MEASUREMENT))[7:]).keys() == {'pid.first_call'}
 
 
 def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> None:
@@ -124,7 +124,7 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
     text = text.replace(
         '        area =', '        change = self.d = 0.6 * self.d + 0.4 * change\n        area ='
     )
-    assert told(judge(lab(controller=text))[7:]) == {}
+    assert messages(judge(lab(controller=text))[7:]) == {}
 
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:

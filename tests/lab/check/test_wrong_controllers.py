@@ -1,4 +1,4 @@
-"""A wrong PID gets less than full marks, and is told what is wrong with it."""
+"""A wrong PID gets less than full marks, and a sentence on its mistake."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WRONG = {
         'proportional integral derivative windup',
         'P has the wrong sign',
     ),
-    'no proportional': ('self.kp * e + ', '', 'proportional', 'there is no P'),
+    'no proportional': ('self.kp * e + ', '', 'proportional', 'P is always 0'),
     'own kp': ('self.kp * e', '2.0 * e', 'proportional integral derivative', 'kp has no effect'),
     'kp squared': ('self.kp * e', 'self.kp**2 * e', 'proportional', 'kp is in P twice'),
     'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'do not use abs'),
@@ -53,7 +53,7 @@ WRONG = {
     ),
     'integral backwards': ('+ self.ki', '- self.ki', 'integral windup', 'I has the wrong sign'),
     'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
-    'no integral': ('self.ki * area', '0.0', 'integral windup', 'there is no I'),
+    'no integral': ('self.ki * area', '0.0', 'integral windup', 'I is always 0'),
     'no bounds at all': (
         'return max(-8.0, min(8.0, out))',
         'self.n = -getattr(self, "n", 1e308); return self.n',
@@ -81,7 +81,7 @@ WRONG = {
         'derivative',
         'D does not store the error',
     ),
-    'no derivative': ('self.kd * change', '0.0', 'derivative', 'there is no D'),
+    'no derivative': ('self.kd * change', '0.0', 'derivative', 'D is always 0'),
     'kp in all': (
         'self.ki * area + self.kd * change / dt',
         'self.kp * (self.ki * area + self.kd * change / dt)',

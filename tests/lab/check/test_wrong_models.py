@@ -1,4 +1,4 @@
-"""A wrong bikeFE gets less than full marks, and is told what is wrong with it."""
+"""A wrong bikeFE gets less than full marks, and a sentence on its mistake."""
 
 from __future__ import annotations
 
