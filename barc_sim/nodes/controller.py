@@ -40,6 +40,18 @@ class CruiseController(Node):
     ----------
     inputs
         The topics that it subscribes to, with their types.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> rclpy.init()
+    >>> node = CruiseController()
+    >>> node.set_parameters([rclpy.Parameter('speed_reference', value=10.0)])[0].successful
+    True
+    >>> node.speed_reference
+    10.0
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     inputs: ClassVar[dict[str, type[Any]]] = {

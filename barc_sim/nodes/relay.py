@@ -44,6 +44,21 @@ class Relay(Node):
         Twists that were not finite.
     inputs
         The topics that it subscribes to, with their types.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from geometry_msgs.msg import Vector3
+    >>> rclpy.init()
+    >>> relay = Relay()
+    >>> publisher = relay.create_publisher(Twist, 'cmd_vel', 1)
+    >>> while not relay.driver.request.forward:
+    ...     publisher.publish(Twist(linear=Vector3(x=1.0)))
+    ...     rclpy.spin_once(relay, timeout_sec=0.1)
+    >>> relay.driver.request
+    DriverInput(forward=1.0, turn=0.0, brake=-0.0)
+    >>> relay.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     inputs: ClassVar[dict[str, type[Any]]] = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}

@@ -6,6 +6,7 @@ import doctest
 import shutil
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import walk_packages
 from typing import TYPE_CHECKING
@@ -19,11 +20,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import ModuleType
 
-#: Those whose examples need no ROS, and `ros`, whose examples do.
+#: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
     'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'page', 'lab',
-    'ros',
+    'ros', 'nodes',
 )  # fmt: skip
+NEED_ROS = ('ros', 'nodes')
+#: Examples that need an optional package.
+NEED_FOXGLOVE = ('barc_sim.nodes.foxglove.node.FoxgloveServer',)
 
 
 @pytest.fixture(scope='module')
@@ -58,13 +62,15 @@ def test_the_examples_of_a_room_are_right(
 ) -> None:
     monkeypatch.setenv('MPLBACKEND', 'agg')
     monkeypatch.setattr(sys, 'path', [*sys.path])  # the confined process shortens its own
-    if room == 'ros':
+    if room in NEED_ROS:
         pytest.importorskip('rclpy')
         request.getfixturevalue('ros_domain')
     found = doctest.DocTestFinder()
     tests = [test for each in _modules(room) for test in found.find(each) if test.examples]
     assert tests
     for test in tests:
+        if test.name in NEED_FOXGLOVE and not find_spec('foxglove'):
+            continue
         folder = tmp_path / test.name  # of its own
         folder.mkdir()
         monkeypatch.chdir(folder)

@@ -30,7 +30,18 @@ def is_visible(topic: str) -> bool:
 
 
 class FoxgloveServer(Node):
-    """Serves all visible topics at `url` on this machine, in a thread of its own."""
+    """Serves all visible topics at `url` on this machine, in a thread of its own.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> rclpy.init()
+    >>> server = FoxgloveServer(port=0)
+    >>> server.url.rpartition(':')[0]
+    'ws://127.0.0.1'
+    >>> server.destroy_node()
+    >>> rclpy.shutdown()
+    """
 
     def __init__(self, port: int = FOXGLOVE_PORT, **options: Any) -> None:  # noqa: ANN401
         """Serve at `port`, unless the parameter `port` is set; 0: at any that is free.

@@ -61,6 +61,22 @@ class Keyboard(Node):
     ----------
     finished
         Done when the user presses `q` or Ctrl-C.
+
+    Examples
+    --------
+    >>> import os, pty, rclpy
+    >>> rclpy.init()
+    >>> user, terminal = pty.openpty()
+    >>> keyboard, twist = Keyboard(Terminal(terminal)), Future()
+    >>> _ = keyboard.create_subscription(Twist, 'cmd_vel', twist.set_result, 1)
+    >>> _ = os.write(user, b'w')
+    >>> rclpy.spin_until_future_complete(keyboard, twist, timeout_sec=5.0)
+    >>> twist.result().linear.x
+    1.0
+    >>> keyboard.destroy_node()
+    >>> rclpy.shutdown()
+    >>> os.close(user), os.close(terminal)
+    (None, None)
     """
 
     def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)

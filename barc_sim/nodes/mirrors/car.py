@@ -32,7 +32,16 @@ class Quaternion(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """The pose of `base_link` in `odom`."""
+    """The pose of `base_link` in `odom`.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion
+    >>> from barc_sim.vehicle.road import Road
+    >>> uphill = pose(Motion(60.0, 0.0, 0.0, 8.0, 0.0, 0.0), Road.named('lab'))
+    >>> [round(value, 2) for value in uphill.to_odom(1.0, 0.0, 0.0)]
+    [60.68, 0.0, 3.3]
+    """
 
     x: float  #: [m] on the map, not along the surface
     y: float  #: [m]
@@ -74,6 +83,12 @@ def orientation(theta: float, psi: float) -> Quaternion:
     """Return the orientation of a car with heading `psi` [rad] on a road of grade `theta` [rad].
 
     It is a rotation by -theta about y, then one by psi about the rotated z.
+
+    Examples
+    --------
+    >>> from math import radians
+    >>> [round(part, 3) for part in orientation(radians(10.0), radians(90.0))]
+    [-0.062, -0.062, 0.704, 0.704]
     """
     c_theta, s_theta = cos(theta / 2.0), sin(theta / 2.0)
     c_psi, s_psi = cos(psi / 2.0), sin(psi / 2.0)
@@ -81,7 +96,16 @@ def orientation(theta: float, psi: float) -> Quaternion:
 
 
 def pose(motion: Motion, road: Road) -> Pose:
-    """Return the pose of a car, whose `x` is the distance along the surface of `road`."""
+    """Return the pose of a car, whose `x` is the distance along the surface of `road`.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion
+    >>> from barc_sim.vehicle.road import Road
+    >>> there = pose(Motion(60.0, 0.0, 0.0, 8.0, 0.0, 0.0), Road.named('lab'))
+    >>> round(there.x, 2), round(there.z, 2)
+    (59.7, 3.47)
+    """
     theta = radians(road.grade_deg(motion.x))
     return Pose(
         x=road.horizontal(motion.x),
@@ -98,6 +122,13 @@ def wheels(motion: Motion, servo: float, vehicle: Vehicle) -> tuple[Wheel, ...]:
 
     The bicycle's front wheel stands for two that turn about the same centre, the inner one by more
     (Ackermann). Each wheel rolls without slip along its own direction.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> turning = Motion(0.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.8)
+    >>> [round(wheel.steering, 3) for wheel in wheels(turning, 0.3, Vehicle())]
+    [0.327, 0.277, 0.0, 0.0]
     """
     base = vehicle.l_f + vehicle.l_r
     found = []
@@ -118,6 +149,13 @@ def acceleration(before: Motion, now: Motion, dt: float) -> Acceleration:
 
     In the vehicle's frame, which rotates, it is the change of velocity plus the cross product of
     psi_dot and the velocity. Gravity is not part of it.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion
+    >>> circling = Motion(0.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.5)
+    >>> acceleration(circling, circling, 0.02)
+    Acceleration(x=0.0, y=4.0, psi=0.0)
     """
     return Acceleration(
         x=(now.v_x - before.v_x) / dt - now.psi_dot * now.v_y,
@@ -130,6 +168,15 @@ def is_continuous(before: Motion, now: Motion, dt: float) -> bool:
     """Return whether a car can move from one state to the next in `dt` seconds.
 
     If not, it was reset. The margins leave room for measurement noise.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion
+    >>> before = Motion(90.0, 0.0, 0.0, 8.0, 0.0, 0.0)
+    >>> is_continuous(before, before._replace(x=90.16), 0.02)
+    True
+    >>> is_continuous(before, before._replace(x=0.0), 0.02)
+    False
     """
     way = hypot(now.x - before.x, now.y - before.y)
     fastest = max(abs(before.v_x), abs(now.v_x), abs(before.v_y), abs(now.v_y))

@@ -55,7 +55,15 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(facts: Facts, before: Facts, measured: Measured) -> list[Diagnosis]:
-    """Return the diagnoses; `before` has the facts of the last call."""
+    """Return the diagnoses; `before` has the facts of the last call.
+
+    Examples
+    --------
+    >>> now = Facts(missed=3, slipped=0, requested_factor=1.0)
+    >>> [timing] = diagnose(now, Facts(missed=1), Measured(factor=1.0))
+    >>> timing.level.name, timing.message
+    ('WARN', '2 commands missed their deadline')
+    """
     found = [_timing(facts, before, measured)]
     if measured.command_age is not None:
         age = measured.command_age

@@ -66,7 +66,15 @@ class CarMirror:
 
 
 def to_road(road: Road, prefix: str) -> MarkerArray:
-    """Return the road's surface, and its centre line."""
+    """Return the road's surface, and its centre line.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.road import Road
+    >>> surface, line = to_road(Road.named('lab'), 'car2/').markers
+    >>> line.header.frame_id, round(max(point.z for point in line.points), 2)
+    ('car2/odom', 10.01)
+    """
     frame = prefix + ODOM
     surface = _marker(frame, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0), _SURFACE)
     line = _marker(frame, Marker.LINE_STRIP, (_LINE_WIDTH, 0.0, 0.0), _PAINT)

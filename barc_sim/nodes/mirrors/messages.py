@@ -106,7 +106,18 @@ class JointMirror:
 
 
 def to_path(poses: Iterable[tuple[int, Pose]], prefix: str) -> Path:
-    """Return the path of poses with their stamps [ns]; its stamp is the last one's."""
+    """Return the path of poses with their stamps [ns]; its stamp is the last one's.
+
+    Examples
+    --------
+    >>> from barc_sim.nodes.mirrors.car import pose
+    >>> from barc_sim.vehicle.bike_model import Motion
+    >>> from barc_sim.vehicle.road import Road
+    >>> there = pose(Motion(60.0, 0.0, 0.0, 8.0, 0.0, 0.0), Road.named('lab'))
+    >>> path = to_path([(7_500_000_000, there)], 'car2/')
+    >>> path.header.frame_id, path.header.stamp.sec, round(path.poses[0].pose.position.z, 2)
+    ('car2/odom', 7, 3.47)
+    """
     message = Path()
     for at, pose in poses:
         stamped = PoseStamped(header=to_header(at, prefix + ODOM))
@@ -117,7 +128,16 @@ def to_path(poses: Iterable[tuple[int, Pose]], prefix: str) -> Path:
 
 
 def to_diagnostics(diagnoses: Sequence[Diagnosis], stamp_ns: int, source: str) -> DiagnosticArray:
-    """Return the diagnoses of the node `source`."""
+    """Return the diagnoses of the node `source`.
+
+    Examples
+    --------
+    >>> from barc_sim.nodes.mirrors.diagnosis import Facts, Measured, diagnose
+    >>> diagnoses = diagnose(Facts(missed=3), Facts(missed=1), Measured())
+    >>> [status] = to_diagnostics(diagnoses, 1_020_000_000, '/mirror').status
+    >>> status.name, status.message
+    ('/mirror: timing', '2 commands missed their deadline')
+    """
     return DiagnosticArray(
         header=to_header(stamp_ns),
         status=[
@@ -134,12 +154,33 @@ def to_diagnostics(diagnoses: Sequence[Diagnosis], stamp_ns: int, source: str) -
 
 
 def stamp(header: Header, stamp_ns: int) -> None:
-    """Set the stamp of `header` [ns]."""
+    """Set the stamp of `header` [ns].
+
+    Examples
+    --------
+    >>> from std_msgs.msg import Header
+    >>> header = Header()
+    >>> stamp(header, 1_020_000_000)
+    >>> header.stamp.sec, header.stamp.nanosec
+    (1, 20000000)
+    """
     header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
 
 
 def fill(message: Any, pose: Pose) -> None:  # noqa: ANN401 (geometry_msgs/Pose)
-    """Fill a message with `pose`."""
+    """Fill a message with `pose`.
+
+    Examples
+    --------
+    >>> from geometry_msgs.msg import Pose
+    >>> from barc_sim.nodes.mirrors import car
+    >>> from barc_sim.vehicle.bike_model import Motion
+    >>> from barc_sim.vehicle.road import Road
+    >>> message = Pose()
+    >>> fill(message, car.pose(Motion(60.0, 0.0, 0.0, 8.0, 0.0, 0.0), Road.named('lab')))
+    >>> round(message.position.z, 2)
+    3.47
+    """
     there, turn = message.position, message.orientation
     there.x, there.y, there.z = pose.x, pose.y, pose.z
     turn.x, turn.y, turn.z, turn.w = pose.orientation

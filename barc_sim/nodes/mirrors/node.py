@@ -98,6 +98,20 @@ class MirrorNode(Node):
     ------
     UserError
         A parameter is out of range, or the road cannot be read.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from rclpy.task import Future
+    >>> rclpy.init()
+    >>> mirror, odometry = MirrorNode(), Future()
+    >>> _ = mirror.create_subscription(Odometry, 'odom', odometry.set_result, 1)
+    >>> mirror.create_publisher(ZDynBkMdl, 'z_vhcl', 1).publish(ZDynBkMdl(x=60.0))
+    >>> rclpy.spin_until_future_complete(mirror, odometry, timeout_sec=5.0)
+    >>> round(odometry.result().pose.pose.position.z, 2)
+    3.47
+    >>> mirror.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     def __init__(

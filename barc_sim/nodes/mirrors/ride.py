@@ -36,7 +36,18 @@ class MirroredState(NamedTuple):
 
 
 class Ride:
-    """Follows a car from state to state; a jump of the car starts a new ride."""
+    """Follows a car from state to state; a jump of the car starts a new ride.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> from barc_sim.vehicle.road import Road
+    >>> ride, start = Ride(Road.named('lab'), Vehicle()), Motion(0.0, 0.0, 0.0, 8.0, 0.0, 0.0)
+    >>> _ = ride.update(0, start, servo=0.0)
+    >>> state = ride.update(20_000_000, start._replace(x=0.16, v_x=8.04), servo=0.0)
+    >>> round(state.acceleration.x, 3)
+    2.0
+    """
 
     def __init__(self, road: Road, vehicle: Vehicle) -> None:
         """Follow a car with the axles of `vehicle` on `road`."""
@@ -78,6 +89,17 @@ class Trail:
         In the order of driving, each with its stamp [ns].
     spacing
         [m] between two of them.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> from barc_sim.vehicle.road import Road
+    >>> ride, trail = Ride(Road.named('lab'), Vehicle()), Trail()
+    >>> for k in range(1152):
+    ...     motion = Motion(0.16 * k, 0.0, 0.0, 8.0, 0.0, 0.0)
+    ...     trail.add(ride.update(20_000_000 * k, motion, servo=0.0))
+    >>> len(trail.poses), trail.spacing
+    (151, 1.0)
     """
 
     def __init__(self, limit: int = 200, spacing: float = 0.5) -> None:

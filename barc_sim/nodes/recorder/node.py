@@ -68,6 +68,21 @@ class BagRecorder(Node):
     ------
     UserError
         The bag cannot be made.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import String
+    >>> rclpy.init()
+    >>> recorder, writer = BagRecorder(path=Path('notes')), rclpy.create_node('writer')
+    >>> publisher = writer.create_publisher(String, 'note', 1)
+    >>> recorder.discover()
+    >>> publisher.publish(String(data='the road is wet'))
+    >>> recorder.destroy_node()
+    >>> recorder.counts['/note']
+    1
+    >>> writer.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     def __init__(

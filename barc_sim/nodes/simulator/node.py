@@ -86,6 +86,26 @@ class VehicleSimulator(StepperCounts, Node):
         The parameters, by name. Noise and actuators may be changed while the car drives.
     inputs
         The topics that it subscribes to, with their types.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from barc_sim.nodes.controller import CruiseController
+    >>> from barc_sim.ros.executor import QuickExecutor
+    >>> rclpy.init()
+    >>> lock_step = [rclpy.Parameter('realtime_factor', value=0.0)]
+    >>> simulator = VehicleSimulator(distance=50.0, parameter_overrides=lock_step)
+    >>> executor, nodes = QuickExecutor(), (CruiseController(), simulator)
+    >>> all(executor.add_node(node) for node in nodes)
+    True
+    >>> executor.spin_until_future_complete(simulator.finished)
+    >>> simulator.steps, simulator.missed
+    (339, 0)
+    >>> executor.shutdown()
+    True
+    >>> for node in nodes:
+    ...     node.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     inputs: ClassVar[dict[str, type[Any]]] = {

@@ -68,6 +68,18 @@ class ViewNode(Node):
     ------
     UserError
         A parameter is invalid, or the port cannot be used.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from urllib.request import urlopen
+    >>> rclpy.init()
+    >>> view = ViewNode('teleop')
+    >>> with urlopen(view.url) as answer:
+    ...     b'<title>' in answer.read()
+    True
+    >>> view.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     def __init__(
