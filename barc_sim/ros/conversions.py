@@ -31,7 +31,13 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
 
 
 def to_nanoseconds(stamp: Time) -> int:
-    """Return `stamp` in nanoseconds."""
+    """Return `stamp` in nanoseconds.
+
+    Examples
+    --------
+    >>> to_nanoseconds(Time(sec=1, nanosec=20_000_000))
+    1020000000
+    """
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
@@ -63,7 +69,14 @@ def to_driver_input(twist: Twist) -> DriverInput:
 
 
 def to_twist(request: DriverInput) -> Twist:
-    """Return `request` as a message."""
+    """Return `request` as a message.
+
+    Examples
+    --------
+    >>> twist = to_twist(DriverInput(forward=0.5, brake=1.0))
+    >>> twist.linear.x, twist.linear.z
+    (0.5, -1.0)
+    """
     return Twist(
         linear=Vector3(x=request.forward, z=-request.brake or 0.0), angular=Vector3(z=request.turn)
     )

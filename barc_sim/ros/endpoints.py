@@ -26,7 +26,19 @@ if TYPE_CHECKING:
 
 
 def publisher(node: Node, message_type: type[Any], topic: str) -> Publisher:
-    """Return a publisher of `node` on `topic`."""
+    """Return a publisher of `node` on `topic`.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from barc_interfaces.msg import ECU
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('driver', namespace='/car2')
+    >>> publisher(node, ECU, 'ecu').topic_name
+    '/car2/ecu'
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
     events = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(message_type, topic, QOS, event_callbacks=events)
 
@@ -62,6 +74,25 @@ def drained_subscription(
 
     Draining the queue finds the newest message even under a flood. Messages are serialized.
     Calling the result drains the queue at once, without waiting for the executor.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from rclpy.serialization import deserialize_message
+    >>> from std_msgs.msg import Float64
+    >>> from barc_sim.ros.executor import QuickCallbackGroup
+    >>> rclpy.init()
+    >>> node, speeds = rclpy.create_node('logger'), []
+    >>> take = lambda data: speeds.append(deserialize_message(data, Float64).data)
+    >>> drain = drained_subscription(node, Float64, 'speed', take, QuickCallbackGroup())
+    >>> sender = publisher(node, Float64, 'speed')
+    >>> for speed in (7.9, 8.0, 8.1):
+    ...     sender.publish(Float64(data=speed))
+    >>> drain()
+    >>> speeds
+    [7.9, 8.0, 8.1]
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
     taker = Taker()
 
@@ -81,6 +112,20 @@ def incompatible_peers(node: Node) -> Iterator[str]:
     """Yield a sentence for each pair of endpoints on a topic of `node` whose QoS does not match.
 
     The topics that every node has are left out: comparing them takes longer the more nodes run.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> from barc_sim.ros.names import QOS_NEWEST
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('logger')
+    >>> lossy = node.create_publisher(Float64, 'speed', rclpy.qos.qos_profile_sensor_data)
+    >>> reliable = node.create_subscription(Float64, 'speed', print, QOS_NEWEST)
+    >>> [sentence.partition(':')[0] for sentence in incompatible_peers(node)]
+    ['logger cannot receive /speed from logger']
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
     used = {end.topic_name for end in (*node.publishers, *node.subscriptions)}
     for topic in sorted(used - OF_EVERY_NODE):

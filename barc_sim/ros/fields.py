@@ -24,7 +24,24 @@ if TYPE_CHECKING:
 
 
 class FieldPublisher:
-    """Publishes messages whose first field is a header or a time."""
+    """Publishes messages whose first field is a header or a time.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from barc_interfaces.msg import ECU
+    >>> from barc_sim.ros.executor import PolledCallbackGroup
+    >>> from barc_sim.ros.polled import polled, take
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('driver')
+    >>> subscription = polled(node, ECU, 'ecu', 1, PolledCallbackGroup())
+    >>> commands = FieldPublisher(node, 'ecu', 'barc_interfaces/msg/ECU')
+    >>> commands.publish(1_020_000_000, {'motor': 2.0, 'servo': 0.0})
+    >>> [message.motor for message, _ in take(subscription, 1)]
+    [2.0]
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
 
     wanted = True  #: always: asking DDS for subscriptions would cost more than a message
 
@@ -45,7 +62,16 @@ def _make(message_type: type[Any], stamp: int, fields: Mapping[str, Any]) -> Any
 
 
 def field_reader(message_type: type[Any], *names: str) -> Callable[[bytes], Any]:
-    """Return a function that reads fields of a serialized message: one value, or several."""
+    """Return a function that reads fields of a serialized message: one value, or several.
+
+    Examples
+    --------
+    >>> from barc_interfaces.msg import ECU
+    >>> from rclpy.serialization import serialize_message
+    >>> read = field_reader(ECU, 'motor', 'servo')
+    >>> read(serialize_message(ECU(motor=2.0, servo=-0.1)))
+    (2.0, -0.1)
+    """
     layout, select = _layout(message_type), attrgetter(*names)
     assert layout, message_type  # noqa: S101 (of the types that nodes read)
     read, fits = layout.reader(*names), layout.fits

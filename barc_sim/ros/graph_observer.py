@@ -11,7 +11,20 @@ if TYPE_CHECKING:
 
 
 def observe(node: Node) -> NodeGraph:
-    """Return the present graph of all visible nodes and topics, through `node`."""
+    """Return the present graph of all visible nodes and topics, through `node`.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('logger')
+    >>> publisher = node.create_publisher(Float64, 'speed', 1)
+    >>> ('/logger', '/speed') in observe(node).publications
+    True
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
     nodes: list[str] = []
     topics: dict[str, str] = {}
     publications: set[tuple[str, str]] = set()

@@ -61,7 +61,24 @@ class Arrivals:
 def polled(
     node: Node, message_type: type[Any], topic: str, depth: int, group: PolledCallbackGroup
 ) -> Subscription:
-    """Return a subscription that keeps the newest `depth` messages until `take` takes them."""
+    """Return a subscription that keeps the newest `depth` messages until `take` takes them.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> from barc_sim.ros.executor import PolledCallbackGroup
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('logger')
+    >>> newest = polled(node, Float64, 'speed', 2, PolledCallbackGroup())
+    >>> publisher = node.create_publisher(Float64, 'speed', 10)
+    >>> for speed in (7.9, 8.0, 8.1):
+    ...     publisher.publish(Float64(data=speed))
+    >>> [message.data for message, _ in take(newest, limit=10)]
+    [8.0, 8.1]
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
     qos = QoSProfile(depth=depth)
     return endpoints.subscription(node, message_type, topic, lambda _: None, group, qos=qos)
 

@@ -41,6 +41,15 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     UserError
         The arguments after `--ros-args` are not ROS's, or DDS security is requested and not
         available.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> with ros(['--ros-args', '-r', '__ns:=/car2']):
+    ...     node = rclpy.create_node('controller')
+    ...     node.get_fully_qualified_name()
+    ...     node.destroy_node()
+    '/car2/controller'
     """
     secure = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
     keystore = Path(os.environ.get('ROS_SECURITY_KEYSTORE', ''))

@@ -46,7 +46,23 @@ _INFO_SIZE = _INFO.size + 8  # with a flag behind, padded
 
 
 class Taker:
-    """Takes messages, through one buffer that grows with them; for one thread at a time."""
+    """Takes messages, through one buffer that grows with them; for one thread at a time.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from rclpy.serialization import deserialize_message
+    >>> from std_msgs.msg import Float64
+    >>> rclpy.init()
+    >>> node, taker = rclpy.create_node('logger'), Taker()
+    >>> subscription = node.create_subscription(Float64, 'speed', print, 10, raw=True)
+    >>> node.create_publisher(Float64, 'speed', 1).publish(Float64(data=8.0))
+    >>> [deserialize_message(taken.data, Float64).data for taken in taker.take(subscription)]
+    [8.0]
+    >>> taker.close()
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
 
     def __init__(self) -> None:
         """Allocate nothing yet."""

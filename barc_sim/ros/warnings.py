@@ -35,7 +35,21 @@ class RateLimitedWarning:
 
 
 class RefusedInput:
-    """Counts the invalid messages that a node refuses, and warns at most once a second."""
+    """Counts the invalid messages that a node refuses, and warns at most once a second.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('controller')
+    >>> refused = RefusedInput(node)
+    >>> for speed in (-1.0, 300.0):
+    ...     refused.add(lambda: f'a speed of {speed} m/s')
+    >>> refused.count
+    2
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
 
     def __init__(self, node: Node) -> None:
         """Warn with the logger of `node`."""

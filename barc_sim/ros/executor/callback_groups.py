@@ -17,6 +17,22 @@ class QuickCallbackGroup(MutuallyExclusiveCallbackGroup):
     Such a callback must never block or sleep, wait for a future or for another callback, or
     compute for long: until it returns, nothing else begins. In return it costs no hand-off to
     another thread. For any other executor the group is an ordinary mutually exclusive one.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from barc_sim.ros.executor import QuickExecutor
+    >>> rclpy.init()
+    >>> node, executor = rclpy.create_node('clockwork'), QuickExecutor()
+    >>> timer = node.create_timer(0.01, lambda: print('tick'), QuickCallbackGroup())
+    >>> executor.add_node(node)
+    True
+    >>> executor.spin_once(timeout_sec=1.0)
+    tick
+    >>> executor.shutdown()
+    True
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     def __init__(self) -> None:

@@ -40,7 +40,18 @@ _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which c
 
 
 class Descriptors:
-    """Waits for descriptors to become readable; for one thread at a time."""
+    """Waits for descriptors to become readable; for one thread at a time.
+
+    Examples
+    --------
+    >>> descriptors, counter = Descriptors(), eventfd()
+    >>> descriptors.add(counter)
+    >>> os.eventfd_write(counter, 3)
+    >>> descriptors.wait(1.0) == [counter], descriptors.take_count(counter)
+    (True, 3)
+    >>> descriptors.close()
+    >>> os.close(counter)
+    """
 
     def __init__(self) -> None:
         """Wait for none yet."""
@@ -113,6 +124,18 @@ def _opened(create: Callable[[], Opened]) -> Opened:
 
 
 def set_time(descriptor: int, due: float) -> None:
-    """Set a timerfd's time [ns] of the monotonic clock; inf: never."""
+    """Set a timerfd's time [ns] of the monotonic clock; inf: never.
+
+    Examples
+    --------
+    >>> import time
+    >>> descriptors, timer = Descriptors(), timerfd()
+    >>> descriptors.add(timer)
+    >>> set_time(timer, time.monotonic_ns() + 5_000_000)
+    >>> descriptors.wait(1.0) == [timer]
+    True
+    >>> descriptors.close()
+    >>> os.close(timer)
+    """
     first = divmod(int(due), 1_000_000_000) if due < inf else (0, 0)
     _LIBC.timerfd_settime(descriptor, _ABSOLUTE, pack('4l', 0, 0, *first), None)

@@ -42,7 +42,16 @@ _ATTEMPTS = 3
 
 @contextmanager
 def observe(name: str) -> Iterator[GraphObserver]:
-    """Start ROS and give an observer with the hidden node `_name`; both end with the block."""
+    """Start ROS and give an observer with the hidden node `_name`; both end with the block.
+
+    Examples
+    --------
+    >>> from std_msgs.msg import Float64
+    >>> with observe('check') as observer:
+    ...     publisher = observer.node.create_publisher(Float64, 'speed', 1)
+    ...     observer.find_topic('speed')
+    '/speed'
+    """
     with StopSignals() as stop, ros([]):
         node = Node(f'_{name}', enable_rosout=False, start_parameter_services=False)
         try:

@@ -18,7 +18,17 @@ _EXPECTED = f'expected nodes with {_KEY}, as `barc param dump` writes them'
 
 
 def text(node: str, values: Mapping[str, Any]) -> str:
-    """Return the text of a node's file; a dot in a name opens a level."""
+    """Return the text of a node's file; a dot in a name opens a level.
+
+    Examples
+    --------
+    >>> print(text('/controller', {'gains.k_p': 40.0, 'speed_reference': 8.0}), end='')
+    /controller:
+      ros__parameters:
+        gains:
+          k_p: 40.0
+        speed_reference: 8.0
+    """
     nested: dict[str, Any] = {}
     for name, value in sorted(values.items()):
         *groups, last = name.split('.')
@@ -48,6 +58,14 @@ def read(path: Path, node: str, *, wildcards: bool = True) -> dict[str, Any]:
     ------
     UserError
         where the file cannot be read, or has no parameters for the node.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> file = Path('car.yaml')
+    >>> _ = file.write_text(text('/**', {'speed_reference': 8.0}))
+    >>> read(file, '/car2/controller')
+    {'speed_reference': 8.0}
     """
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))

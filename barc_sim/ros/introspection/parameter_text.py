@@ -29,7 +29,20 @@ TYPES = {
 
 
 def description(descriptor: ParameterDescriptor) -> list[str]:
-    """Return the lines of `ros2 param describe`."""
+    """Return the lines of `ros2 param describe`.
+
+    Examples
+    --------
+    >>> from rcl_interfaces.msg import IntegerRange, ParameterDescriptor
+    >>> span = [IntegerRange(from_value=0, to_value=65535)]
+    >>> for line in description(ParameterDescriptor(name='port', type=2, integer_range=span)):
+    ...     print(line)
+    Parameter name: port
+      Type: integer
+      Constraints:
+        Min value: 0
+        Max value: 65535
+    """
     lines = [f'Parameter name: {descriptor.name}', f'  Type: {TYPES[descriptor.type]}']
     if descriptor.description:
         lines.append(f'  Description: {descriptor.description}')
@@ -45,7 +58,13 @@ def description(descriptor: ParameterDescriptor) -> list[str]:
 
 
 def labelled(value: ParameterValue) -> str:
-    """Return the line of `ros2 param get`."""
+    """Return the line of `ros2 param get`.
+
+    Examples
+    --------
+    >>> labelled(parse_value('8.0')), labelled(parse_value('[1, 2]'))
+    ('Double value is: 8.0', 'Integer values are: [1, 2]')
+    """
     if value.type == ParameterType.PARAMETER_NOT_SET:
         return 'Parameter not set.'
     label = TYPES[value.type].replace('array', 'values are').capitalize()
@@ -55,7 +74,14 @@ def labelled(value: ParameterValue) -> str:
 
 
 def type_name(descriptor: ParameterDescriptor) -> str:
-    """Return the name of the parameter's type."""
+    """Return the name of the parameter's type.
+
+    Examples
+    --------
+    >>> from rcl_interfaces.msg import ParameterDescriptor
+    >>> type_name(ParameterDescriptor(type=ParameterType.PARAMETER_DOUBLE_ARRAY))
+    'double array'
+    """
     return TYPES[descriptor.type]
 
 
@@ -66,6 +92,11 @@ def parse_value(text: str) -> ParameterValue:
     ------
     UserError
         where it is not YAML.
+
+    Examples
+    --------
+    >>> parse_value('8.0').double_value, parse_value('lab').string_value
+    (8.0, 'lab')
     """
     try:
         return get_parameter_value(text)
@@ -80,6 +111,11 @@ def to_parameter_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401
     ------
     UserError
         where no parameter type fits.
+
+    Examples
+    --------
+    >>> list(to_parameter_value([40.0, 10.0], 'gains').double_array_value)
+    [40.0, 10.0]
     """
     try:
         return Parameter(name, value=given).get_parameter_value()
@@ -91,12 +127,24 @@ def to_parameter_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401
 
 
 def in_yaml(value: Any) -> str:  # noqa: ANN401
-    """Return a value as YAML writes it, such as 1.0e-07."""
+    """Return a value as YAML writes it, such as 1.0e-07.
+
+    Examples
+    --------
+    >>> in_yaml(1e-7), in_yaml([True, 'lab'])
+    ('1.0e-07', '[true, lab]')
+    """
     return yaml.safe_dump(value, default_flow_style=True, width=2**30).partition('\n')[0]
 
 
 def suggestion(wanted: int, given: Any) -> str:  # noqa: ANN401
-    """Return how to write `given` for a parameter of the type `wanted`, or ''."""
+    """Return how to write `given` for a parameter of the type `wanted`, or ''.
+
+    Examples
+    --------
+    >>> suggestion(ParameterType.PARAMETER_DOUBLE, 8)
+    ': write 8.0'
+    """
     if wanted == ParameterType.PARAMETER_STRING:
         return f': write "\'{given}\'"'
     if wanted == ParameterType.PARAMETER_DOUBLE and not isinstance(given, (bool, list)):
