@@ -30,7 +30,14 @@ class Verdict(NamedTuple):
 
 
 def judge_composition(file: Path) -> Verdict:
-    """Run the script in a process, ROS domain and folder of its own; it ends within 15 s."""
+    """Run the script in a process, ROS domain and folder of its own; it ends within 15 s.
+
+    Examples
+    --------
+    >>> _ = Path('compose.py').write_text('raise NotImplementedError')
+    >>> judge_composition(Path('compose.py')).sentence
+    'is not written yet (TODO)'
+    """
     if _is_unwritten(file):
         return Verdict(True, NOT_WRITTEN)
     if not has_ros():

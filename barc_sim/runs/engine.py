@@ -194,6 +194,14 @@ def uses_ros(options: Namespace) -> bool:
     ------
     UserError
         if an option needs ROS, and there is none, or it is not to be used.
+
+    Examples
+    --------
+    >>> from argparse import ArgumentParser
+    >>> parser = ArgumentParser()
+    >>> add_engine_option(parser)
+    >>> uses_ros(parser.parse_args(['--engine', 'local']))
+    False
     """
     ros = has_ros() if options.engine == 'auto' else options.engine == 'ros'
     if ros and not has_ros():

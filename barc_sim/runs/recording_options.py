@@ -62,7 +62,16 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
 
 
 def recording(options: argparse.Namespace) -> Recording:
-    """Return the settings on the command line; an option that it does not have is the default."""
+    """Return the settings on the command line; an option that it does not have is the default.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_recording_options(parser)
+    >>> wanted = recording(parser.parse_args(['--exclude', 'camera']))
+    >>> wanted.wants('/z_vhcl'), wanted.wants('/camera/image')
+    (True, False)
+    """
     given = vars(options)
     names = {field.name for field in fields(Recording)}
     return Recording(**{name: value for name, value in given.items() if name in names})

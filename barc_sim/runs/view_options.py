@@ -9,7 +9,15 @@ from barc_sim.nodes.mirrors.kinds import MIRRORS
 
 
 def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
-    """Add `--view`, `--view-port` and `--view-host`; `on` is the meaning of `auto`."""
+    """Add `--view`, `--view-port` and `--view-host`; `on` is the meaning of `auto`.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_view_options(parser, on=True)
+    >>> parser.parse_args(['--view-port', '8000']).view_port
+    8000
+    """
     default = 'web' if on else 'none'
     parser.add_argument(
         '--view',
@@ -40,7 +48,15 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
 
 
 def wants_page(options: argparse.Namespace) -> bool:
-    """Return whether to serve the live page; False for a program without these options."""
+    """Return whether to serve the live page; False for a program without these options.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_view_options(parser, on=True)
+    >>> wants_page(parser.parse_args([])), wants_page(parser.parse_args(['--view', 'none']))
+    (True, False)
+    """
     choice = getattr(options, 'view', 'none')
     return bool((options.view_auto if choice == 'auto' else choice) == 'web')
 
@@ -66,7 +82,17 @@ def add_mirror_options(parser: argparse.ArgumentParser) -> None:
 
 
 def wanted_mirrors(options: argparse.Namespace) -> frozenset[str]:
-    """Return the mirrors named on the command line; without names, all for Foxglove, else none."""
+    """Return the mirrors named on the command line; without names, all for Foxglove, else none.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_mirror_options(parser)
+    >>> sorted(wanted_mirrors(parser.parse_args(['--mirrors', 'odom,path'])))
+    ['odom', 'path']
+    >>> len(wanted_mirrors(parser.parse_args(['--foxglove'])))
+    7
+    """
     chosen = getattr(options, 'mirrors', None)
     if chosen is None:
         return frozenset(() if getattr(options, 'foxglove', None) is None else MIRRORS)

@@ -29,7 +29,22 @@ if TYPE_CHECKING:
 
 
 class LocalEngine:
-    """Carries the messages of one car's run by calls."""
+    """Carries the messages of one car's run by calls.
+
+    Examples
+    --------
+    >>> from barc_sim.control.pid import ACCELERATION_LIMIT
+    >>> from barc_sim.vehicle.bike_model import bikeFE
+    >>> engine = LocalEngine(['-p', 'realtime_factor:=0.0'])
+    >>> controller = engine.controller(None, {}, acceleration_limit=ACCELERATION_LIMIT)
+    >>> simulator = engine.simulator(
+    ...     road=None, on_step=lambda t, seen: None, model=bikeFE, given={}, distance=50.0
+    ... )
+    >>> engine.spin()
+    >>> simulator.steps, simulator.missed
+    (339, 0)
+    >>> engine.close()
+    """
 
     name = 'local, without ROS'
     open = False

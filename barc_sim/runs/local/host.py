@@ -41,6 +41,16 @@ class LocalNode:
         The values of its parameters, by name.
     changes
         The parameters set while the run goes on, of all nodes: node, name and value.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.parameters import Parameter
+    >>> node = LocalHost(['-p', 'relay:steering:=0.2']).node('relay')
+    >>> table = [Parameter('steering', 0.5, 'greatest front angle [rad]', (0.0, 1.5))]
+    >>> node.declare(table, {})
+    {'steering': 0.2}
+    >>> node.tune(table, 'steering', 3.0)
+    'parameter steering of relay must lie between 0.0 and 1.5: 3.0 does not'
     """
 
     def __init__(self, host: LocalHost, name: str) -> None:
@@ -149,6 +159,13 @@ class LocalHost:
         The nodes, in the order of their making.
     changes
         The parameters set while the run goes on: node, name and value.
+
+    Examples
+    --------
+    >>> host = LocalHost([])
+    >>> relay = host.node('relay')
+    >>> [publisher.name for publisher in host.topics.publishers]
+    ['/rosout', '/parameter_events']
     """
 
     def __init__(self, ros_args: Iterable[str]) -> None:

@@ -13,7 +13,17 @@ if TYPE_CHECKING:
 
 
 class Timer:
-    """Calls back every `period` [s], from `reset` to `cancel`."""
+    """Calls back every `period` [s], from `reset` to `cancel`.
+
+    Examples
+    --------
+    >>> timer = Timer(0.02, lambda: print('due'))
+    >>> timer.due = 10.0
+    >>> timer.fire(now=10.05)
+    due
+    >>> round(timer.due, 2)
+    10.06
+    """
 
     def __init__(self, period: float, callback: Callable[[], object]) -> None:
         """Begin cancelled."""
@@ -36,7 +46,18 @@ class Timer:
 
 
 class Loop:
-    """Runs callbacks one after the other in the thread of `run`."""
+    """Runs callbacks one after the other in the thread of `run`.
+
+    Examples
+    --------
+    >>> loop, done = Loop(), []
+    >>> loop.soon(lambda: done.append('soon'))
+    >>> loop.call(lambda: done.append('call'))
+    >>> loop.timer(0.01, lambda: done.append('timer')).reset()
+    >>> loop.run(lambda: 'timer' in done)
+    >>> done
+    ['soon', 'call', 'timer']
+    """
 
     def __init__(self) -> None:
         """Begin without callbacks."""

@@ -29,6 +29,12 @@ class RosArguments:
     ----------
     log_level
         The name of the lowest level that is logged.
+
+    Examples
+    --------
+    >>> arguments = RosArguments(['-p', 'speed:=8.0', '-p', 'relay:speed:=5.0'])
+    >>> arguments.of('relay'), arguments.of('controller')
+    ({'speed': 5.0}, {'speed': 8.0})
     """
 
     def __init__(self, words: Iterable[str]) -> None:
@@ -107,6 +113,14 @@ def checked(node: str, table: Iterable[Parameter], given: Mapping[str, Any]) -> 
     ------
     UserError
         A value has the wrong type or is out of range.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.parameters import Parameter
+    >>> mass = Parameter('mass', 2000.0, 'mass of the car [kg]', (1.0, 5000.0))
+    >>> road = Parameter('road', 'lab', 'name or file of the road')
+    >>> checked('car', [mass, road], {'mass': 2400.0})
+    {'mass': 2400.0, 'road': 'lab'}
     """
     return {
         parameter.name: _checked(node, parameter, given.get(parameter.name, parameter.default))

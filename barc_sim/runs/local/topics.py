@@ -23,6 +23,15 @@ class Publisher:
         Whether anybody receives them: where not, they need not be made.
     number
         Messages published.
+
+    Examples
+    --------
+    >>> publisher = Publisher('relay', '/ecu', 'barc_interfaces/msg/ECU')
+    >>> publisher.wanted
+    False
+    >>> publisher.subscribe(lambda stamp, fields: print(stamp, fields['motor']))
+    >>> publisher.publish(1_020_000_000, {'motor': 2.0, 'servo': 0.0})
+    1020000000 2.0
     """
 
     def __init__(self, node: str, name: str, type_name: str) -> None:
@@ -57,7 +66,18 @@ class Publisher:
 
 
 class Topics:
-    """All publishers of a run."""
+    """All publishers of a run.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.recording import Recording
+    >>> topics = Topics()
+    >>> topics.record(Recording())
+    >>> publisher = topics.publisher('relay', 'ecu', 'barc_interfaces/msg/ECU')
+    >>> publisher.publish(1_020_000_000, {'motor': 2.0, 'servo': 0.0})
+    >>> [(message.topic.name, message.number) for message in topics.take()]
+    [('/ecu', 1)]
+    """
 
     def __init__(self) -> None:
         """Begin without any."""

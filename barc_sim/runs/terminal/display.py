@@ -35,7 +35,13 @@ class Status(Protocol):
 
 
 class CruiseStatus(NamedTuple):
-    """A state of the cruise control."""
+    """A state of the cruise control.
+
+    Examples
+    --------
+    >>> CruiseStatus(t=7.5, distance=60.0, speed=7.9, error=0.1, grade_deg=10.0).text()
+    '  7.50 s    60.0 m   7.900 m/s  error +0.100 m/s  grade +10°'
+    """
 
     t: float  #: [s]
     distance: float  #: [m]
@@ -54,7 +60,14 @@ class CruiseStatus(NamedTuple):
 
 
 class DriveStatus(NamedTuple):
-    """A state of a drive by hand."""
+    """A state of a drive by hand.
+
+    Examples
+    --------
+    >>> turning = DriverInput(forward=1.0, turn=1.0)
+    >>> DriveStatus(t=7.5, distance=60.0, speed=7.9, steering=0.2, request=turning).text()
+    '    7.5 s  speed   7.90 m/s  steering  11.5°  held ↑ ←'
+    """
 
     t: float  #: [s]
     distance: float  #: [m]
@@ -118,7 +131,15 @@ class NoDisplay:
 
 
 class PlainLines:
-    """Prints a line a second, for a pipe or a file."""
+    """Prints a line a second, for a pipe or a file.
+
+    Examples
+    --------
+    >>> lines = PlainLines()
+    >>> for k in range(3):
+    ...     lines.show(CruiseStatus(0.02 * k, 0.16 * k, speed=8.0, error=0.0, grade_deg=0.0))
+      0.00 s     0.0 m   8.000 m/s  error +0.000 m/s  grade +0°
+    """
 
     def __init__(self) -> None:
         """Print at the first state."""

@@ -14,9 +14,19 @@ _LINES_PER_SECOND = 20
 
 
 class UserOutput:
-    """Takes text piece by piece, as user code prints it, and shows whole lines.
+    r"""Takes text piece by piece, as user code prints it, and shows whole lines.
 
     A terminal shows some lines a second and how many are left out; a file or a pipe gets all.
+
+    Examples
+    --------
+    >>> output, shown = UserOutput(), []
+    >>> output.show_with(shown.append)
+    >>> for text in ('v = ', '8.0\nerror', ' = 0.1'):
+    ...     output(text)
+    >>> output.close()
+    >>> shown
+    ['v = 8.0', 'error = 0.1']
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
