@@ -35,6 +35,13 @@ def write(folder: Path) -> None:
     ------
     UserError
         where one of the files exists already, or the folder cannot be written to.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> write(Path('lab'))
+    >>> sorted(path.name for path in Path('lab').iterdir())
+    ['README.md', 'bike_model.py', 'compose.py', 'controller.py', 'relay.py']
     """
     template = resources.files('barc_sim.lab') / 'templates'
     texts = {name: (template / name).read_bytes() for name in _FILES}

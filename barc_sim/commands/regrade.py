@@ -42,7 +42,18 @@ def add_arguments(parser: Parser) -> None:
 
 
 def in_words(judgement: Judgement) -> str:
-    """Return the results as lines of text."""
+    """Return the results as lines of text.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.reader import newest
+    >>> from barc_sim.lab.regrade.judging import judge
+    >>> print(in_words(judge(newest('bags'))))
+    1152 states, 23.02 s
+    model of barc_sim       yes, bit for bit (1152 of 1152)
+    controller of barc_sim  yes, bit for bit (1152 of 1152)
+    The bag could have come from barc_sim.
+    """
     lines = [f'{judgement.states} states, {judgement.duration:.2f} s']
     first = judgement.verdicts[0]
     lines += [

@@ -94,7 +94,15 @@ def _play_in_window(log: Log, title: str) -> bool:
 
 
 def view_of(log: Log, figure: Figure, title: str) -> RunView:
-    """Return the view for this run: from above if a driver steered."""
+    """Return the view for this run: from above if a driver steered.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> from barc_sim import simulate
+    >>> type(view_of(simulate(), Figure(), 'lab')).__name__
+    'SideView'
+    """
     from barc_sim.figures import side_view, top_view  # noqa: PLC0415
 
     kind = top_view.TopView if top_view.suits(log) else side_view.SideView

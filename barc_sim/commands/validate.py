@@ -74,7 +74,15 @@ def run(options: Namespace) -> None:
 
 
 def table(studies: Sequence[Study]) -> Iterator[str]:
-    """Yield the lines of the table of errors and orders."""
+    """Yield the lines of the table of errors and orders.
+
+    Examples
+    --------
+    >>> from barc_sim.simulation.convergence import REFERENCE_DRIVES, studies
+    >>> lines = list(table([*studies(REFERENCE_DRIVES[:1])]))
+    >>> lines[4].split()
+    ['kinematic', 'euler', '2.5e-01', '1.3e-01', '6.3e-02', '3.1e-02', '1.6e-02', '1.00']
+    """
     from barc_sim.simulation.convergence import FINE, ROUNDING, STEPS  # noqa: PLC0415
 
     yield _HEADING
@@ -91,7 +99,15 @@ def table(studies: Sequence[Study]) -> Iterator[str]:
 
 
 def as_json(studies: Sequence[Study]) -> str:
-    """Return the same as JSON; an order that cannot be measured is null."""
+    """Return the same as JSON; an order that cannot be measured is null.
+
+    Examples
+    --------
+    >>> from barc_sim.simulation.convergence import REFERENCE_DRIVES, studies
+    >>> found = json.loads(as_json([*studies(REFERENCE_DRIVES[:1])]))
+    >>> [(study['integrator'], round(study['order'], 1)) for study in found['studies']]
+    [('euler', 1.0), ('rk4', 4.0)]
+    """
     from barc_sim.simulation.convergence import STEPS  # noqa: PLC0415
 
     rows = [

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
     'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'page', 'lab',
-    'ros', 'nodes',
+    'commands', 'ros', 'nodes', 'runs',
 )  # fmt: skip
-NEED_ROS = ('ros', 'nodes')
+NEED_ROS = ('ros', 'nodes', 'runs')
 #: Examples that need an optional package.
 NEED_FOXGLOVE = ('barc_sim.nodes.foxglove.node.FoxgloveServer',)
 
