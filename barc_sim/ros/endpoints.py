@@ -56,6 +56,24 @@ def subscription(
     """Return a subscription of `node` to `topic`, whose callback runs in `group`.
 
     With `raw` it takes serialized messages.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
+    >>> rclpy.init()
+    >>> node, executor = rclpy.create_node('logger'), QuickExecutor()
+    >>> executor.add_node(node)
+    True
+    >>> made = subscription(node, Float64, 'speed', lambda m: print(m.data), QuickCallbackGroup())
+    >>> publisher(node, Float64, 'speed').publish(Float64(data=8.0))
+    >>> executor.spin_once(timeout_sec=5.0)
+    8.0
+    >>> executor.shutdown()
+    True
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(

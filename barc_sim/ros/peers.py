@@ -160,7 +160,21 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
 
 
 def types_here(node: Node, topic: str) -> set[str]:
-    """Return the types that the participant's other nodes give `topic`: DDS accepts one."""
+    """Return the types that the participant's other nodes give `topic`: DDS accepts one.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> rclpy.init()
+    >>> node, other = rclpy.create_node('logger'), rclpy.create_node('car')
+    >>> publisher = other.create_publisher(Float64, 'speed', 1)
+    >>> types_here(node, '/speed')
+    {'std_msgs/msg/Float64'}
+    >>> other.destroy_node()
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
     own = _own_gid(node) or b''
     ends = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
     return {
@@ -172,7 +186,20 @@ def types_here(node: Node, topic: str) -> set[str]:
 
 
 def is_own(end: TopicEndpointInfo) -> bool:
-    """Return whether `end` belongs to this process, by the number in its identifier."""
+    """Return whether `end` belongs to this process, by the number in its identifier.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('logger')
+    >>> publisher = node.create_publisher(Float64, 'speed', 1)
+    >>> [is_own(end) for end in node.get_publishers_info_by_topic('/speed')]
+    [True]
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
     return _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
 
 

@@ -25,7 +25,25 @@ if TYPE_CHECKING:
 
 
 class Arrivals:
-    """Counts what arrives at polled subscriptions in one descriptor, to sleep until then."""
+    """Counts what arrives at polled subscriptions in one descriptor, to sleep until then.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> from barc_sim.ros.executor import PolledCallbackGroup
+    >>> rclpy.init()
+    >>> node, arrivals = rclpy.create_node('logger'), Arrivals()
+    >>> subscription = polled(node, Float64, 'speed', 1, PolledCallbackGroup())
+    >>> arrivals.listen([subscription])
+    >>> node.create_publisher(Float64, 'speed', 1).publish(Float64(data=8.0))
+    >>> arrivals.wait(5.0)
+    >>> [message.data for message, _ in take(subscription, 1)]
+    [8.0]
+    >>> arrivals.listen([])
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
 
     def __init__(self) -> None:
         """Listen to nothing yet."""
@@ -84,7 +102,23 @@ def polled(
 
 
 def take(subscription: Subscription, limit: int) -> Iterator[tuple[Any, dict[str, int]]]:
-    """Yield up to `limit` waiting messages, each with the middleware's information on it."""
+    """Yield up to `limit` waiting messages, each with the middleware's information on it.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> from barc_sim.ros.executor import PolledCallbackGroup
+    >>> rclpy.init()
+    >>> node = rclpy.create_node('logger')
+    >>> subscription = polled(node, Float64, 'speed', 1, PolledCallbackGroup())
+    >>> node.create_publisher(Float64, 'speed', 1).publish(Float64(data=8.0))
+    >>> [(message, about)] = take(subscription, limit=10)
+    >>> message.data, 0 < about['source_timestamp'] <= about['received_timestamp']
+    (8.0, True)
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
+    """
     for _ in range(limit):
         with subscription.handle:
             taken = subscription.handle.take_message(subscription.msg_type, False)

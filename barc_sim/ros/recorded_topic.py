@@ -20,7 +20,17 @@ if TYPE_CHECKING:
 
 @dataclass
 class RecordedTopic:
-    """A topic with its subscriptions, and what has arrived through them."""
+    """A topic with its subscriptions, and what has arrived through them.
+
+    Examples
+    --------
+    >>> from barc_sim.bags.messages import topic
+    >>> ecu = RecordedTopic(topic('/ecu', 'barc_interfaces/msg/ECU'), names={b'a': '/relay'})
+    >>> for number in (1, 2, 5):
+    ...     ecu.losses.count(b'a', number)
+    >>> ecu.lost()
+    {'/relay': 2}
+    """
 
     topic: Topic
     publishers: int = 0

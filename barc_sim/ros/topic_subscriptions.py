@@ -48,6 +48,24 @@ class TopicSubscriptions:
         The filter: returns whether to subscribe to a topic, given its full name.
     depth
         Queue length of each subscription.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from std_msgs.msg import Float64
+    >>> rclpy.init()
+    >>> node, car = rclpy.create_node('logger'), rclpy.create_node('car')
+    >>> publisher = car.create_publisher(Float64, 'speed', 1)
+    >>> topics = TopicSubscriptions(node, lambda topic: topic == '/speed')
+    >>> list(topics.discover())
+    []
+    >>> publisher.publish(Float64(data=8.0))
+    >>> [message.topic.name for message in topics.take()]
+    ['/speed']
+    >>> topics.close()
+    >>> car.destroy_node()
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node, wants: Callable[[str], bool], depth: int = 10_000) -> None:

@@ -37,7 +37,18 @@ class _Box(NamedTuple):
 
 
 class CarMirror:
-    """The car as a body, a cabin and four wheels that steer."""
+    """The car as a body, a cabin and four wheels that steer.
+
+    Examples
+    --------
+    >>> from barc_sim.nodes.mirrors.ride import Ride
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> from barc_sim.vehicle.road import Road
+    >>> state = Ride(Road.named('lab'), Vehicle()).update(0, Motion(60.0, *5 * [0.0]), servo=0.0)
+    >>> body, *_ = CarMirror('car2/', Vehicle()).of(state).markers
+    >>> body.header.frame_id, round(body.pose.position.z, 2)
+    ('car2/odom', 3.97)
+    """
 
     def __init__(self, prefix: str, vehicle: Vehicle) -> None:
         """Draw `vehicle`, in the frame with `prefix` before its name."""

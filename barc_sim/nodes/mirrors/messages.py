@@ -33,7 +33,19 @@ _FULL_TURN = 2.0 * pi
 
 
 class OdometryMirror:
-    """The pose in `odom` and the velocity in `base_link`, as measured, without covariances."""
+    """The pose in `odom` and the velocity in `base_link`, as measured, without covariances.
+
+    Examples
+    --------
+    >>> from barc_sim.nodes.mirrors.ride import Ride
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> from barc_sim.vehicle.road import Road
+    >>> motion = Motion(60.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.0)
+    >>> state = Ride(Road.named('lab'), Vehicle()).update(0, motion, servo=0.0)
+    >>> message = OdometryMirror('car2/').of(state)
+    >>> message.child_frame_id, message.twist.twist.linear.x
+    ('car2/base_link', 8.0)
+    """
 
     def __init__(self, prefix: str) -> None:
         """Put `prefix` before the frames' names."""
@@ -90,6 +102,17 @@ class JointMirror:
     """The steering angles of the front wheels, and the rolling angle and speed of each wheel.
 
     The steering's velocity is always 0.
+
+    Examples
+    --------
+    >>> from barc_sim.nodes.mirrors.ride import Ride
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> from barc_sim.vehicle.road import Road
+    >>> turning = Motion(0.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.8)
+    >>> state = Ride(Road.named('lab'), Vehicle()).update(0, turning, servo=0.3)
+    >>> joints = JointMirror('').of(state)
+    >>> joints.name[0], round(joints.position[0], 3)
+    ('front_left_steering', 0.327)
     """
 
     def __init__(self, prefix: str) -> None:

@@ -64,6 +64,18 @@ class GraphObserver:
     """The ROS graph as `node` discovers it.
 
     Every wait raises KeyboardInterrupt after a signal that ends the process.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> rclpy.init()
+    >>> node, car = rclpy.create_node('_check'), rclpy.create_node('car', namespace='/car2')
+    >>> with StopSignals() as stop:
+    ...     GraphObserver(node, stop).find_node('car2/car')
+    '/car2/car'
+    >>> car.destroy_node()
+    >>> node.destroy_node()
+    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node, stop: StopSignals) -> None:
