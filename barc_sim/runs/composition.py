@@ -145,6 +145,13 @@ def check_left_out(part: str, options: Mapping[str, object]) -> None:
     ------
     UserError
         if one of them is given.
+
+    Examples
+    --------
+    >>> check_left_out('controller', {'speed': None})
+    >>> check_left_out('controller', {'speed': 10.0})  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    barc_sim.errors.UserError: --speed 10.0 is for the controller that --no-controller ...
     """
     for name, value in options.items():
         if value is not None:
@@ -155,5 +162,11 @@ def check_left_out(part: str, options: Mapping[str, object]) -> None:
 
 
 def given(**values: float | str | None) -> dict[str, float | str]:
-    """Return the parameters that the command line sets; the others keep the nodes' defaults."""
+    """Return the parameters that the command line sets; the others keep the nodes' defaults.
+
+    Examples
+    --------
+    >>> given(speed_reference=10.0, controller_type=None)
+    {'speed_reference': 10.0}
+    """
     return {name: value for name, value in values.items() if value is not None}

@@ -25,7 +25,13 @@ _DISCOVERY_PERIOD = 0.2
 
 
 def is_visible(topic: str) -> bool:
-    """Return whether a topic is not hidden, by its full name."""
+    """Return whether a topic is not hidden, by its full name.
+
+    Examples
+    --------
+    >>> is_visible('/car2/z_vhcl'), is_visible('/car2/controller/_service_event')
+    (True, False)
+    """
     return '/_' not in topic
 
 

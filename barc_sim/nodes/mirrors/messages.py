@@ -84,7 +84,20 @@ class TransformMirror:
 
 
 class AccelerationMirror:
-    """The acceleration over the ground, in `base_link`, without gravity."""
+    """The acceleration over the ground, in `base_link`, without gravity.
+
+    Examples
+    --------
+    >>> from barc_sim.nodes.mirrors.ride import Ride
+    >>> from barc_sim.vehicle.bike_model import Motion, Vehicle
+    >>> from barc_sim.vehicle.road import Road
+    >>> ride = Ride(Road.named('lab'), Vehicle())
+    >>> circling = Motion(0.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.5)
+    >>> _ = ride.update(0, circling, servo=0.2)
+    >>> state = ride.update(20_000_000, circling, servo=0.2)
+    >>> AccelerationMirror('car2/').of(state).accel.linear.y
+    4.0
+    """
 
     def __init__(self, prefix: str) -> None:
         """Put `prefix` before the frame's name."""

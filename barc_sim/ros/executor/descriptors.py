@@ -100,7 +100,17 @@ class Descriptors:
 
 
 def eventfd() -> int:
-    """Return a descriptor that counts what is written to it."""
+    """Return a descriptor that counts what is written to it.
+
+    Examples
+    --------
+    >>> counter = eventfd()
+    >>> for _ in range(3):
+    ...     os.eventfd_write(counter, 1)
+    >>> os.eventfd_read(counter)
+    3
+    >>> os.close(counter)
+    """
     return _opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC))
 
 

@@ -33,6 +33,18 @@ class LocalRelay:
     ----------
     on_command
         Called with each command.
+
+    Examples
+    --------
+    >>> from barc_sim.runs.local.host import LocalHost
+    >>> host, commands = LocalHost([]), []
+    >>> relay = LocalRelay(host, None, {})
+    >>> relay.on_command = lambda command, _: commands.append(command)
+    >>> relay.receive(DriverInput(forward=0.5))
+    True
+    >>> host.loop.run(lambda: commands)
+    >>> commands
+    [Input(motor=2.0, servo=0.0)]
     """
 
     def __init__(self, host: LocalHost, driver: Driver | None, given: Mapping[str, Any]) -> None:

@@ -29,6 +29,19 @@ class LocalRecorder:
         The first failure to write, in a sentence.
     left_out
         No topic: all can be recorded.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from barc_sim.bags.recording import Recording
+    >>> from barc_sim.runs.local.host import LocalHost
+    >>> host, folder = LocalHost(['--log-level', 'warn']), Path('recorded')
+    >>> recorder = LocalRecorder(host, folder, Recording(), metadata={}, attachments={})
+    >>> publisher = host.topics.publisher('relay', 'ecu', 'barc_interfaces/msg/ECU')
+    >>> publisher.publish(1_020_000_000, {'motor': 2.0, 'servo': 0.0})
+    >>> recorder.close()
+    >>> recorder.counts['/ecu']
+    1
     """
 
     def __init__(
