@@ -20,7 +20,7 @@ from matplotlib.transforms import Affine2D
 import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
-from barc_sim.figures.animation import View, frames
+from barc_sim.figures.animation import frames
 from barc_sim.figures.convergence_figure import convergence_figure
 from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.side_view import SIZE, SideView
@@ -37,6 +37,8 @@ from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from barc_sim.figures.run_view import RunView
 
 
 HERE = Path(__file__).parent
@@ -403,7 +405,7 @@ def animate() -> None:
     _save(IMAGES / 'drive.webp', TopView(eight_by_hand(), figure, title='barc teleop'), 8)
 
 
-def _save(path: Path, view: View, fps: int, seconds: float = 15.0) -> None:
+def _save(path: Path, view: RunView, fps: int, seconds: float = 15.0) -> None:
     """Save the last `seconds` of a view as a WebP of few colours."""
     from PIL import Image  # noqa: PLC0415 (for this alone)
 

@@ -115,9 +115,9 @@ def spinning(context: Context, *nodes: Node) -> Iterator[None]:
 
     A command that finds no other process of this machine gives up sooner: here, nodes are its own.
     """
-    from rclpy.executors import SingleThreadedExecutor  # noqa: PLC0415 (most tests need no ROS)
+    from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415 (most tests need no ROS)
 
-    executor = SingleThreadedExecutor(context=context)
+    executor = QuickExecutor(context=context)  # rclpy's may fail where another thread ends it
     for node in nodes:
         executor.add_node(node)
     thread = threading.Thread(target=executor.spin)
