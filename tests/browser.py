@@ -86,7 +86,7 @@ OVERFLOW = """(() => {
   }
   return found;
 })()"""
-#: By which keys a control of that tag or type is used, whatever its value is.
+#: The keys that use a control of that tag or type.
 _USES = {
     **dict.fromkeys(('range', 'number', 'SELECT'), ('ArrowUp', 'ArrowDown')),
     **dict.fromkeys(('BUTTON', 'SUMMARY'), ('Space',)),

@@ -82,7 +82,7 @@ class Session:
         return path
 
     def close(self) -> None:
-        """End it whatever it does."""
+        """Kill the run if it has not ended, and close the terminal."""
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()

@@ -81,9 +81,9 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     session.type(b'q')
     assert session.end() == 0
     log = bag.read(session.bag())
-    heard = requests(session.bag())
-    begun = next(t for t, request in heard if request.forward == 1.0)
-    ended = next(t for t, request in heard if t > begun and request.forward == 0.0)
+    received = requests(session.bag())
+    begun = next(t for t, request in received if request.forward == 1.0)
+    ended = next(t for t, request in received if t > begun and request.forward == 0.0)
     assert ended - begun > 1.5
     slack = lost(session.bag()) * Limits().acceleration
     expected = (ended - begun) * Limits().acceleration
@@ -91,7 +91,7 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     # The servo that returns changes the slip angle, and with it the speed.
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)
     assert termios.tcgetattr(session.fd) == session.before
-    again = drive(heard, float(log.t[-1]))
+    again = drive(received, float(log.t[-1]))
     # The nodes' ticks fall elsewhere in the same 50 ms.
     assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
     assert log.psi[-1] < 0.0
@@ -129,9 +129,9 @@ def test_a_recorded_drive_driven_again_is_as_it_was(
     session.type(b'q')
     assert session.end() == 0
     log = bag.read(session.bag())
-    heard = requests(session.bag())
+    received = requests(session.bag())
     duration = float(log.t[-1])
-    again = drive(heard, duration)
+    again = drive(received, duration)
     # The nodes' ticks fall elsewhere in the same 50 ms.
     assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
     assert again.psi[-1] == pytest.approx(log.psi[-1], abs=0.2 + lost(session.bag()))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.loading import ControllerFactory, UserModel
 
 ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)
-SAID = (
+CALLED = (
     'bikeFE(x=1.0, y=2.0, psi=0.5, v=8.0, a=0.25, d_f=0.1, a0=0.013, m=2000.0, Ff=0.017, '
     'theta=0.1, ts=0.02)'
 )
@@ -83,7 +83,7 @@ def test_another_result_is_shown_beside_what_was_passed_in_and_expected(
     with pytest.raises(UserCodeError) as caught:
         model(tmp_path, body)(*ROW)
     sentence = str(caught.value)
-    assert sentence.startswith(f'bike_model.py, line 1: {SAID} returned ')
+    assert sentence.startswith(f'bike_model.py, line 1: {CALLED} returned ')
     head, _, tail = shown.partition('; ')
     if tail:
         assert sentence.endswith(f' returned {shown}')
@@ -108,9 +108,9 @@ def test_an_exception_names_its_line_and_what_was_passed_in(
 ) -> None:
     with pytest.raises(UserCodeError) as caught:
         model(tmp_path, body)(*ROW)
-    said = str(caught.value)
-    assert said.startswith(f'bike_model.py, line 2: {SAID} raised {text}')
-    assert said.endswith(f'; {FOUR}')
+    sentence = str(caught.value)
+    assert sentence.startswith(f'bike_model.py, line 2: {CALLED} raised {text}')
+    assert sentence.endswith(f'; {FOUR}')
     assert caught.value.__cause__ is not None
 
 

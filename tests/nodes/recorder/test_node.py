@@ -141,9 +141,9 @@ def test_records_the_log_and_events_of_constructors(recorder: BagRecorder, talke
     ]
     assert 'use_sim_time' in of_talker
     assert 'gain' in of_talker
-    said = kept(recorder, '/rosout', Log)
-    assert ('talker', 'ready') in [(log.name, log.msg) for log in said]
-    assert 'bag_recorder' in [log.name for log in said]
+    logs = kept(recorder, '/rosout', Log)
+    assert ('talker', 'ready') in [(log.name, log.msg) for log in logs]
+    assert 'bag_recorder' in [log.name for log in logs]
 
 
 def test_keeps_the_quality_of_service_that_was_offered(recorder: BagRecorder, talker: Node) -> None:
@@ -421,8 +421,8 @@ def test_a_second_type_of_a_topic_is_named_and_costs_the_first_nothing(
     wait_for(lambda: recorder.counts.get('/value') == 1)
     recorder.close()
     assert bag.info(recorder.path)['not recorded /value as std_msgs/msg/ColorRGBA'] == why
-    said = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
-    assert [text for text in said if 'is not recorded' in text] == [
+    texts = [deserialize_message(m.data, Log).msg for m in messages(recorder.path, '/rosout')]
+    assert [text for text in texts if 'is not recorded' in text] == [
         f'/value as std_msgs/msg/ColorRGBA is not recorded: {why}'
     ]
 

@@ -152,7 +152,7 @@ def publisher(engine: RosEngine | LocalEngine, relay: Any) -> Callable[[DriverIn
 
 
 def replay(engine: RosEngine | LocalEngine, drive: dict[float, DriverInput], bags: Path) -> Path:
-    """Drive by hand as `drive` says, one step for each command; return the bag."""
+    """Drive by hand as `drive` does, one step for each command; return the bag."""
     waiting = sorted(drive.items())
 
     def on_step(t: float, _: Observation) -> None:
