@@ -130,8 +130,10 @@ class BagRecorder(Node):
 
     def _add_graph(self) -> None:
         """Add the graph to the bag whenever it has grown, unless the run adds it."""
+        if 'graph' in self._metadata:
+            return
         size = len(self.get_node_names()) + len(self.get_topic_names_and_types())
-        if size > self._graph_size and 'graph' not in self._metadata:
+        if size > self._graph_size:
             self._graph_size = size
             self._thread.add_metadata({'graph': observe(self).to_json()})
 
