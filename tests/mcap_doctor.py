@@ -60,6 +60,10 @@ def check(file: Path) -> None:
     assert records[-1].summary_crc == summary_crc
     messages = _check_data(data)
     _check_summary(located.content, data, summary, messages)
+    offsets = [record for _, _, record in summary if isinstance(record, SummaryOffset)]
+    ends = [offset.group_start + offset.group_length for offset in offsets]
+    starts = [offset.group_start for offset in offsets] + [records[-1].summary_offset_start]
+    assert starts == [records[-1].summary_start, *ends]
 
 
 def _check_data(data: list[tuple[int, int, McapRecord]]) -> list[Message]:

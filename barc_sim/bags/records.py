@@ -16,7 +16,8 @@ from mcap.records import Chunk, McapRecord
 from mcap.stream_reader import StreamReader
 
 from barc_sim.bags.bounds import MAX_CHUNK, Budget
-from barc_sim.bags.file import CHUNK_SIZE
+from barc_sim.bags.chunk import CHUNK_SIZE
+from barc_sim.bags.file import MAGIC
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import IO
 
-_MAGIC = b'\x89MCAP0\r\n'
+
 _HEADER = Struct('<BQ')  # of a record: opcode, length
 _OPCODES = frozenset(Opcode)
 _logger = logging.getLogger(__name__)
@@ -102,7 +103,7 @@ def records(
             f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
         ) from error
     with stream:
-        if (magic := stream.read(len(_MAGIC))) != _MAGIC:
+        if (magic := stream.read(len(MAGIC))) != MAGIC:
             what = 'not an MCAP file' if magic else 'empty'
             raise UserError(f'{str(file)!r} is {what}: name another bag')
         if messages:

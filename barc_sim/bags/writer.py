@@ -75,9 +75,8 @@ class BagWriter:
     ) -> None:
         self.directory = directory
         self._limits = limits or FileLimits()
+        self._limited = self._limits != FileLimits()
         self._files: list[BagFile] = []
-        self._topics: dict[str, Topic] = {}
-        self.counts: dict[str, int] = {}  #: of messages given to `write`, by topic
         self._metadata: dict[str, str] = {}
         self.closed = False
         try:
@@ -93,6 +92,11 @@ class BagWriter:
     def file(self) -> Path:
         """The file that is being written."""
         return self._files[-1].path
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of messages given to `write`, by topic."""
+        return dict(sum((file.counts for file in self._files), Counter()))
 
     @property
     def on_disk(self) -> dict[str, int]:
@@ -142,13 +146,11 @@ class BagWriter:
             The file cannot be written; the message is kept for the next `flush`.
         """
         try:
-            if self._full:
+            if self._limited and self._full:
                 self.split()
         finally:
             file = self._files[-1]
             due = file.add(topic, data, received, published, sequence)
-            self._topics.setdefault(topic.name, topic)
-            self.counts[topic.name] = self.counts.get(topic.name, 0) + 1
         if due:
             file.commit()
 
@@ -224,6 +226,11 @@ class BagWriter:
                 file.pieces.close()
 
     def _information(self) -> dict[str, Any]:
-        files = {file.path.name: file.span for file in self._files}
-        topics = [(topic, self.counts[name]) for name, topic in self._topics.items()]
-        return metadata.information(files, topics, self._metadata)
+        spans = {file.path.name: file.span for file in self._files}
+        topics: dict[str, Topic] = {}
+        for file in self._files:
+            for topic in file.topics.values():
+                topics.setdefault(topic.name, topic)
+        counts = self.counts
+        counted = [(topic, counts[name]) for name, topic in topics.items()]
+        return metadata.information(spans, counted, self._metadata)

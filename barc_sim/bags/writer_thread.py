@@ -7,6 +7,7 @@ import threading
 import time
 from collections import Counter, deque
 from math import inf
+from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
 from barc_sim.bags.cdr import leading_time
@@ -25,6 +26,8 @@ _PERIOD = 0.05
 _LONGEST_SLEEP = 1.0
 #: [s] between the ends of two chunks. A kill loses the messages of this time, and of one poll.
 _CHUNK_PERIOD = 0.1
+
+_RECEIVED = attrgetter('received')
 
 
 class Arrivals(Protocol):
@@ -133,7 +136,7 @@ class WriterThread:
             if self.paused:
                 return
             # In order of reception, as readers expect.
-            self._waiting.extend(sorted(messages, key=_received))
+            self._waiting.extend(sorted(messages, key=_RECEIVED))
         while self._waiting:
             self._unflushed = True
             topic, data, received, published, number = self._waiting.popleft()
@@ -149,7 +152,7 @@ class WriterThread:
         messages, self._late = [*self._late], []
         for message in self._source():
             (messages if message.received < begun else self._late).append(message)
-        return self._clock.stamp(sorted(messages, key=_received))
+        return self._clock.stamp(sorted(messages, key=_RECEIVED))
 
     def _check_disk(self) -> None:
         """Check what the system does not report, or reports too late.
@@ -247,7 +250,3 @@ class SimulatedClock:
             if message.topic.name == CLOCK:
                 self._now = leading_time(message.data)
             yield message if self._now is None else message._replace(received=self._now)
-
-
-def _received(message: Message) -> int:
-    return message.received

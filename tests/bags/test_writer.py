@@ -11,7 +11,7 @@ import yaml
 from made_bags import QOS, VALUE
 from mcap.exceptions import EndOfFile
 from mcap.reader import SeekingReader
-from mcap.records import Chunk, ChunkIndex, McapRecord, Message
+from mcap.records import McapRecord, Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -214,24 +214,6 @@ def test_flushed_messages_are_in_the_file_before_it_is_closed(writer: BagWriter)
     with writer.file.open('rb') as stream, suppress(EndOfFile):
         read.extend(StreamReader(stream, validate_crcs=True).records)
     assert [record.sequence for record in read if isinstance(record, Message)] == [0, 1, 2]
-
-
-def test_chunks_are_64_kib_at_most_and_have_checksums_and_messages(writer: BagWriter) -> None:
-    for k in range(5000):
-        write(writer, VALUE, k)
-        if k % 1000 == 0:
-            writer.flush()
-            writer.flush()
-    writer.close()
-    with writer.file.open('rb') as stream:
-        records = list(StreamReader(stream, emit_chunks=True).records)
-    chunks = [record for record in records if isinstance(record, Chunk)]
-    indexes = [record for record in records if isinstance(record, ChunkIndex)]
-    assert len(chunks) > 5
-    assert all(chunk.uncompressed_crc for chunk in chunks)
-    assert all(chunk.uncompressed_size < 65 * 1024 for chunk in chunks)
-    assert all(index.message_index_offsets for index in indexes)
-    assert len(indexes) == len(chunks)
 
 
 def test_sequence_numbers_wrap_at_32_bits(writer: BagWriter) -> None:
