@@ -40,6 +40,16 @@ class Parser(argparse.ArgumentParser):
             r'-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$', re.IGNORECASE
         )
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
+        """Parse as ArgumentParser does; for an unknown option, suggest those that are close."""
+        options, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            name = unknown[0].partition('=')[0].removeprefix('--')
+            known = (each.removeprefix('--') for each in self._option_string_actions)
+            close = did_you_mean(name, known, '--')
+            self.error(f'unrecognized arguments: {" ".join(unknown)}{close}')
+        return options
+
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
         self.exit(USAGE_ERROR, f'{_error_line(self.prog, message)} (see --help)\n')
@@ -61,8 +71,10 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str], prefix: str = '') -> str:
     """Return the end of a sentence with the names in `known` closest to `name`, or ''.
+
+    Each is printed behind `prefix`.
 
     Examples
     --------
@@ -71,7 +83,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     """
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 
-    close = get_close_matches(name, known)
+    close = [prefix + each for each in get_close_matches(name, known)]
     return f': did you mean {" or ".join(close)}?' if close else ''
 
 
