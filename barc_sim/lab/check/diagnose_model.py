@@ -48,7 +48,7 @@ class _Search:
     def __init__(self, given: Mapping[str, Floats], results: Mapping[str, Floats]) -> None:
         self._given = given
         self._results = results
-        self._right = Quantities(given)
+        self._right = Quantities(given, {})
 
     def causes(self, wrong: Sequence[str]) -> dict[str, str]:
         found = {name: text for name in wrong if (text := self._order(name))}

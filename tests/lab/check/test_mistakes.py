@@ -24,7 +24,7 @@ EXPECTED = np.array([bikeFE(*row, l_f=l_f, l_r=l_r) for row, l_f, l_r in ROWS]).
 
 @pytest.mark.parametrize('name', NAMES)
 def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
-    assert close(Quantities(GIVEN)[f'{name}_next'], EXPECTED[NAMES.index(name)]).all()
+    assert close(Quantities(GIVEN, {})[f'{name}_next'], EXPECTED[NAMES.index(name)]).all()
 
 
 @pytest.mark.parametrize('mistake', MISTAKES, ids=lambda mistake: mistake.hint[:40])
