@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
-from barc_sim.lab.check import LocalCode, Settings
-from barc_sim.lab.check.judging import gains_used
+from barc_sim.lab.check.code import LocalCode
+from barc_sim.lab.check.judging import Settings, gains_used
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.runs.composition import Run, check_left_out, given
 from barc_sim.runs.conduct import conduct

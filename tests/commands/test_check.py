@@ -115,7 +115,7 @@ def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path) -> None:
     ('args', 'complaint'),
     [
         (['missing'], "there is no folder 'missing'"),
-        (['.'], "the folder '.' has no bike_model.py, no controller.py, no relay.py"),
+        (['.'], "the folder '.' has no bike_model.py, controller.py, relay.py"),
         (['my_lab', '--save', 'a.jpeg'], "'a.jpeg': the name must end in"),
         (['my_lab', '--save', 'a.png', '--no-plot'], 'contradict each other'),
     ],

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 import pytest
 from student_code import WORKS, Work
 
-from barc_sim.lab.check import CRITERIA, LocalCode, Settings, judge
-from barc_sim.lab.check.findings import RELAY
-from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.check.code import LocalCode
+from barc_sim.lab.check.findings import CRITERIA, RELAY
+from barc_sim.lab.check.judging import Settings, judge
+from barc_sim.lab.check.worker import judge_folder, load_parts
 from barc_sim.lab.grade import report
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import SHIPPED, load
 from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.submissions import Submission
-from barc_sim.lab.user_code.loading import UserCodeError, load_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,43 +36,18 @@ def submission(work: Work) -> Submission:
     return Submission('student', dict(zip(work.files, texts, strict=True)))
 
 
-class Parts:
-    """The parts of a folder; each call of one that cannot be loaded raises the error."""
-
-    def __init__(self, folder: Path) -> None:
-        """Load them as `check` does."""
-        self.tolerated: tuple[str, ...] = ()
-        self.model, self.controller = self._load(folder, 'model'), self._load(folder, 'controller')
-        self.relay = None
-
-    def _load(self, folder: Path, part: str) -> object:
-        try:
-            found = load_folder(folder, [part], budget=None, packages=False)
-        except UserCodeError as error:
-            return self._failing(error)
-        self.tolerated += found.tolerated
-        return getattr(found, part)
-
-    @staticmethod
-    def _failing(error: UserCodeError) -> object:
-        def fail(*_: object, **__: object) -> None:
-            raise error
-
-        return fail
-
-
 @pytest.mark.parametrize('name', WORKS)
 def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> None:
     work = WORKS[name]
-    parts = Parts(write(tmp_path, work))
-    findings = judge(LocalCode(parts), Settings(seed=SEED))
+    code = load_parts(write(tmp_path, work), budget=None)
+    findings = judge(LocalCode(code), Settings(seed=SEED))
     points = [
         sum(rubric.points_for(f) for f in findings if f.criterion in rubric.points)
         for rubric in map(load, SHIPPED)
     ]
     assert points == pytest.approx(work.points, abs=0.006)
     messages = [finding.message for finding in findings]
-    assert work.sentence in '; '.join([*messages, *parts.tolerated])
+    assert work.sentence in '; '.join([*messages, *code.tolerated])
     assert str(tmp_path) not in ''.join(messages)
 
 

@@ -3,19 +3,3 @@
 It uses no ROS, no clock and only seeded random numbers: a score is the same on every machine.
 Tolerances are far above the differences between maths libraries, and far below any mistake.
 """
-
-from barc_sim.lab.check.code import JudgedCode, JudgedController, LocalCode, Row
-from barc_sim.lab.check.findings import CRITERIA, Finding
-from barc_sim.lab.check.judging import Settings, findings, judge
-
-__all__ = [
-    'CRITERIA',
-    'Finding',
-    'JudgedCode',
-    'JudgedController',
-    'LocalCode',
-    'Row',
-    'Settings',
-    'findings',
-    'judge',
-]

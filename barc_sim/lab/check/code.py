@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.functions import RelayFactory
-from barc_sim.lab.user_code.relay_program import RelayProgram
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from barc_sim.lab.user_code.gains import ChosenGains
+    from barc_sim.lab.user_code.loading import UserCode
     from barc_sim.lab.user_code.ros_world import Command, TimedTwist
 
 
@@ -59,15 +58,10 @@ class JudgedController(Protocol):
 
 
 class JudgedCode(Protocol):
-    """A user's model and controller; each of their errors is a UserError."""
+    """A user's model, controller and relay; each of their errors is a UserError."""
 
-    @property
-    def has_model(self) -> bool:
-        """Whether there is a `bikeFE`."""
-
-    @property
-    def has_controller(self) -> bool:
-        """Whether there is a `PID`."""
+    def has(self, part: str, /) -> bool:
+        """Return whether there is this part of `FILES`."""
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
         """Return the result of `bikeFE` for each row; lengths [m] are passed if it takes them."""
@@ -84,28 +78,8 @@ class JudgedCode(Protocol):
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py` chooses; None if it has none."""
 
-    @property
-    def has_relay(self) -> bool:
-        """Whether there is a relay."""
-
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-
-
-class Parts(Protocol):
-    """The parts of `barc_sim.lab.user_code.loading.UserCode` that `LocalCode` uses."""
-
-    @property
-    def model(self) -> Callable[..., Any] | None:
-        """`bikeFE`, checked."""
-
-    @property
-    def controller(self) -> Callable[..., Any] | None:
-        """A factory: gains, and limits by name, -> a new `PID`."""
-
-    @property
-    def relay(self) -> RelayFactory | RelayProgram | Callable[..., NoReturn] | None:
-        """The relay; a function raises the error of its loading."""
 
 
 class LocalCode:
@@ -120,38 +94,24 @@ class LocalCode:
     2.0
     """
 
-    def __init__(self, user_code: Parts) -> None:
+    def __init__(self, user_code: UserCode) -> None:
         """Judge the parts of `user_code`."""
-        self._user_code = user_code
+        self._user_code: Any = user_code
 
-    @property
-    def has_model(self) -> bool:
-        """Whether there is a `bikeFE`."""
-        return self._user_code.model is not None
-
-    @property
-    def has_controller(self) -> bool:
-        """Whether there is a `PID`."""
-        return self._user_code.controller is not None
+    def has(self, part: str, /) -> bool:
+        """Return whether there is this part of `FILES`."""
+        return getattr(self._user_code, part) is not None
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
         """Return the result of `bikeFE` for each row."""
         model = self._user_code.model
-        if model is None:
-            raise LookupError('there is no bikeFE')
-        results = []
-        for row in rows:
-            x, y, psi, v = model(*row, l_f=l_f, l_r=l_r)
-            results.append((x, y, psi, v))
-        return results
+        return [(x, y, psi, v) for row in rows for x, y, psi, v in [model(*row, l_f=l_f, l_r=l_r)]]
 
     def new_pid(
         self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
     ) -> JudgedController:
         """Return a new `PID` with these gains."""
         controller = self._user_code.controller
-        if controller is None:
-            raise LookupError('there is no PID')
         if fresh and (again := getattr(controller, 'fresh', None)):
             controller = again()
         return _LocalController(controller(kp, ki, kd, output_min=-limit, output_max=limit))
@@ -160,19 +120,10 @@ class LocalCode:
         """Return the gains that `controller.py` chooses."""
         return getattr(self._user_code.controller, 'chosen', None)
 
-    @property
-    def has_relay(self) -> bool:
-        """Whether there is a relay."""
-        return self._user_code.relay is not None
-
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-        relay = self._user_code.relay
-        if relay is None:
-            raise LookupError('there is no relay')
-        if not isinstance(relay, (RelayFactory, RelayProgram)):
-            relay()
-        return relay.commands(twists, duration)
+        commands: list[Command] = self._user_code.relay.commands(twists, duration)
+        return commands
 
 
 class _LocalController:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from barc_sim.lab.check.situations import TS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from barc_sim.lab.check.equations import Floats
     from barc_sim.lab.check.situations import Sequence
@@ -17,11 +18,20 @@ if TYPE_CHECKING:
 _RELATIVE = 1e-7
 _WIDEST = 60  #: values of a window
 _MOST_DIGITS = 4
+_FORMULAS = {'P': 'kp * e', 'I': 'ki * (sum of e * dt)', 'D': 'kd * (e - e_before) / dt'}
 #: What else can make a term 0 at all times.
 _MEMORY = {
     'P': '',
     'I': ', and is each error added to the sum',
     'D': ', and is the error of the last call replaced only after D has used it',
+}
+_SIGNS = {
+    'P': 'P has the wrong sign: the error is speed_reference - speed_current',
+    'I': 'I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt',
+    'D': (
+        'D has the wrong sign: it is kd * (e - e_before) / dt, or with the measured speed '
+        '-kd * (v - v_before) / dt'
+    ),
 }
 
 
@@ -44,87 +54,72 @@ class Trial(NamedTuple):
                 return ratio
         return None
 
+    def fits(self, *shapes: Floats) -> bool:
+        """Return whether the outputs have one of `shapes`, up to a constant factor but 0."""
+        return bool(self.ratio(shapes))
 
-def diagnose_proportional(trials: list[Trial]) -> str:
-    """Return the cause of a wrong proportional term."""
-    ratios = [trial.ratio(trial.variants) for trial in trials]
-    if all(_is(ratio, -trial.gain) for ratio, trial in zip(ratios, trials, strict=True)):
-        return 'P has the wrong sign: the error is speed_reference - speed_current'
-    if hint := _diagnose_gain('kp', 'P', ratios, trials):
-        return hint
-    others: dict[str, Callable[[Trial], Floats]] = {
+
+#: Hints for each term, and whether the outputs show the mistake.
+_CAUSES: Mapping[str, Mapping[str, Callable[[Trial], bool]]] = {
+    'P': {
         'the outputs of all calls are added up: the output is P + I + D of this call alone': (
-            lambda t: np.cumsum(t.sequence.error)
+            lambda t: t.fits(np.cumsum(t.sequence.error))
         ),
         'P uses the last error, not this one': (
-            lambda t: np.concatenate([[0.0], t.sequence.error[:-1]])
+            lambda t: t.fits(np.concatenate([[0.0], t.sequence.error[:-1]]))
         ),
-        'P has no sign: do not use abs on the error': lambda t: np.abs(t.sequence.error),
+        'P has no sign: do not use abs on the error': lambda t: t.fits(np.abs(t.sequence.error)),
         'P uses the speed alone: the error is speed_reference - speed_current': (
-            lambda t: t.sequence.measured
+            lambda t: t.fits(t.sequence.measured)
         ),
         'P uses the reference alone: the error is speed_reference - speed_current': (
-            lambda t: t.sequence.reference
+            lambda t: t.fits(t.sequence.reference)
         ),
-    }
-    for hint, shape in others.items():
-        if all(trial.ratio([shape(trial)]) for trial in trials):
-            return hint
-    return _example('P', 'kp * e', trials[0])
-
-
-def diagnose_integral(trials: list[Trial]) -> str:
-    """Return the cause of a wrong integral term."""
-    ratios = [trial.ratio(trial.variants) for trial in trials]
-    if hint := _diagnose_gain('ki', 'I', ratios, trials):
-        return hint
-    if _factor_below_zero(ratios, trials):
-        return 'I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt'
-    others: dict[str, Callable[[Trial], list[Floats]]] = {
+    },
+    'I': {
         'I has no memory: the errors are not added up, or the sum is lost between calls': (
-            lambda t: [t.sequence.error]
+            lambda t: t.fits(t.sequence.error)
         ),
-        'I has no sign: do not use abs on the error': lambda t: [np.abs(v) for v in t.variants],
-    }
-    others |= {
-        f'I adds up the last {width} errors only: the integral adds up all of them': (
-            lambda t, width=width: [_window(t.sequence.error, width)]  # type: ignore[misc]
-        )
-        for width in range(2, _WIDEST)
-    }
-    for hint, shapes in others.items():
-        if all(t.ratio(shapes(t)) for t in trials):
-            return hint
-    if all(
-        np.abs(t.outputs[60:] / (t.outputs[60] or 1.0) - 1.0).max() <= _RELATIVE for t in trials
-    ):
-        return 'I stops growing after a while: is the limit of the sum too small?'
-    return _example('I', 'ki * (sum of e * dt)', trials[0])
-
-
-def diagnose_derivative(trials: list[Trial]) -> str:
-    """Return the cause of a wrong derivative term."""
-    ratios = [trial.ratio(trial.variants) for trial in trials]
-    if hint := _diagnose_gain('kd', 'D', ratios, trials):
-        return hint
-    if _factor_below_zero(ratios, trials):
-        return (
-            'D has the wrong sign: it is kd * (e - e_before) / dt, or with the measured speed '
-            '-kd * (v - v_before) / dt'
-        )
-    forgets = all(
-        t.ratio([t.sequence.error, t.sequence.error - t.sequence.error[0], t.sequence.measured])
-        for t in trials
-    )
-    if forgets:
-        return 'D does not store the error of the last call: set e_before at the end of each call'
-    for width in range(2, _WIDEST):
-        if all(t.ratio([_change(t.sequence.error, width)]) for t in trials):
-            return (
-                f'D is the change over {width} calls: it is the change since the last call, '
-                'kd * (e - e_before) / dt'
+        'I has no sign: do not use abs on the error': lambda t: t.fits(*map(np.abs, t.variants)),
+        **{
+            f'I adds up the last {width} errors only: the integral adds up all of them': partial(
+                lambda width, t: t.fits(_window(t.sequence.error, width)), width
             )
-    return _example('D', 'kd * (e - e_before) / dt', trials[0])
+            for width in range(2, _WIDEST)
+        },
+        'I stops growing after a while: is the limit of the sum too small?': lambda t: (
+            np.abs(t.outputs[60:] / (t.outputs[60] or 1.0) - 1.0).max() <= _RELATIVE
+        ),
+    },
+    'D': {
+        'D does not store the error of the last call: set e_before at the end of each call': (
+            lambda t: t.fits(
+                t.sequence.error, t.sequence.error - t.sequence.error[0], t.sequence.measured
+            )
+        ),
+        **{
+            f'D is the change over {width} calls: it is the change since the last call, '
+            'kd * (e - e_before) / dt': partial(
+                lambda width, t: t.fits(_change(t.sequence.error, width)), width
+            )
+            for width in range(2, _WIDEST)
+        },
+    },
+}
+
+
+def diagnose(term: str, trials: list[Trial]) -> str:
+    """Return the cause of a wrong `term`: P, I or D."""
+    ratios = [trial.ratio(trial.variants) for trial in trials]
+    if hint := _diagnose_gain(term, ratios, trials):
+        return hint
+    factor = _common(ratios, trials)
+    if factor is not None and factor < 0.0:
+        return _SIGNS[term]
+    for hint, shows in _CAUSES[term].items():
+        if all(shows(trial) for trial in trials):
+            return hint
+    return _example(term, trials[0])
 
 
 def remark(term: str, factor: float) -> str:
@@ -149,7 +144,7 @@ def remark(term: str, factor: float) -> str:
 
 def common_factor(trials: list[Trial]) -> float | None:
     """Return the factor of a term's outputs, if it is the same for all gains and positive."""
-    factor = _common([_factor(trial.ratio(trial.variants), trial) for trial in trials])
+    factor = _common([trial.ratio(trial.variants) for trial in trials], trials)
     return factor if factor and factor > 0.0 else None
 
 
@@ -166,15 +161,6 @@ def rounding(trials: list[Trial]) -> str:
     return ''
 
 
-def _factor(ratio: float | None, trial: Trial) -> float | None:
-    return ratio / trial.gain if ratio else None
-
-
-def _factor_below_zero(ratios: list[float | None], trials: list[Trial]) -> bool:
-    factor = _common([_factor(r, t) for r, t in zip(ratios, trials, strict=True)])
-    return factor is not None and factor < 0.0
-
-
 def _window(values: Floats, width: int) -> Floats:
     """Return the sums of the last `width` values."""
     sums = np.cumsum(values)
@@ -188,8 +174,9 @@ def _change(values: Floats, width: int) -> Floats:
     return changed
 
 
-def _diagnose_gain(name: str, term: str, ratios: list[float | None], trials: list[Trial]) -> str:
+def _diagnose_gain(term: str, ratios: list[float | None], trials: list[Trial]) -> str:
     """Return the cause if a gain is used wrongly, else an empty string."""
+    name = f'k{term.lower()}'
     if not any(np.any(trial.outputs[trial.first :]) for trial in trials):
         return f'{term} is always 0: is {name} used{_MEMORY[term]}?'
     gains = [trial.gain for trial in trials]
@@ -204,8 +191,9 @@ def _diagnose_gain(name: str, term: str, ratios: list[float | None], trials: lis
     return ''
 
 
-def _common(factors: list[float | None]) -> float | None:
-    """Return the factor that is the same for all gains; None if there is none."""
+def _common(ratios: list[float | None], trials: list[Trial]) -> float | None:
+    """Return the factor to a term that is the same for all gains; None if there is none."""
+    factors = [r / t.gain if r else None for r, t in zip(ratios, trials, strict=True)]
     first = factors[0]
     return first if all(_is(factor, first) for factor in factors) else None
 
@@ -216,12 +204,13 @@ def _is(value: float | None, expected: float | None) -> bool:
     return abs(value - expected) <= _RELATIVE * abs(expected)
 
 
-def _example(term: str, formula: str, trial: Trial) -> str:
+def _example(term: str, trial: Trial) -> str:
     expected = trial.gain * trial.variants[0]
     k = trial.first + int(np.argmax(np.abs(trial.outputs - expected)[trial.first :]))
     error = trial.sequence.error
     before = f', after {error[k - 1]:.6g}' if k else ''
     return (
-        f'{term} is not {formula}: with a gain of {trial.gain:g}, call {k + 1}, e = {error[k]:.6g} '
-        f'm/s{before}, gave {trial.outputs[k]:.6g}, expected about {expected[k]:.6g} m/s²'
+        f'{term} is not {_FORMULAS[term]}: with a gain of {trial.gain:g}, call {k + 1}, '
+        f'e = {error[k]:.6g} m/s{before}, gave {trial.outputs[k]:.6g}, expected about '
+        f'{expected[k]:.6g} m/s²'
     )

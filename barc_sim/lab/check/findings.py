@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, ParamSpec
 
 import numpy as np
 
+from barc_sim.errors import UserError
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
+
+_P = ParamSpec('_P')
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,25 +37,38 @@ class Trajectory:
     reference: NDArray[np.float64]  #: shape `(n, 4)`
 
 
-#: User code can return numbers of any size: NumPy does not warn about them.
-IGNORE_FLOAT_ERRORS = np.errstate(all='ignore')
-
-EQUATIONS = ('model.x', 'model.y', 'model.psi', 'model.v')
-MODEL = (*EQUATIONS, 'model.trajectory', 'model.reverse', 'model.general')
-TERMS = ('pid.proportional', 'pid.integral', 'pid.derivative')
-PID = (*TERMS, 'pid.dt', 'pid.first_call', 'pid.windup', 'pid.reset')
-LOOP = ('loop.lab_road', 'loop.random_roads')
-RELAY = (
-    'relay.forward',
-    'relay.steering',
-    'relay.units',
-    'relay.release',
-    'relay.rate',
-    'relay.limits',
-    'relay.silence',
+#: Every criterion, with its name for readers, in the order of a report; a rubric names them.
+LABELS = {
+    'model.x': 'Model: position x',
+    'model.y': 'Model: position y',
+    'model.psi': 'Model: heading \N{GREEK SMALL LETTER PSI}',
+    'model.v': 'Model: speed v',
+    'model.trajectory': 'Model: a whole drive',
+    'model.reverse': 'Model: in reverse',
+    'model.general': 'Model: another car',
+    'pid.proportional': 'PID: proportional term',
+    'pid.integral': 'PID: integral term',
+    'pid.derivative': 'PID: derivative term',
+    'pid.dt': 'PID: the time step',
+    'pid.first_call': 'PID: the first call',
+    'pid.windup': 'PID: integral at the limit',
+    'pid.reset': 'PID: fresh start of a new run',
+    'loop.lab_road': "Cruise control: the lab's road",
+    'loop.random_roads': 'Cruise control: other roads',
+    'relay.forward': 'Relay: up and down',
+    'relay.steering': 'Relay: left and right',
+    'relay.units': 'Relay: m/s² and radians',
+    'relay.release': 'Relay: a released key',
+    'relay.rate': 'Relay: commands a second',
+    'relay.limits': "Relay: the car's limits",
+    'relay.silence': 'Relay: no driver',
+}
+CRITERIA = tuple(LABELS)
+MODEL, PID, LOOP, RELAY = (
+    tuple(name for name in CRITERIA if name.startswith(f'{group}.'))
+    for group in ('model', 'pid', 'loop', 'relay')
 )
-#: Every criterion, in the order of a report; a rubric names them.
-CRITERIA = (*MODEL, *PID, *LOOP, *RELAY)
+EQUATIONS, TERMS = MODEL[:4], PID[:3]
 
 
 @dataclass(frozen=True)
@@ -77,3 +95,31 @@ class Finding:
     def passed(self) -> bool:
         """Whether the criterion has full marks."""
         return self.score >= 1.0
+
+
+Judged = (
+    tuple[float, str]
+    | tuple[float, str, 'Mapping[str, object]']
+    | tuple[float, str, 'Mapping[str, object]', Comparison | Trajectory | None]
+)  #: score, message, details and evidence of a finding
+
+
+def judges(criterion: str) -> Callable[[Callable[_P, Judged]], Callable[_P, Finding]]:
+    """Make a function that returns score and message return the finding on `criterion`.
+
+    An error of user code becomes a finding without points. NumPy warns of no number: user code can
+    return those of any size.
+    """
+
+    def decorate(judge: Callable[_P, Judged]) -> Callable[_P, Finding]:
+        @wraps(judge)
+        def judged(*args: _P.args, **kwargs: _P.kwargs) -> Finding:
+            try:
+                with np.errstate(all='ignore'):
+                    return Finding(criterion, *judge(*args, **kwargs))
+            except UserError as error:
+                return Finding(criterion, 0.0, str(error))
+
+        return judged
+
+    return decorate

@@ -12,9 +12,8 @@ from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, R
 from barc_sim.lab.check.findings import TERMS as TERM_CRITERIA
 from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
 from barc_sim.lab.check.memory import judge_reset
-from barc_sim.lab.check.model import judge_beyond, judge_equations
+from barc_sim.lab.check.model import judge_equations, judge_general, judge_reverse
 from barc_sim.lab.check.relay import judge_relay
-from barc_sim.lab.check.results import run_general, run_reverse
 from barc_sim.lab.check.terms import (
     TERMS,
     ignores_gains,
@@ -25,9 +24,10 @@ from barc_sim.lab.check.terms import (
 from barc_sim.lab.check.trajectory import judge_trajectory
 from barc_sim.lab.check.windup import judge_windup
 from barc_sim.lab.user_code.gains import ChosenGains
+from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection, Iterator, Mapping
 
     from barc_sim.lab.check.code import JudgedCode
 
@@ -69,9 +69,19 @@ def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
 
 def findings(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     """Yield the findings of `judge`, each as soon as it is known."""
-    for finding in _all(code, settings):
-        if finding.criterion in settings.criteria:
-            yield finding
+    wanted = frozenset(settings.criteria)
+    for part, criteria, judge_it in (
+        ('model', MODEL, _judge_model),
+        ('controller', (*PID, *LOOP), _judge_controller_and_roads),
+        ('relay', RELAY, lambda code, _: iter(judge_relay(code))),
+    ):
+        found: Iterator[Finding] = iter(())
+        if not code.has(part):
+            message = f'there is no {FILES[part]}'
+            found = (Finding(name, 0.0, message, skipped=True) for name in criteria)
+        elif not wanted.isdisjoint(criteria):
+            found = judge_it(code, settings)
+        yield from (finding for finding in found if finding.criterion in wanted)
 
 
 def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
@@ -94,25 +104,21 @@ def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
     return ChosenGains(kp, ki, kd, _COMMAND_LINE + rest)
 
 
-def _all(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    wanted = frozenset(settings.criteria)
-    if code.has_model:
-        yield from _judge_model(code, settings)
-    else:
-        yield from _skipped(MODEL, 'there is no bike_model.py')
-    if code.has_controller:
-        yield from _judge_controller_and_roads(code, settings)
-    else:
-        yield from _skipped((*PID, *LOOP), 'there is no controller.py')
-    if not code.has_relay:
-        yield from _skipped(RELAY, 'there is no relay.py')
-    elif not wanted.isdisjoint(RELAY):
-        yield from judge_relay(code)
+def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
+    if not set(EQUATIONS).isdisjoint(settings.criteria):
+        yield from judge_equations(code, settings.seed)
+    yield from _judged(
+        {
+            'model.trajectory': partial(judge_trajectory, code),
+            'model.reverse': partial(judge_reverse, code, settings.seed),
+            'model.general': partial(judge_general, code, settings.seed),
+        },
+        settings.criteria,
+    )
 
 
 def _judge_controller_and_roads(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    wanted = settings.criteria
-    controller = [*judge_controller(code, settings.seed, wanted)]
+    controller = [*judge_controller(code, settings.seed, settings.criteria)]
     yield from controller
     factors = {finding.criterion: finding.factor or 1.0 for finding in controller}
     conditions = Conditions(
@@ -121,29 +127,13 @@ def _judge_controller_and_roads(code: JudgedCode, settings: Settings) -> Iterato
         settings.thresholds,
         [factors[criterion] for criterion in TERM_CRITERIA],
     )
-    if LOOP[0] in wanted:
-        yield judge_lab_road(code, conditions)
-    if LOOP[1] in wanted:
-        yield judge_random_roads(code, conditions, settings.seed)
-
-
-def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    seed = settings.seed
-    judges: dict[str, Callable[[], Finding]] = {
-        'model.trajectory': partial(judge_trajectory, code),
-        'model.reverse': partial(judge_beyond, 'model.reverse', code, seed, run_reverse),
-        'model.general': partial(judge_beyond, 'model.general', code, seed, run_general),
-    }
-    if not set(EQUATIONS).isdisjoint(settings.criteria):
-        yield from judge_equations(code, seed)
-    for criterion, judge_it in judges.items():
-        if criterion in settings.criteria:
-            yield judge_it()
-
-
-def _skipped(criteria: tuple[str, ...], message: str) -> Iterator[Finding]:
-    for criterion in criteria:
-        yield Finding(criterion, 0.0, message, skipped=True)
+    yield from _judged(
+        {
+            'loop.lab_road': partial(judge_lab_road, code, conditions),
+            'loop.random_roads': partial(judge_random_roads, code, conditions, settings.seed),
+        },
+        settings.criteria,
+    )
 
 
 def judge_controller(
@@ -156,14 +146,21 @@ def judge_controller(
         Finding(term.criterion, 0.0, ignored) if ignored else judge_term(code, term, seed)
         for term in TERMS
     ]
-    judges: dict[str, Callable[[], Finding]] = {
+    others = {
         'pid.dt': partial(judge_dt, terms),
         'pid.first_call': partial(judge_first_call, code, terms[-1], seed),
         'pid.windup': partial(judge_windup, code),
     }
-    for finding in (*terms, *(judge_it() for name, judge_it in judges.items() if name in wanted)):
+    for finding in (*terms, *_judged(others, wanted)):
         yield _with_cause(finding, reset)
     yield reset
+
+
+def _judged(
+    judges: Mapping[str, Callable[[], Finding]], wanted: Collection[str]
+) -> Iterator[Finding]:
+    """Call the judges of the criteria that are wanted."""
+    return (judge_it() for criterion, judge_it in judges.items() if criterion in wanted)
 
 
 def _with_cause(finding: Finding, reset: Finding) -> Finding:

@@ -12,7 +12,7 @@ import numpy as np
 
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Comparison, Finding
+from barc_sim.lab.check.findings import Comparison, judges
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
 from barc_sim.lab.user_code.call import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import closed_loop
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from barc_sim.lab.check.code import JudgedCode, JudgedController
+    from barc_sim.lab.check.findings import Judged
     from barc_sim.lab.user_code.gains import ChosenGains
     from barc_sim.simulation.log import Log
 
@@ -127,29 +128,25 @@ class _Limited(PID):
         return output
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Finding:
+@judges('loop.lab_road')
+def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
     """Return the finding for the lab's road, with an explanation for each stretch of it."""
     try:
         drive = _drive(code, conditions, Road.lab(), LAB_DISTANCE)
-    except _DriveError as error:
-        with_gains = '' if NOT_WRITTEN in str(error) else f' ({conditions})'
-        return Finding('loop.lab_road', 0.0, f'{error}{with_gains}')
+    except UserError as error:
+        if NOT_WRITTEN in str(error):
+            raise
+        raise UserError(f'{error} ({conditions})') from error
     stretches = explain(drive.log, conditions.effective, conditions.limit)
     score = _score(drive, conditions.thresholds)
     message = f'{_describe(drive, conditions.thresholds)}, {conditions}'
     if score < 1.0:
         message += f'. {describe_worst(stretches)}'
-    return Finding(
-        'loop.lab_road',
-        score,
-        message,
-        {
-            'gains': list(conditions.gains[:3]),
-            'stretches': [stretch._asdict() for stretch in stretches],
-        },
-        Comparison(drive.log, _reference(conditions.limit)),
-    )
+    details = {
+        'gains': list(conditions.gains[:3]),
+        'stretches': [stretch._asdict() for stretch in stretches],
+    }
+    return score, message, details, Comparison(drive.log, _reference(conditions.limit))
 
 
 @cache
@@ -157,15 +154,12 @@ def _reference(limit: float) -> Log:
     return closed_loop(controller=speed_controller(limit=limit), distance=LAB_DISTANCE)
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Finding:
+@judges('loop.random_roads')
+def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Judged:
     """Return the finding for random roads: the mean of their scores."""
-    try:
-        drives = [
-            _drive(code, conditions, *random_road(seed, number)) for number in range(RANDOM_ROADS)
-        ]
-    except _DriveError as error:
-        return Finding('loop.random_roads', 0.0, str(error))
+    drives = [
+        _drive(code, conditions, *random_road(seed, number)) for number in range(RANDOM_ROADS)
+    ]
     thresholds = conditions.thresholds
     scores = [_score(drive, thresholds) for drive in drives]
     worst_drive = drives[int(np.argmin(scores))]
@@ -182,28 +176,22 @@ def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> F
         }
         for drive, score in zip(drives, scores, strict=True)
     ]
-    return Finding('loop.random_roads', float(np.mean(scores)), message, {'roads': roads})
-
-
-class _DriveError(UserError):
-    """User code has failed on the way; the text names the call."""
+    return float(np.mean(scores)), message, {'roads': roads}
 
 
 def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float) -> Drive:
+    """Drive over a road; an error of the code on the way names the call."""
     plant = Plant(road=road)
-    try:
-        controller = code.new_pid(*conditions.gains[:3], limit=conditions.limit)
-    except UserError as error:
-        raise _DriveError(str(error)) from error
+    controller = code.new_pid(*conditions.gains[:3], limit=conditions.limit)
     pid = _Limited(controller, conditions.limit)
     progress = Progress(distance)
     try:
         log = closed_loop(plant, pid, distance=distance, progress=progress)
     except UserError as error:
         if NOT_WRITTEN in str(error):
-            raise _DriveError(str(error)) from error
+            raise
         time = (pid.calls - 1) * plant.ts
-        raise _DriveError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
+        raise UserError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
     return Drive(road, log, progress.failure)
 
 

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.findings import judges
 from barc_sim.lab.check.situations import TS, Sequence, constant, wandering
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import JudgedCode
+    from barc_sim.lab.check.code import JudgedCode, JudgedController
+    from barc_sim.lab.check.findings import Judged
     from barc_sim.lab.check.stretches import Gains
 
 _GAINS = (1.0, 2.0, 0.01)
@@ -20,8 +20,8 @@ _AMPLITUDE = 0.3  #: [m/s]
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_reset(code: JudgedCode, seed: int) -> Finding:
+@judges('pid.reset')
+def judge_reset(code: JudgedCode, seed: int) -> Judged:
     """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
 
     The score is the share of these checks that pass; without a `reset()` the last one is left out.
@@ -34,10 +34,7 @@ def judge_reset(code: JudgedCode, seed: int) -> Finding:
     >>> judge_reset(LocalCode(UserCode(controller=PID)), seed=0).passed
     True
     """
-    try:
-        return _Memory(code, seed).judge()
-    except UserError as error:
-        return Finding('pid.reset', 0.0, str(error))
+    return _Memory(code, seed).judge()
 
 
 class _Memory:
@@ -46,14 +43,14 @@ class _Memory:
         self._sequence = wandering(seed, 'pid.reset', _AMPLITUDE)
         self._other = wandering(seed, 'pid.reset, before', _AMPLITUDE)
 
-    def judge(self) -> Finding:
+    def judge(self) -> Judged:
         proportional = (1.0, 0.0, 0.0)
         if _differ(self._run(proportional), self._run(proportional)):
             return self._random(', with kp alone')
         self._run(_GAINS, self._other)
         first = self._run(_GAINS)
         if not _differ(first, self._second_half()):
-            return Finding('pid.reset', 0.0, 'PID keeps no errors between calls: I and D need them')
+            return 0.0, 'PID keeps no errors between calls: I and D need them'
         faults, checks = [], 2
         leaks = _differ(first, self._run(_GAINS))
         if leaks and not (kept := self._kept()):
@@ -70,45 +67,40 @@ class _Memory:
             if not leaks and _differ(first, again):
                 faults.append(f'reset() does not clear {self._not_reset()}')
         score = 1.0 - len(faults) / checks
-        message = '; '.join(faults) or 'each run starts fresh'
-        return Finding('pid.reset', score, message, {'random': False})
+        return score, '; '.join(faults) or 'each run starts fresh', {'random': False}
 
     def _run(self, gains: Gains, sequence: Sequence | None = None) -> list[float]:
-        return self._code.new_pid(*gains, fresh=False).acc_sequence(
-            (sequence or self._sequence).rows
-        )
+        return self._new(gains).acc_sequence((sequence or self._sequence).rows)
+
+    def _new(self, gains: Gains = _GAINS) -> JudgedController:
+        return self._code.new_pid(*gains, fresh=False)
 
     def _second_half(self) -> list[float]:
         """Return the outputs of a PID that continues after another sequence."""
-        pid = self._code.new_pid(*_GAINS, fresh=False)
+        pid = self._new()
         pid.acc_sequence(self._other.rows)
         return pid.acc_sequence(self._sequence.rows)
 
     def _reset_run(self, gains: Gains) -> list[float] | None:
         """Return the outputs of a PID after its reset; None if it has none."""
-        pid = self._code.new_pid(*gains, fresh=False)
+        pid = self._new(gains)
         pid.acc_sequence(self._other.rows)
         return pid.acc_sequence(self._sequence.rows) if pid.reset() else None
 
     def _beside_another(self) -> list[float]:
-        one, other = (
-            self._code.new_pid(*_GAINS, fresh=False),
-            self._code.new_pid(*_GAINS, fresh=False),
-        )
+        one, other = self._new(), self._new()
         outputs = []
         for mine, its in zip(self._sequence.rows, self._other.rows, strict=True):
             outputs.append(one.acc_calculate(*mine))
             other.acc_calculate(*its)
         return outputs
 
-    def _random(self, when: str) -> Finding:
-        return Finding(
-            'pid.reset',
-            0.0,
+    def _random(self, when: str) -> Judged:
+        message = (
             f'the same speeds give different outputs{when}: does PID use random numbers, or the '
-            f"computer's clock? It is called every {TS:g} s of simulated time",
-            {'random': True},
+            f"computer's clock? It is called every {TS:g} s of simulated time"
         )
+        return 0.0, message, {'random': True}
 
     def _kept(self) -> str:
         """Return what a new PID keeps of the run before; empty if its outputs are random."""

@@ -8,16 +8,24 @@ import numpy as np
 
 from barc_sim.lab.check.diagnose_model import causes
 from barc_sim.lab.check.equations import NAMES, arguments
-from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
-from barc_sim.lab.check.results import Results, call_text, find_randomness, run_situations
+from barc_sim.lab.check.findings import Finding, judges
+from barc_sim.lab.check.results import (
+    Results,
+    call_text,
+    find_randomness,
+    run_general,
+    run_situations,
+)
+from barc_sim.lab.check.situations import REVERSE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from barc_sim.lab.check.code import JudgedCode
+    from barc_sim.lab.check.findings import Judged
 
 
-@IGNORE_FLOAT_ERRORS
+@np.errstate(all='ignore')
 def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     """Return a finding for each of the four equations, in states of the lab's road.
 
@@ -44,21 +52,29 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     return findings
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_beyond(
-    criterion: str, code: JudgedCode, seed: int, run: Callable[[JudgedCode, int], list[Results]]
-) -> Finding:
-    """Return the finding for all equations together, in states that the lab's road has not."""
-    results = run(code, seed)
+@judges('model.reverse')
+def judge_reverse(code: JudgedCode, seed: int) -> Judged:
+    """Return the finding on all equations together, at negative speeds."""
+    return _judge_beyond(code, seed, run_situations(code, seed, REVERSE))
+
+
+@judges('model.general')
+def judge_general(code: JudgedCode, seed: int) -> Judged:
+    """Return the finding on all equations together, with another car."""
+    return _judge_beyond(code, seed, run_general(code, seed))
+
+
+def _judge_beyond(code: JudgedCode, seed: int, results: list[Results]) -> Judged:
+    """Judge the results in states that the lab's road has not."""
     shares = [part.right(column) for part in results for column in range(len(NAMES))]
     score = float(np.mean([np.mean(share) for share in shares]))
     if score == 1.0:
-        return Finding(criterion, 1.0, _right(results))
+        return 1.0, _right(results)
     wrong = [name for name in NAMES if _score(results, name) < 1.0]
     # A cause must explain the results on the lab's road, too.
     finite = [part for part in (*run_situations(code, seed), *results) if not part.failure]
     found = _causes(finite, wrong) if finite else {}
-    return Finding(criterion, score, _message(results, wrong[0], found.get(wrong[0])))
+    return score, _message(results, wrong[0], found.get(wrong[0]))
 
 
 def _right(results: Sequence[Results]) -> str:

@@ -23,15 +23,11 @@ _PERIOD = 0.05  #: [s] between the Twists of a held key
 _HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
 _LATER = 4.9  #: [s] 1.9 s after the release, or after the last Twist
 _LAST = 4.0  #: [s] Commands after this time follow a silence of 1 s.
-_LEAST_MOTOR, _LEAST_SERVO = 0.05, 0.005  #: [m/s²] and [rad] Less is none.
+_LEAST = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad] Less is none.
 _TOLERANCE = 1e-6
 _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
 _LIMITS = Limits()
-#: What the simulator refuses to do [m/s²], [rad].
-_REFUSED_MOTOR, _REFUSED_SERVO = (
-    next(float(each.default) for each in PARAMETERS if each.name == name)
-    for name in ('refuse_motor_above', 'refuse_servo_above')
-)
+_PARAMETERS = {each.name: float(each.default) for each in PARAMETERS if 'refuse' in each.name}
 
 
 class _Key(NamedTuple):
@@ -65,10 +61,10 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
     judges: Mapping[str, Callable[[], tuple[float, str]]] = {
         'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, drives),
         'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, drives),
-        'relay.units': partial(_units, drives),
+        'relay.units': partial(_bounded, _REFUSED, _UP_TO, drives),
         'relay.release': partial(_release, drives),
         'relay.rate': partial(_rate, drives[_UP]),
-        'relay.limits': partial(_limits, drives),
+        'relay.limits': partial(_bounded, _POSSIBLE, _WITHIN, drives),
         'relay.silence': partial(_silence, silent),
     }
     return [Finding(name, *judges[name]()) for name in RELAY]
@@ -106,16 +102,15 @@ def _direction(
 ) -> tuple[float, str]:
     """Judge what two keys do to a field of `Command`, and not to the other."""
     faults, score, values = [], 0.0, []
-    least = {'motor': _LEAST_MOTOR, 'servo': _LEAST_SERVO}
     for key in keys:
         held = _at(drives[key], _HELD)._asdict()
-        value, (other,) = held[field], least.keys() - {field}
+        value, (other,) = held[field], _LEAST.keys() - {field}
         values.append(value)
-        if value * key.sign < -least[field]:
+        if value * key.sign < -_LEAST[field]:
             fault = 0
-        elif abs(value) <= least[field]:
+        elif abs(value) <= _LEAST[field]:
             fault = 1
-        elif abs(held[other]) > least[other]:
+        elif abs(held[other]) > _LEAST[other]:
             fault, score = 2, score + 0.25
         else:
             score += 0.5
@@ -124,56 +119,54 @@ def _direction(
     return score, '; '.join(faults) or sentences[3].format(*values)
 
 
-def _greatest(drives: Drives) -> tuple[float, float]:
-    """Return the greatest motor [m/s²] and servo [rad], either way."""
-    commands = [command for drive in drives.values() for command in drive]
-    return (
-        max((abs(command.motor) for command in commands), default=0.0),
-        max((abs(command.servo) for command in commands), default=0.0),
-    )
+_GREATEST = max(_LIMITS.acceleration, _LIMITS.deceleration)
+_Bounds = dict[str, tuple[float, str]]
+#: The greatest motor [m/s²] and servo [rad], with the sentence beyond: what the simulator refuses,
+_REFUSED: _Bounds = {
+    'servo': (
+        _PARAMETERS['refuse_servo_above'],
+        (
+            'servo reaches {0:.3g} rad, which is {2:.0f}°: is it in degrees ({0:.3g}° are {3:.3g} '
+            'rad), or does it grow without a limit? The simulator refuses more than {1:g} rad'
+        ),
+    ),
+    'motor': (
+        _PARAMETERS['refuse_motor_above'],
+        'motor reaches {0:.3g} m/s²: the simulator refuses more than {1:g}',
+    ),
+}
+#: and what the car can do.
+_POSSIBLE: _Bounds = {
+    'motor': (_GREATEST, 'motor reaches {0:.3g} m/s²: the car gives {1:g} at most'),
+    'servo': (_LIMITS.steering, 'servo reaches {0:.3g} rad: the wheels turn by {1:g}'),
+}
+_UP_TO = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
+_WITHIN = f'within {_GREATEST:g} m/s² and {_LIMITS.steering:g} rad'
 
 
-def _units(drives: Drives) -> tuple[float, str]:
-    motor, servo = _greatest(drives)
-    faults = []
-    if servo > _REFUSED_SERVO:
-        faults.append(
-            f'servo reaches {servo:.3g} rad, which is {degrees(servo):.0f}°: is it in degrees ('
-            f'{servo:.3g}° are {radians(servo):.3g} rad), or does it grow without a limit? The '
-            f'simulator refuses more than {_REFUSED_SERVO:g} rad'
-        )
-    if motor > _REFUSED_MOTOR:
-        faults.append(
-            f'motor reaches {motor:.3g} m/s²: the simulator refuses more than {_REFUSED_MOTOR:g}'
-        )
-    right = f'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
-    return 1.0 - len(faults) / 2, '; '.join(faults) or right
-
-
-def _limits(drives: Drives) -> tuple[float, str]:
-    motor, servo = _greatest(drives)
-    greatest = max(_LIMITS.acceleration, _LIMITS.deceleration)
-    faults = []
-    if motor > greatest + _TOLERANCE:
-        faults.append(f'motor reaches {motor:.3g} m/s²: the car gives {greatest:g} at most')
-    if servo > _LIMITS.steering + _TOLERANCE:
-        faults.append(f'servo reaches {servo:.3g} rad: the wheels turn by {_LIMITS.steering:g}')
-    right = f'within {greatest:g} m/s² and {_LIMITS.steering:g} rad'
-    return 1.0 - len(faults) / 2, '; '.join(faults) or right
+def _bounded(bounds: _Bounds, right: str, drives: Drives) -> tuple[float, str]:
+    """Judge the greatest values of the commands, either way."""
+    faults, reached = [], {}
+    for field, (bound, sentence) in bounds.items():
+        values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
+        value = reached[field] = max(values, default=0.0)
+        if value > bound + _TOLERANCE:
+            faults.append(sentence.format(value, bound, degrees(value), radians(value)))
+    return 1.0 - len(faults) / len(bounds), '; '.join(faults) or right.format(**reached)
 
 
 def _release(drives: Drives) -> tuple[float, str]:
     faults = []
     _, motor, servo = _at(drives[_UP], _PRESSED - _PERIOD)
-    if abs(motor) > _LEAST_MOTOR or abs(servo) > _LEAST_SERVO:
+    if abs(motor) > _LEAST['motor'] or abs(servo) > _LEAST['servo']:
         faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
     for key in (_UP, _DOWN):
         later = _at(drives[key], _LATER).motor
-        if later * key.sign > _LEAST_MOTOR:
+        if later * key.sign > _LEAST['motor']:
             faults.append(f'after the release of {key.name} it goes on with {later:+.3g} m/s²')
     for key in (_LEFT, _RIGHT):
         released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
-        if later > released + _LEAST_SERVO:
+        if later > released + _LEAST['servo']:
             faults.append(f'after the release of {key.name} the wheels go on turning')
     right = 'a released key neither drives on nor turns the wheels further'
     checks = 1 + len(drives)
@@ -184,7 +177,7 @@ def _silence(commands: Sequence[Command]) -> tuple[float, str]:
     _, motor, _ = _at(commands, _LATER)
     if commands[-1].t < _LAST:
         return 1.0, 'in silence it commands nothing, and the simulator brakes after 0.5 s'
-    if motor > _LEAST_MOTOR:
+    if motor > _LEAST['motor']:
         return 0.0, (
             f'{_LATER - _RELEASED:.1f} s after the last Twist it still commands {motor:+.3g} m/s²: '
             'a car whose driver is gone drives on. Keep the time of the last Twist'

@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.lab.check.findings import Finding
     from barc_sim.lab.check.worker import Printed, Report
-
-
-class Points(Protocol):
-    """The parts of a rubric that a report uses."""
-
-    @property
-    def points(self) -> Mapping[str, float]:
-        """By criterion."""
-
-    def worth(self, findings: Iterable[Finding], /) -> dict[str, float]:
-        """Return the greatest points by criterion, of those that count for these findings."""
-
-    def points_for(self, finding: Finding, /) -> float:
-        """Return the points for a finding."""
+    from barc_sim.lab.grade.rubric import Rubric
 
 
 _HEADER = ('from', 'grade', 'RMS', 'at most', 'cause')
 _LINES = 5  #: of the text that user code printed
 
 
-def print_report(report: Report, rubric: Points, console: Console | None = None) -> None:
+def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
     """Print a report: tables in a terminal, one line for each finding in a pipe."""
     console = console or Console(highlight=False)
     worth = rubric.worth(report.findings)
@@ -88,11 +75,11 @@ def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
     return []
 
 
-def _points(finding: Finding, rubric: Points) -> str:
+def _points(finding: Finding, rubric: Rubric) -> str:
     return f'{rubric.points_for(finding):g} / {rubric.points[finding.criterion]:g}'
 
 
-def _table(findings: Sequence[Finding], rubric: Points) -> Table:
+def _table(findings: Sequence[Finding], rubric: Rubric) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column('criterion', no_wrap=True)
     table.add_column('points', justify='right', no_wrap=True)

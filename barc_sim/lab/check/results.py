@@ -10,7 +10,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab.check.diagnose_model import close
 from barc_sim.lab.check.equations import NAMES
-from barc_sim.lab.check.situations import GENERAL, REVERSE, SITUATIONS, Situation, with_lengths
+from barc_sim.lab.check.situations import GENERAL, SITUATIONS, Situation, with_lengths
 from barc_sim.vehicle.bike_model import L_F, L_R, bikeFE
 
 if TYPE_CHECKING:
@@ -49,11 +49,6 @@ def run_situations(
     for situation in situations:
         results.append(_run(code, situation, situation.rows(seed), results))
     return results
-
-
-def run_reverse(code: JudgedCode, seed: int) -> list[Results]:
-    """Call `bikeFE` with negative speeds."""
-    return run_situations(code, seed, REVERSE)
 
 
 def run_general(code: JudgedCode, seed: int) -> list[Results]:

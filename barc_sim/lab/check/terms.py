@@ -17,13 +17,11 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.diagnose_terms import (
     Trial,
     common_factor,
-    diagnose_derivative,
-    diagnose_integral,
-    diagnose_proportional,
+    diagnose,
     remark,
     rounding,
 )
-from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.findings import Finding, judges
 from barc_sim.lab.check.situations import TS, Sequence, wandering
 
 if TYPE_CHECKING:
@@ -32,6 +30,7 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.equations import Floats
+    from barc_sim.lab.check.findings import Judged
 
     Gains = tuple[float, float, float]
 
@@ -55,7 +54,6 @@ class Term:
     gains: tuple[float, ...]
     reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
     variants: Callable[[Sequence], list[Floats]]  #: the right outputs, for a gain of 1
-    diagnose: Callable[[list[Trial]], str]  #: returns what is wrong
     first: int = 0  #: the first output that is judged
 
     def only(self, gain: float) -> Gains:
@@ -84,13 +82,13 @@ def _derivative(sequence: Sequence) -> list[Floats]:
 
 
 TERMS = (
-    Term('pid.proportional', 'P', 0, (0.5, 30.0), 1.0, _proportional, diagnose_proportional),
-    Term('pid.integral', 'I', 1, (0.5, 200.0), 0.6, _integral, diagnose_integral),
-    Term('pid.derivative', 'D', 2, (0.1, 3.0), 2.0 / TS, _derivative, diagnose_derivative, first=1),
+    Term('pid.proportional', 'P', 0, (0.5, 30.0), 1.0, _proportional),
+    Term('pid.integral', 'I', 1, (0.5, 200.0), 0.6, _integral),
+    Term('pid.derivative', 'D', 2, (0.1, 3.0), 2.0 / TS, _derivative, first=1),
 )
 
 
-@IGNORE_FLOAT_ERRORS
+@np.errstate(all='ignore')
 def judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
     """Return the finding for a term; its score is the share of right outputs, above one half."""
     trials = []
@@ -112,19 +110,17 @@ def judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
         rounding(trials)
         or _rounded_to_zero(code, term, trials, seed)
         or _multiplied(code, term, seed)
-        or term.diagnose(trials)
+        or diagnose(term.name, trials)
     )
     score = max(float(np.mean([_share(t, factor) for t in trials])) for factor in _FACTORS)
     # A smaller share is chance: outputs of a wrong term that happen to be right.
     return Finding(term.criterion, score if score > _HALF else 0.0, message)
 
 
-def judge_dt(findings: SequenceOf[Finding]) -> Finding:
+@judges('pid.dt')
+def judge_dt(findings: SequenceOf[Finding]) -> Judged:
     """Return the finding on the factors of the terms, from their findings."""
     wrong = [finding for finding in findings if finding.factor != 1.0]
-    score = 1.0 - len(wrong) / len(findings)
-    if not wrong:
-        return Finding('pid.dt', 1.0, 'each term has the factor of the formula, dt included')
     names = {term.criterion: term.name for term in TERMS}
     hints = [
         remark(names[finding.criterion], finding.factor)
@@ -132,37 +128,35 @@ def judge_dt(findings: SequenceOf[Finding]) -> Finding:
         else f'{names[finding.criterion]} is not right'
         for finding in wrong
     ]
-    return Finding('pid.dt', score, '; '.join(hints))
+    right = 'each term has the factor of the formula, dt included'
+    return 1.0 - len(wrong) / len(findings), '; '.join(hints) or right
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Finding:
+@judges('pid.first_call')
+def judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Judged:
     """Return whether D is 0 at the first call, which has no error before it."""
-    criterion = 'pid.first_call'
     if derivative.factor is None:
-        return Finding(criterion, 0.0, 'D is not right: see pid.derivative')
+        return 0.0, 'D is not right: see pid.derivative'
     term = TERMS[-1]
     gain = term.gains[0]
-    try:
-        outputs = code.new_pid(*term.only(gain)).acc_sequence(_sequence(term, gain, seed).rows[:1])
-    except UserError as error:
-        return Finding(criterion, 0.0, str(error))
-    if abs(outputs[0]) <= TOLERANCE:
-        return Finding(criterion, 1.0, 'D is 0 at the first call')
-    return Finding(
-        criterion,
-        0.0,
-        f'D is {outputs[0]:.3g} m/s² at the first call, which has no error before it: start with '
-        'e_before = None, and let D be 0 then',
+    sample = _sequence(term, gain, seed).rows[0]
+    output = code.new_pid(*term.only(gain)).acc_calculate(*sample)
+    if abs(output) <= TOLERANCE:
+        return 1.0, 'D is 0 at the first call'
+    return 0.0, (
+        f'D is {output:.3g} m/s² at the first call, which has no error before it: start with '
+        'e_before = None, and let D be 0 then'
     )
 
 
-@IGNORE_FLOAT_ERRORS
+@np.errstate(all='ignore')
 def ignores_gains(code: JudgedCode, seed: int) -> str:
     """Return a message if the outputs are the same for all gains, else an empty string."""
     rows = wandering(seed, 'gains', 1.0).rows
     try:
-        outputs = [code.new_pid(*gains).acc_sequence(rows) for gains in _DIFFERENT]
+        outputs = [
+            code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
+        ]
     except UserError:
         return ''
     if outputs[0] != outputs[1] or not any(outputs[0]):
@@ -171,9 +165,6 @@ def ignores_gains(code: JudgedCode, seed: int) -> str:
         'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd '
         'in __init__, and use these'
     )
-
-
-_DIFFERENT = ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
 
 
 def _sequence(term: Term, gain: float, seed: int) -> Sequence:

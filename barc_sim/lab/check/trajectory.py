@@ -10,7 +10,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
-from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding, Trajectory
+from barc_sim.lab.check.findings import Trajectory, judges
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import L_F, L_R, Input, State
 from barc_sim.vehicle.plant import Plant
@@ -18,6 +18,7 @@ from barc_sim.vehicle.plant import Plant
 if TYPE_CHECKING:
     from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.equations import Floats
+    from barc_sim.lab.check.findings import Judged
 
 #: [m, m, rad, m/s] Above the effect of friction's sign at a standstill, below that of any mistake.
 TOLERANCE = 1e-4
@@ -25,8 +26,8 @@ _FAR = 1e9
 _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_trajectory(code: JudgedCode) -> Finding:
+@judges('model.trajectory')
+def judge_trajectory(code: JudgedCode) -> Judged:
     """Return the finding on the trajectory; its score is the share of steps near the reference.
 
     Examples
@@ -44,8 +45,8 @@ def judge_trajectory(code: JudgedCode) -> Finding:
         del l_f, l_r, g  # the lab's, which are the function's own
         return list(code.bike_fe([Row(*args)])[0])
 
-    reference = _states(Plant(), commands)
-    own = np.full_like(reference, np.nan)
+    reference, own = (np.full((len(commands), len(State._fields)), np.nan) for _ in range(2))
+    _fill(reference, Plant(), commands)
     try:
         _fill(own, Plant(model=model), commands)
     except UserError as error:
@@ -62,7 +63,7 @@ def judge_trajectory(code: JudgedCode) -> Finding:
     else:
         message = _away(t, off, int(np.flatnonzero(~within)[0]))
     drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
-    return Finding('model.trajectory', score, message, evidence=drawn)
+    return score, message, {}, drawn
 
 
 @cache
@@ -71,12 +72,6 @@ def _commands() -> tuple[Input, ...]:
     log = closed_loop()
     steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
     return tuple(Input(*command) for command in zip(log.motor.tolist(), steering, strict=True))
-
-
-def _states(plant: Plant, commands: tuple[Input, ...]) -> Floats:
-    states = np.full((len(commands), len(State._fields)), np.nan)
-    _fill(states, plant, commands)
-    return states
 
 
 def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:

@@ -8,11 +8,12 @@ import numpy as np
 
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import IGNORE_FLOAT_ERRORS, Finding
+from barc_sim.lab.check.findings import judges
 from barc_sim.lab.check.situations import TS, constant
 
 if TYPE_CHECKING:
     from barc_sim.lab.check.code import JudgedCode
+    from barc_sim.lab.check.findings import Judged
 
 _GAINS = (1.0, 2.0, 0.0)
 _PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
@@ -23,8 +24,8 @@ _ABSURD = 1e6  #: [m/s²] Beyond any sum of the terms.
 _TOLERANCE = 1e-9  #: [m/s²]
 
 
-@IGNORE_FLOAT_ERRORS
-def judge_windup(code: JudgedCode) -> Finding:
+@judges('pid.windup')
+def judge_windup(code: JudgedCode) -> Judged:
     """Return whether the output leaves its limit when the error changes its sign.
 
     The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
@@ -38,40 +39,27 @@ def judge_windup(code: JudgedCode) -> Finding:
     >>> judge_windup(LocalCode(UserCode(controller=PID))).passed
     True
     """
-    try:
-        calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
-    except UserError as error:
-        return Finding('pid.windup', 0.0, str(error))
-    known = [count for count in calls if count is not None]
-    if len(known) < len(calls):
-        return Finding(
-            'pid.windup',
-            0.0,
-            'the output does not grow while the error stays the same: is there an integral?',
-        )
-    scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in known]
-    score = float(np.mean(scores))
+    calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
+    scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in calls]
     if min(scores) == 1.0:
-        return Finding(
-            'pid.windup', 1.0, 'the output leaves its limit when the error changes its sign'
-        )
-    longest = max(known)
+        return 1.0, 'the output leaves its limit when the error changes its sign'
+    longest = max(calls)
     time = f'{longest * TS:.1f} s' if longest < _PULLS else f'more than {_PULLS * TS:g} s'
-    return Finding(
-        'pid.windup',
-        score,
+    return float(np.mean(scores)), (
         f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
         f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
-        f'{time}. Do not add to the integral while the output is at its limit',
+        f'{time}. Do not add to the integral while the output is at its limit'
     )
 
 
-def _recovery(code: JudgedCode, sign: float) -> int | None:
-    """Return the number of calls until the output leaves its limit; None without an integral."""
+def _recovery(code: JudgedCode, sign: float) -> int:
+    """Return the number of calls until the output leaves its limit."""
     pid = code.new_pid(*_GAINS, limit=ACCELERATION_LIMIT)
     pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
     if pushed.max() <= _GAINS[0] * _PUSHED + _GROWN:
-        return None
+        raise UserError(
+            'the output does not grow while the error stays the same: is there an integral?'
+        )
     pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
     greatest = float(np.abs([*pushed, *pulled]).max())
     if not greatest < _ABSURD:

@@ -7,18 +7,16 @@ import multiprocessing
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, Finding
 from barc_sim.lab.check.judging import Settings, findings, gains_used
 from barc_sim.lab.user_code.call import without_addresses
-from barc_sim.lab.user_code.loading import FILES, find_file, load_folder
+from barc_sim.lab.user_code.loading import FILES, UserCode, find_file, find_files, load_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from multiprocessing.connection import Connection
     from pathlib import Path
 
@@ -28,7 +26,6 @@ if TYPE_CHECKING:
 CALL_BUDGET = 0.5
 #: [s] Limit for the process, which ends a sleep or a loop in C.
 DEADLINE = 45.0
-_PARTS = tuple(FILES)
 _CHARACTERS = 400  #: kept of the printed text
 
 
@@ -68,13 +65,6 @@ class Report:
     tolerated: tuple[str, ...] = ()  #: a phrase each
 
 
-@dataclass(frozen=True)
-class _Parts:
-    model: Callable[..., Any] | None
-    controller: Callable[..., Any] | None
-    relay: Any = None
-
-
 def judge_folder(
     folder: Path,
     settings: Settings | None = None,
@@ -99,7 +89,7 @@ def judge_folder(
     >>> report.findings[0].score
     0.0
     """
-    _check_there(folder)
+    find_files(folder)
     return judge_files(folder, settings or Settings(), budget=budget, deadline=deadline)
 
 
@@ -135,41 +125,40 @@ def judge_files(
     return replace(report, findings=found)
 
 
-def _check_there(folder: Path) -> None:
-    if not folder.is_dir():
-        raise UserError(
-            f'there is no folder {str(folder)!r}: barc new {folder.name or "my_lab"} writes one'
-        )
-    if not any(find_file(folder, part) for part in _PARTS):
-        names = ', no '.join(FILES[part] for part in _PARTS)
-        raise UserError(f'the folder {str(folder)!r} has no {names} to check')
-
-
 def _work(connection: Connection, folder: Path, settings: Settings, budget: float) -> None:
     printer = _Printer()
     with redirect_stdout(printer), redirect_stderr(printer):
-        loaded = {part: _load(folder, part, budget) for part in _PARTS}
-        tolerated = tuple(
-            dict.fromkeys(phrase for _, phrases in loaded.values() for phrase in phrases)
-        )
-        code = LocalCode(_Parts(**{part: function for part, (function, _) in loaded.items()}))
-        gains = gains_used(code, settings) if code.has_controller else None
+        user_code = load_parts(folder, budget)
+        code = LocalCode(user_code)
+        gains = gains_used(code, settings) if code.has('controller') else None
         for finding in findings(code, settings):
-            connection.send(Report([finding], printer.printed(), gains, tolerated))
+            report = Report([finding], printer.printed(), gains, user_code.tolerated)
+            connection.send(report)
 
 
-def _load(
-    folder: Path, part: str, budget: float
-) -> tuple[Callable[..., Any] | None, tuple[str, ...]]:
-    """Return a part of the folder and what was tolerated; each call raises an error of loading."""
-    if not find_file(folder, part):
-        return None, ()
-    try:
-        lab = load_folder(folder, [part], budget=budget, packages=False)
-    except UserError as error:
-        return partial(_raise, error), ()
-    return getattr(lab, part), lab.tolerated
+def load_parts(folder: Path, budget: float | None) -> UserCode:
+    """Return the parts of a folder; those that cannot be loaded raise their error at each call."""
+    parts: dict[str, Any] = {}
+    tolerated: dict[str, None] = {}
+    for part in FILES:
+        if find_file(folder, part):
+            try:
+                lab = load_folder(folder, [part], budget=budget, packages=False)
+            except UserError as error:
+                parts[part] = _Failing(error)
+            else:
+                parts[part] = getattr(lab, part)
+                tolerated |= dict.fromkeys(lab.tolerated)
+    return UserCode(**parts, tolerated=tuple(tolerated))
 
 
-def _raise(error: UserError, *_: object, **__: object) -> None:
-    raise error
+class _Failing:
+    """Takes the place of a part; each call raises the error."""
+
+    def __init__(self, error: UserError) -> None:
+        self._error = error
+
+    def __call__(self, *_: object, **__: object) -> NoReturn:
+        raise self._error
+
+    commands = __call__

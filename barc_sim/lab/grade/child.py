@@ -19,54 +19,37 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 sys.path.pop(0)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from importlib.machinery import ModuleSpec
     from types import ModuleType
 
-    from barc_sim.lab.user_code.loading import (
+    from barc_sim.lab.user_code.functions import (
         ControllerFactory,
         RelayFactory,
-        RelayProgram,
-        UserCode,
         UserModel,
         UserPid,
     )
+    from barc_sim.lab.user_code.relay_program import RelayProgram
 
 
 class _Start(NamedTuple):
-    """The command line, in the order of its fields."""
+    """The command line, a JSON object."""
 
     requests: int
     replies: int
-    ruleset: int  #: descriptor of Landlock's; -1: not confined
-    program: bytes  #: of seccomp
+    ruleset: int | None  #: descriptor of Landlock's; None: not confined
+    program: str  #: of seccomp, in hexadecimal digits
     parent: int  #: process id
-    packages: Path  #: the folder that contains barc_sim
-    numpy: Path  #: NumPy's package
+    packages: str  #: the folder that contains barc_sim
+    numpy: str  #: NumPy's package
     memory: int  #: [bytes]
     cpu: int  #: [s]
-
-    @classmethod
-    def parse(cls, arguments: Sequence[str]) -> _Start:
-        """Return the command line that `start.py` has written."""
-        requests, replies, ruleset, program, parent, packages, numpy, memory, cpu = arguments
-        return cls(
-            requests=int(requests),
-            replies=int(replies),
-            ruleset=int(ruleset),
-            program=bytes.fromhex(program),
-            parent=int(parent),
-            packages=Path(packages),
-            numpy=Path(numpy),
-            memory=int(memory),
-            cpu=int(cpu),
-        )
 
 
 class _NumPy(MetaPathFinder):
     """Finds NumPy, and no other package installed beside it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: str) -> None:
         self._folder = folder
 
     def find_spec(
@@ -77,7 +60,7 @@ class _NumPy(MetaPathFinder):
         if name != 'numpy':
             return None
         return spec_from_file_location(
-            name, self._folder / '__init__.py', submodule_search_locations=[str(self._folder)]
+            name, f'{self._folder}/__init__.py', submodule_search_locations=[self._folder]
         )
 
 
@@ -85,9 +68,7 @@ class _Code:
     """The submission's functions; each file is loaded at its first call."""
 
     def __init__(self) -> None:
-        self._model: UserModel | None = None
-        self._new: ControllerFactory | None = None
-        self._relay: RelayFactory | RelayProgram | None = None
+        self._parts: dict[str, Any] = {}
         self._controllers: list[UserPid] = []
         self._tolerated: list[str] = []
 
@@ -105,51 +86,47 @@ class _Code:
         controller = self._controllers[int(values[0])]
         if operation == Operation.RESET:
             return [float(_reset(controller.instance))]
-        rows = zip(*[iter(values[1:])] * STEP_COLUMNS, strict=True)
-        return [controller.acc_calculate(*row) for row in rows]
+        return [controller.acc_calculate(*row) for row in _rows(values[1:], STEP_COLUMNS)]
 
     def _states(self, l_f: float, l_r: float, *values: float) -> list[float]:
-        model = self._model
-        if model is None:
-            model = self._model = self._load('model').model
-        assert model  # noqa: S101 (load_folder raises without it)
-        rows = zip(*[iter(values)] * MODEL_COLUMNS, strict=True)
+        model: UserModel = self._load('model')
+        rows = _rows(values, MODEL_COLUMNS)
         return [value for row in rows for value in model(*row, l_f=l_f, l_r=l_r)]
 
     def _new_controller(
         self, kp: float, ki: float, kd: float, limit: float, fresh: float
     ) -> UserPid:
-        if self._new is None:
-            self._new = self._load('controller').controller
-        assert self._new  # noqa: S101 (as above)
-        new = self._new.fresh() if fresh else self._new
-        return new(kp, ki, kd, output_min=-limit, output_max=limit)
+        new: ControllerFactory = self._load('controller')
+        return (new.fresh() if fresh else new)(kp, ki, kd, output_min=-limit, output_max=limit)
 
     def _commands(self, duration: float, *values: float) -> list[float]:
-        if self._relay is None:
-            self._relay = self._load('relay').relay
-        assert self._relay  # noqa: S101 (as above)
-        twists = [TimedTwist(*row) for row in zip(*[iter(values)] * TWIST_COLUMNS, strict=True)]
-        found = self._relay.commands(twists, duration)
+        relay: RelayFactory | RelayProgram = self._load('relay')
+        found = relay.commands([TimedTwist(*row) for row in _rows(values, TWIST_COLUMNS)], duration)
         rows = [value for command in found for value in command]
         padding = COMMAND_COLUMNS * MOST_COMMANDS - len(rows)
         return [float(len(found)), *rows, *[0.0] * padding]
 
-    def _load(self, part: str) -> UserCode:
-        loaded = loading.load_folder(Path(), [part], budget=None, packages=False)
-        self._tolerated += loaded.tolerated
-        return loaded
+    def _load(self, part: str) -> Any:  # noqa: ANN401 (of the part's type)
+        if part not in self._parts:
+            loaded = loading.load_folder(Path(), [part], budget=None, packages=False)
+            self._tolerated += loaded.tolerated
+            self._parts[part] = getattr(loaded, part)
+        return self._parts[part]
 
     def _notes(self) -> list[float]:
         """Return the chosen gains, and what was tolerated, as the code points of a JSON text."""
         tolerated = [*dict.fromkeys(self._tolerated)]
-        gains = self._new and self._new.chosen
+        gains = getattr(self._parts.get('controller'), 'chosen', None)
         while True:
             text = json.dumps({'gains': gains, 'tolerated': tolerated})
             if len(text) <= NOTES_COLUMNS:
                 break
             tolerated.pop()
         return [*map(float, text.encode()), *[0.0] * (NOTES_COLUMNS - len(text))]
+
+
+def _rows(values: Sequence[float], columns: int) -> Iterator[tuple[float, ...]]:
+    return zip(*[iter(values)] * columns, strict=True)
 
 
 def _reset(instance: Any) -> bool:  # noqa: ANN401 (a submission's object)
@@ -211,9 +188,8 @@ def _forget_packages() -> None:
 
 
 if __name__ == '__main__':
-    start = _Start.parse(sys.argv[1:])
-    del sys.argv[1:]
-    sys.path.append(str(start.packages))
+    start = _Start(**json.loads(sys.argv.pop()))
+    sys.path.append(start.packages)
     from barc_sim.errors import UserError
     from barc_sim.lab.grade import confinement
     from barc_sim.lab.grade.protocol import (
@@ -234,13 +210,13 @@ if __name__ == '__main__':
     from barc_sim.lab.user_code.relay_program import MOST_COMMANDS
     from barc_sim.lab.user_code.ros_world import TimedTwist
 
-    sys.path.remove(str(start.packages))
+    sys.path.remove(start.packages)
     sys.meta_path.insert(0, _NumPy(start.numpy))
     _forget_packages()
     try:
         confinement.limit_resources(start.memory, start.cpu, start.parent)
-        if start.ruleset >= 0:
-            confinement.confine(start.ruleset, start.program)
+        if start.ruleset is not None:
+            confinement.confine(start.ruleset, bytes.fromhex(start.program))
     except OSError as error:
         _write(start.replies, _failure(0, error))
         sys.exit(1)

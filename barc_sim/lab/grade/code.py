@@ -20,15 +20,15 @@ from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.text import one_line
 from barc_sim.lab.user_code.call import without_addresses
 from barc_sim.lab.user_code.gains import ChosenGains
-from barc_sim.lab.user_code.loading import UserCodeError, find_file
+from barc_sim.lab.user_code.loading import find_file
 from barc_sim.lab.user_code.relay_program import MOST_COMMANDS
 from barc_sim.lab.user_code.ros_world import Command
+from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
-    from types import TracebackType
 
     from typing_extensions import Self
 
@@ -61,24 +61,13 @@ class ConfinedCode:
         """Return the code; its process ends with the block."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """End the process."""
         self.close()
 
-    @property
-    def has_model(self) -> bool:
-        """Whether there is a `bike_model.py`."""
-        return find_file(self._folder, 'model') is not None
-
-    @property
-    def has_controller(self) -> bool:
-        """Whether there is a `controller.py`."""
-        return find_file(self._folder, 'controller') is not None
+    def has(self, part: str, /) -> bool:
+        """Return whether there is the file of this part."""
+        return find_file(self._folder, part) is not None
 
     @property
     def printed(self) -> str:
@@ -110,11 +99,6 @@ class ConfinedCode:
         except (KeyError, TypeError, ValueError):
             return None
         return gains if all(map(isfinite, gains[:3])) else None
-
-    @property
-    def has_relay(self) -> bool:
-        """Whether there is a `relay.py`."""
-        return find_file(self._folder, 'relay') is not None
 
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.lab.check.judging import gains_used, judge
-from barc_sim.lab.check.worker import judge_files
+from barc_sim.lab.check.worker import Printed, Report, judge_files
 from barc_sim.lab.grade.code import ConfinedCode
 from barc_sim.lab.grade.start import ON_LINUX
 from barc_sim.lab.grade.submissions import PARTS, graded
@@ -17,7 +17,7 @@ from barc_sim.lab.grade.text import printable
 from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.findings import Comparison, Finding, Trajectory
+    from barc_sim.lab.check.findings import Comparison, Trajectory
     from barc_sim.lab.check.judging import Settings
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.start import Limits
@@ -60,30 +60,16 @@ class Grade:
         return round(sum(item.max_points for item in self.items), 2)
 
 
-class _Judged(NamedTuple):
-    """What is found on a submission's files."""
-
-    findings: list[Finding]
-    gains: str
-    tolerated: tuple[str, ...]
-    printed: str
-
-
-def _judge(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -> _Judged:
-    """Judge files whose functions are called in a process with limits."""
+def _judge(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -> Report:
+    """Judge files; their functions are called in a process with limits."""
+    if not ON_LINUX:  # as `barc check` does, where no process can be confined
+        assert not sandbox  # noqa: S101 (refused before)
+        return judge_files(folder, settings, budget=limits.call, deadline=limits.total)
     with ConfinedCode(folder, limits, sandbox=sandbox) as code:
         found = judge(code, settings)
-        gains = str(gains_used(code, settings)) if code.has_controller else ''
+        gains = gains_used(code, settings) if code.has('controller') else None
         tolerated = code.tolerated()
-    return _Judged(found, gains, tolerated, code.printed)
-
-
-def _judge_elsewhere(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -> _Judged:
-    """Judge files as `barc check` does, where no process can be confined."""
-    assert not sandbox  # noqa: S101 (refused before)
-    found = judge_files(folder, settings, budget=limits.call, deadline=limits.total)
-    gains = str(found.gains) if found.gains else ''
-    return _Judged(found.findings, gains, found.tolerated, found.printed.text)
+    return Report(found, Printed(code.printed), gains, tolerated)
 
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
@@ -100,9 +86,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
-        found = (_judge if ON_LINUX else _judge_elsewhere)(
-            Path(folder), rubric.settings, limits, sandbox=sandbox
-        )
+        found = _judge(Path(folder), rubric.settings, limits, sandbox=sandbox)
     findings = {finding.criterion: finding for finding in found.findings}
     items = []
     for criterion, worth in rubric.worth(findings.values()).items():
@@ -116,8 +100,8 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         visibility=rubric.visibility,
         items=tuple(items),
         notes=notes,
-        gains=printable(found.gains),
+        gains=printable(str(found.gains or '')),
         tolerated=tuple(map(printable, found.tolerated)),
-        printed=printable(found.printed),
+        printed=printable(found.printed.text),
         hashes=tuple((name, hashlib.sha256(submission.files[name]).hexdigest()) for name in files),
     )

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.lab.check.findings import LABELS
 from barc_sim.lab.grade import sheet
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.similarity import passages
-from barc_sim.lab.grade.text import label
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         remark='; '.join(
             (
                 *result.notes,
-                *([f'{label(worst.criterion)}: {worst.message}'] if mistakes else ()),
+                *([f'{LABELS[worst.criterion]}: {worst.message}'] if mistakes else ()),
             )
         ),
         files={
@@ -75,7 +75,7 @@ def page(grade: Grade, figures: bytes) -> str:
         'grade',
         grade=grade,
         score=f'{grade.score:g} / {grade.max_score:g}',
-        label=label,
+        labels=LABELS,
         figures=data_url('image/png', figures) if figures else '',
     )
 
@@ -87,7 +87,7 @@ def gradescope(grade: Grade) -> str:
     """
     tests = [
         {
-            'name': label(item.criterion),
+            'name': LABELS[item.criterion],
             'number': item.criterion,
             'score': item.points,
             'max_score': item.max_points,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from math import inf, isfinite
+from functools import partial
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import yaml
 
@@ -30,10 +31,10 @@ _MOST = 10_000  # points for a criterion
 class Rubric:
     """The criteria of a grade, with their points."""
 
-    title: str
-    seed: int  #: of the states and roads
-    visibility: str  #: one of `VISIBILITIES`: who can read the messages on Gradescope
     points: Mapping[str, float]  #: by criterion, positive, in `CRITERIA`'s order
+    title: str = ''
+    seed: int = 0  #: of the states and roads
+    visibility: str = VISIBILITIES[0]  #: who can read the messages on Gradescope
     optional: frozenset[str] = frozenset()  #: criteria left out where their file is not handed in
     thresholds: Thresholds = field(default_factory=Thresholds)  #: of the criteria `loop.…`
     acceleration_limit: float = inf  #: [m/s²] of a controller on the roads
@@ -103,6 +104,29 @@ def path_of(rubric: str | Path) -> Path:
     return Path(__file__).parent / 'rubrics' / f'{rubric}.yaml' if shipped else Path(rubric)
 
 
+class _Wanted(NamedTuple):
+    """What a value of the file must be."""
+
+    fits: Callable[[Any], bool]
+    expected: str
+    sentence: str = '{} is {!r}'
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in {int, float}
+
+
+_TEXT = _Wanted(lambda value: isinstance(value, str), 'a text, in quotes')
+_SEED = _Wanted(lambda value: type(value) is int and value >= 0, 'a whole number from 0 on')
+_VISIBILITY = _Wanted(VISIBILITIES.__contains__, f'one of {", ".join(VISIBILITIES)}')
+_POSITIVE = _Wanted(lambda value: _is_number(value) and 0.0 < value < inf, 'a number above 0')
+_POINTS = _Wanted(
+    lambda value: _is_number(value) and 0.0 <= value <= _MOST,
+    f'points from 0 to {_MOST}',
+    '{} is worth {!r}',
+)
+
+
 class _Reader:
     """Reads the nodes of YAML, which have line numbers."""
 
@@ -111,11 +135,11 @@ class _Reader:
 
     def rubric(self, root: yaml.Node | None) -> Rubric:
         read: dict[str, Callable[[str, yaml.Node], Any]] = {
-            'title': self._title,
-            'seed': self._seed,
-            'visibility': self._visibility,
+            'title': partial(self._value, _TEXT),
+            'seed': partial(self._value, _SEED),
+            'visibility': partial(self._value, _VISIBILITY),
             'thresholds': self._thresholds,
-            'acceleration_limit': self._limit,
+            'acceleration_limit': partial(self._value, _POSITIVE),
             'criteria': self._criteria,
             'task_3': self._criteria,
         }
@@ -126,18 +150,14 @@ class _Reader:
         }
         if 'criteria' not in found:
             self._refuse(root, 'there is no key criteria: expected the points of each criterion')
-        required, optional = found['criteria'], found.get('task_3', {})
+        required, optional = found.pop('criteria'), found.pop('task_3', {})
         for name in required.keys() & optional.keys():
             self._refuse(root, f'{name!r} stands in criteria and in task_3: delete one of the two')
         points = required | optional
         return Rubric(
-            title=found.get('title', ''),
-            seed=found.get('seed', 0),
-            visibility=found.get('visibility', VISIBILITIES[0]),
             points={name: points[name] for name in CRITERIA if name in points},
             optional=frozenset(optional),
-            thresholds=found.get('thresholds', Thresholds()),
-            acceleration_limit=found.get('acceleration_limit', inf),
+            **found,
         )
 
     def _items(
@@ -156,30 +176,11 @@ class _Reader:
             seen.add(key)
             yield key, value
 
-    def _title(self, key: str, node: yaml.Node) -> str:
-        value = self._value(node)
-        if not isinstance(value, str):
-            self._refuse(node, f'{key} is {value!r}: expected a text, in quotes')
-        return value
-
-    def _seed(self, key: str, node: yaml.Node) -> int:
-        value = self._value(node)
-        if type(value) is not int or value < 0:
-            self._refuse(node, f'{key} is {value!r}: expected a whole number from 0 on')
-        return value
-
-    def _visibility(self, key: str, node: yaml.Node) -> str:
-        value = self._value(node)
-        if value not in VISIBILITIES:
-            self._refuse(node, f'{key} is {value!r}: expected one of {", ".join(VISIBILITIES)}')
-        return str(value)
-
     def _thresholds(self, key: str, node: yaml.Node) -> Thresholds:
         names = tuple(each.name for each in fields(Thresholds))
-        values = {
-            name: self._positive(name, value) for name, value in self._items(key, node, names)
-        }
-        thresholds = Thresholds(**values)
+        thresholds = Thresholds(
+            **{name: self._value(_POSITIVE, name, n) for name, n in self._items(key, node, names)}
+        )
         for error in ('rms', 'max'):
             full, zero = (getattr(thresholds, f'{end}_{error}') for end in ('full', 'zero'))
             if not full < zero:
@@ -188,37 +189,24 @@ class _Reader:
                 )
         return thresholds
 
-    def _limit(self, key: str, node: yaml.Node) -> float:
-        return self._positive(key, node)
-
-    def _positive(self, key: str, node: yaml.Node) -> float:
-        value = self._value(node)
-        if type(value) not in {int, float} or not 0.0 < value < inf:
-            self._refuse(node, f'{key} is {value!r}: expected a number above 0')
-        return float(value)
-
     def _criteria(self, key: str, node: yaml.Node) -> dict[str, float]:
-        points = {
-            name: self._points(name, value) for name, value in self._items(key, node, CRITERIA)
-        }
-        points = {name: points[name] for name in CRITERIA if points.get(name)}
-        if not points:
+        items = self._items(key, node, CRITERIA)
+        points = {name: float(self._value(_POINTS, name, value)) for name, value in items}
+        if not any(points.values()):
             self._refuse(node, 'no criterion has points: expected at least one')
-        return points
+        return {name: worth for name, worth in points.items() if worth}
 
-    def _points(self, key: str, node: yaml.Node) -> float:
-        value = self._value(node)
-        if type(value) not in {int, float} or not isfinite(value) or not 0 <= value <= _MOST:
-            self._refuse(node, f'{key} is worth {value!r}: expected points from 0 to {_MOST}')
-        return float(value)
-
-    def _value(self, node: yaml.Node) -> Any:  # noqa: ANN401 (any YAML value)
-        if not isinstance(node, yaml.ScalarNode):
-            return 'a list' if isinstance(node, yaml.SequenceNode) else 'a mapping'
-        try:
-            return yaml.SafeLoader('').construct_object(node)
-        except (yaml.YAMLError, ValueError):
-            return node.value
+    def _value(self, wanted: _Wanted, key: str, node: yaml.Node) -> Any:  # noqa: ANN401 (as wanted)
+        value: Any = 'a list' if isinstance(node, yaml.SequenceNode) else 'a mapping'
+        scalar = isinstance(node, yaml.ScalarNode)
+        if scalar:
+            try:
+                value = yaml.SafeLoader('').construct_object(node)
+            except (yaml.YAMLError, ValueError):
+                value = node.value
+        if not (scalar and wanted.fits(value)):
+            self._refuse(node, f'{wanted.sentence.format(key, value)}: expected {wanted.expected}')
+        return value
 
     def _refuse(self, node: yaml.Node, message: str) -> NoReturn:
         raise UserError(f'the rubric {self._name!r}, line {node.start_mark.line + 1}: {message}')

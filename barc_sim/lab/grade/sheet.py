@@ -14,12 +14,24 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from barc_sim.figures.style import GREEN, GREY, INK, MUTED, STYLE, VERMILLION
-from barc_sim.lab.grade import run_plots
-from barc_sim.lab.grade.text import label
+from barc_sim.figures.style import (
+    BLUE,
+    DASHES,
+    EARTH,
+    GREEN,
+    GREY,
+    INK,
+    MUTED,
+    STYLE,
+    VERMILLION,
+)
+from barc_sim.lab.check.findings import LABELS, Comparison, Trajectory
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from barc_sim.lab.grade.grade import Grade, Item
 
@@ -32,19 +44,21 @@ _TOP, _BOTTOM = 0.9, 0.46  # of the page's height: the criteria
 _MESSAGE = 66  # characters in a line of a message
 _LINES = 3  # of a message, where there are not more rows than these
 _ROWS = 16
+_FIGURES = 2  # the first ones with evidence
+_EXPECTED: dict[str, Any] = {'color': INK, 'lw': 1.2, 'ls': DASHES}
 # Matplotlib's settings are global, and several threads can draw.
 _DRAWING = threading.Lock()
 
 
 def draw(grade: Grade) -> tuple[bytes, bytes]:
     """Return two PNGs: the sheet, and its figures alone, which are empty if there are none."""
-    drawn = run_plots.choose(grade.items)
+    drawn = [item for item in grade.items if item.evidence is not None][:_FIGURES]
     with _DRAWING, style.context(STYLE):
         figure = Figure(figsize=SIZE, dpi=DPI)
         canvas: Any = FigureCanvasAgg(figure)
         _draw_heading(figure, grade)
         _draw_items(figure, grade.items)
-        run_plots.draw(figure, drawn, _LEFT, _RIGHT, _BOTTOM)
+        _draw_runs(figure, drawn)
         canvas.draw()
         page = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
     cut = page.crop((0, round(page.height * (1.0 - _BOTTOM)), page.width, page.height))
@@ -70,7 +84,7 @@ def _draw_items(figure: Figure, items: tuple[Item, ...]) -> None:
         _draw_bar(axes, row, item.points / item.max_points)
         points = f'{item.points:g} / {item.max_points:g}'
         lines = textwrap.wrap(item.message, _MESSAGE, max_lines=most, placeholder=' …')
-        _text(axes, _LEFT, row, label(item.criterion), size=9)
+        _text(axes, _LEFT, row, LABELS[item.criterion], size=9)
         _text(axes, _BARS[1] + 0.078, row, points, size=9, ha='right')
         _text(axes, _TEXT, row, '\n'.join(lines), size=7, color=MUTED, linespacing=1.0)
 
@@ -80,6 +94,61 @@ def _draw_bar(axes: Axes, row: int, share: float) -> None:
     axes.barh(row, right - left, left=left, height=0.26, color='#EDEDED')
     axes.barh(row, share * (right - left), left=left, height=0.26, color=GREEN)
     axes.axhline(row + 0.5, _LEFT, _RIGHT, color=GREY, lw=0.3)
+
+
+def _draw_runs(figure: Figure, items: Sequence[Item]) -> None:
+    """Draw the items' figures below each other."""
+    height = (_BOTTOM - 0.01) / _FIGURES
+    for row, item in enumerate(items):
+        bottom = _BOTTOM - (row + 1) * height + 0.045
+        axes = figure.add_axes((_LEFT, bottom, _RIGHT - _LEFT, height - 0.075))
+        if isinstance(item.evidence, Trajectory):
+            _draw_trajectory(axes, item.evidence)
+        elif isinstance(item.evidence, Comparison):
+            _draw_comparison(axes, item.evidence)
+        axes.set_title(LABELS[item.criterion], loc='left', fontsize=10, fontweight='bold', pad=5)
+        axes.legend(
+            loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=4, fontsize=8, borderpad=0.2
+        )
+        axes.tick_params(labelsize=8)
+        axes.xaxis.label.set_fontsize(9)
+        axes.yaxis.label.set_fontsize(9)
+
+
+def _draw_trajectory(axes: Axes, drives: Trajectory) -> None:
+    axes.plot(*drives.user[:, :2].T, color=BLUE, lw=2.0, label='submission')
+    axes.plot(*drives.reference[:, :2].T, label='expected', **_EXPECTED)
+    _fit(axes, drives.reference[:, 1], drives.user[:, 1])
+    axes.set(xlabel='x [m]', ylabel='y [m]')
+
+
+def _draw_comparison(axes: Axes, runs: Comparison) -> None:
+    own, reference = runs.user, runs.reference
+    grade = axes.twinx()
+    grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
+    grade.set_ylabel('Grade [°]', fontsize=9)
+    grade.tick_params(labelsize=8)
+    grade.spines['right'].set_visible(False)
+    grade.grid(visible=False)
+    axes.set_zorder(grade.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    axes.plot(own.distance, own.speed, color=BLUE, lw=1.8, label='submission')
+    axes.plot(reference.distance, reference.speed, label="barc_sim's PID", **_EXPECTED)
+    axes.plot(own.distance, own.reference, color=VERMILLION, lw=1.0, ls=':', label='set speed')
+    _fit(axes, reference.speed, own.speed)
+    axes.set_xlim(reference.distance[0], reference.distance[-1])
+    axes.set(xlabel='Position along the road [m]', ylabel='Speed [m/s]')
+
+
+def _fit(axes: Axes, expected: NDArray[np.float64], own: NDArray[np.float64]) -> None:
+    """Show all expected values, and the submission's as far as those stay legible."""
+    low, high = np.nanmin(expected), np.nanmax(expected)
+    room = max(high - low, 1.0)
+    finite = own[np.isfinite(own)]
+    low = max(finite.min(initial=low), low - 2.0 * room)
+    high = min(finite.max(initial=high), high + 2.0 * room)
+    pad = 0.08 * (high - low)
+    axes.set_ylim(low - pad, high + pad)
 
 
 def _text(

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
+from barc_sim.lab.check.findings import LABELS
 from barc_sim.lab.grade.similarity import in_words
-from barc_sim.lab.grade.text import label, one_line
+from barc_sim.lab.grade.text import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -41,30 +42,27 @@ def as_csv(
 
     A submission that could not be graded has no numbers.
     """
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator='\n')
-    writer.writerow(['name', 'score', 'max_score', *rubric.points, 'alike', 'remark'])
-    rows: list[tuple[str, list[object]]] = [
-        (
-            report.name,
-            [
-                *(
-                    report.score,
-                    report.max_score,
-                    *(report.points.get(name, '') for name in rubric.points),
-                ),
-                *(_cell(in_words(alike.get(report.name, []))), _cell(report.remark)),
-            ],
-        )
+    fields = ['name', 'score', 'max_score', *rubric.points, 'alike', 'remark']
+    rows: list[dict[str, object]] = [
+        {
+            'name': report.name,
+            'score': report.score,
+            'max_score': report.max_score,
+            **report.points,
+            'alike': in_words(alike.get(report.name, [])),
+            'remark': report.remark,
+        }
         for report in reports
     ]
-    blank = [''] * (len(rubric.points) + 1)
     rows += [
-        (name, ['', rubric.max_score, *blank, _cell(f'not graded: {failure.reason}')])
+        {'name': name, 'max_score': rubric.max_score, 'remark': f'not graded: {failure.reason}'}
         for name, failure in failures.items()
     ]
-    for name, cells in sorted(rows, key=itemgetter(0)):
-        writer.writerow([_cell(name), *cells])
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, fields, restval='', lineterminator='\n')
+    writer.writeheader()
+    for row in sorted(rows, key=itemgetter('name')):
+        writer.writerow({key: _cell(v) if isinstance(v, str) else v for key, v in row.items()})
     return buffer.getvalue()
 
 
@@ -91,7 +89,7 @@ def as_table(reports: Sequence[Report], rubric: Rubric) -> Table:
         points = [report.points[criterion] for report in reports if criterion in report.points]
         if not points and criterion in rubric.optional:
             continue
-        row = [label(criterion), f'{mean(points):.2f}' if points else '', f'{worth:g}']
+        row = [LABELS[criterion], f'{mean(points):.2f}' if points else '', f'{worth:g}']
         if not alone:
             row.append(f'{sum(value == worth for value in points)} of {len(points)}')
         table.add_row(*row)
@@ -114,7 +112,7 @@ def overview(
     if mistakes:
         table = _table('Commonest mistakes', 'Who', 'Criterion', 'Message')
         for message, count in mistakes.most_common(_MISTAKES):
-            table.add_row(str(count), label(criteria[message]), escape(message))
+            table.add_row(str(count), LABELS[criteria[message]], escape(message))
         yield table
     if looks := dict(_looks(reports, failures, alike)):
         table = _table('Who needs a look', 'Name', 'Why')

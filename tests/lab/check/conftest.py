@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import pytest
 
-from barc_sim.lab.check import LocalCode
+from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.user_code.loading import load_folder
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from barc_sim.lab.user_code.gains import ChosenGains
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check import LocalCode
+    from barc_sim.lab.check.code import LocalCode
     from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.lab.check import CRITERIA, LocalCode, Settings, judge
-from barc_sim.lab.check.findings import RELAY
+from barc_sim.lab.check.findings import CRITERIA, RELAY
+from barc_sim.lab.check.judging import Settings, judge
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from barc_sim.lab.check.code import LocalCode
     from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.check import LocalCode, judge
+from barc_sim.lab.check.code import LocalCode
+from barc_sim.lab.check.judging import judge
+from barc_sim.lab.user_code.loading import UserCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 HUGE, TINY = 1.7e308, 1e-320
-
-
-@dataclass
-class Parts:
-    """What a folder has, without a folder."""
-
-    model: Callable[..., list[float]] | None = None
-    controller: Callable[..., Counting] | None = None
-    relay: None = None
 
 
 class Counting:
@@ -48,7 +40,7 @@ class Counting:
     ],
 )
 def test_any_state(model: Callable[..., list[float]]) -> None:
-    findings = judge(LocalCode(Parts(model=model)))
+    findings = judge(LocalCode(UserCode(model=model)))
     assert all(0.0 <= finding.score < 0.2 for finding in findings)
 
 
@@ -63,6 +55,6 @@ def test_any_state(model: Callable[..., list[float]]) -> None:
     ],
 )
 def test_any_acceleration(answer: Callable[[int, float], float]) -> None:
-    findings = judge(LocalCode(Parts(controller=lambda *_, **__: Counting(answer))))
+    findings = judge(LocalCode(UserCode(controller=lambda *_, **__: Counting(answer))))
     assert all(0.0 <= finding.score <= 1.0 for finding in findings)
     assert [finding.score for finding in findings[7:10]] == [0.0] * 3

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
-
-from barc_sim.errors import UserError
-from barc_sim.lab.check import CRITERIA
+from barc_sim.lab.check.findings import CRITERIA
 from barc_sim.lab.check.worker import judge_folder
 
 if TYPE_CHECKING:
@@ -75,14 +72,3 @@ def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, mo
     assert printed.text.startswith('v is ')
     assert len(printed.text) < 1000
     assert printed.dropped > 4000
-
-
-@pytest.mark.parametrize(
-    ('make', 'words'), [(False, 'barc new nothing'), (True, 'no bike_model.py, no controller.py')]
-)
-def test_a_folder_with_nothing_to_judge_is_refused(tmp_path: Path, make: bool, words: str) -> None:
-    folder = tmp_path / 'nothing'
-    if make:
-        folder.mkdir()
-    with pytest.raises(UserError, match=words):
-        judge_folder(folder)

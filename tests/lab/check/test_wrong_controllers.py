@@ -12,7 +12,7 @@ from barc_sim.lab.check.judging import judge_controller
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check import LocalCode
+    from barc_sim.lab.check.code import LocalCode
     from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]

@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.check.model import judge_beyond, judge_equations
-from barc_sim.lab.check.results import run_general, run_reverse
+from barc_sim.lab.check.model import judge_equations, judge_general, judge_reverse
 from barc_sim.lab.check.trajectory import judge_trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check import LocalCode
+    from barc_sim.lab.check.code import LocalCode
 
     Lab = Callable[..., LocalCode]
 
@@ -95,8 +94,8 @@ def test_the_cause_is_named(lab: Lab, model: str, name: str) -> None:
     # Each mistake in an equation shows beyond the lab's road, too.
     if equations in {'general', 'reverse'}:
         assert all(finding.passed for finding in findings)
-        run = {'general': run_general, 'reverse': run_reverse}[equations]
-        findings = [judge_beyond(f'model.{equations}', code, 0, run)]
+        judge = {'general': judge_general, 'reverse': judge_reverse}[equations]
+        findings = [judge(code, seed=0)]
     wrong = {finding.criterion for finding in findings if finding.score < 1.0}
     assert wrong == {f'model.{equation}' for equation in equations.split()}
     for finding in findings:
@@ -165,7 +164,7 @@ def test_a_failure_in_reverse_costs_only_that(lab: Lab, model: str) -> None:
     text = model.replace('    beta =', '    assert v >= 0, "no reverse"\n    beta =')
     code = lab(text)
     assert all(finding.passed for finding in judge_equations(code, seed=0))
-    finding = judge_beyond('model.reverse', code, 0, run_reverse)
+    finding = judge_reverse(code, seed=0)
     assert finding.score == 0.0
     assert 'no reverse' in finding.message
 

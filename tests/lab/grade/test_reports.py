@@ -25,7 +25,7 @@ HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 LOG = closed_loop(distance=20.0)
 TIMES = np.arange(50, dtype=np.float64) * 0.02
 STATES = np.stack([TIMES, 2.0 * TIMES, TIMES, TIMES], axis=1)
-RUBRIC = Rubric('The lab', 1, 'visible', {'model.x': 3.0, 'loop.lab_road': 7.0})
+RUBRIC = Rubric({'model.x': 3.0, 'loop.lab_road': 7.0}, 'The lab', 1)
 
 
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
