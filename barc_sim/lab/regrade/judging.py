@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barc_sim.control.types import DEFAULT_TYPE, TYPES, new_controller
 from barc_sim.errors import UserError
@@ -18,7 +18,8 @@ from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.parameters import plant
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterator, Mapping
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from barc_sim.lab.check.code import JudgedCode, Next
@@ -72,7 +73,8 @@ def judge(
     if recorded.files:
         check(sandbox=sandbox)
     try:
-        verdicts = _verdicts(recorded, limits or Limits(), sandbox=sandbox)
+        opened = partial(attached, recorded, limits or Limits(), sandbox=sandbox)
+        verdicts = tuple(_verdicts(recorded, opened))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, UserError):
             raise
@@ -89,23 +91,44 @@ def judge(
         claimed={part: recorded.files.get(part, _OWN) for part in parts},
         changed=recorded.changed,
         relay=recorded.files.get('relay'),
-        verdicts=tuple(verdicts),
+        verdicts=verdicts,
     )
 
 
-def _verdicts(recorded: Recorded, limits: Limits, *, sandbox: bool) -> list[Verdict]:
-    own, resets = _judge_states(recorded, bikeFE, _OWN)
-    verdicts = [own]
+def _verdicts(
+    recorded: Recorded, opened: Callable[[str], AbstractContextManager[JudgedCode]]
+) -> Iterator[Verdict]:
+    """Yield the verdict on barc_sim's model, then on the attached one; so on the controllers."""
+    verdict, resets = _judge_states(recorded, bikeFE, _OWN)
+    yield verdict
     if name := recorded.files.get('model'):
         try:
-            with attached(recorded, 'model', limits, sandbox=sandbox) as code:
+            with opened('model') as code:
                 verdict, resets = _judge_states(recorded, _model(code), name)
         except UserError as error:
             verdict = Verdict('model', name, first=str(error))
-        verdicts.append(verdict)
-    if recorded.controller is not None:
-        verdicts += _judge_commands(recorded, recorded.controller, resets, limits, sandbox=sandbox)
-    return verdicts
+        yield verdict
+    if (values := recorded.controller) is None:
+        return
+    kind = values.get('controller_type', DEFAULT_TYPE)
+    gains = {name: values[name] for name in TYPES[kind].gains}
+    limit = values['acceleration_limit']
+    show = partial(
+        commands.judge,
+        recorded.log,
+        limit=limit,
+        subtract_error=bool(values['subtract_error']),
+        resets=resets,
+    )
+    yield show(partial(new_controller, kind, gains, limit), _OWN)
+    if name := recorded.files.get('controller'):
+        try:
+            with opened('controller') as code:
+                new = partial(code.new_pid, *gains.values(), limit=limit, fresh=False)
+                verdict = show(new, name)
+        except UserError as error:
+            verdict = Verdict('controller', name, first=str(error))
+        yield verdict
 
 
 def _model(code: JudgedCode) -> Model:
@@ -124,33 +147,3 @@ def _judge_states(recorded: Recorded, model: Model, code: str) -> tuple[Verdict,
         placements=recorded.placements,
         braking=values['timeout_braking'] if values['command_timeout'] else None,
     )
-
-
-def _judge_commands(
-    recorded: Recorded,
-    values: Mapping[str, Any],
-    resets: set[int],
-    limits: Limits,
-    *,
-    sandbox: bool,
-) -> list[Verdict]:
-    kind = values.get('controller_type', DEFAULT_TYPE)
-    gains = {name: values[name] for name in TYPES[kind].gains}
-    limit = values['acceleration_limit']
-    show = partial(
-        commands.judge,
-        recorded.log,
-        limit=limit,
-        subtract_error=bool(values['subtract_error']),
-        resets=resets,
-    )
-    verdicts = [show(partial(new_controller, kind, gains, limit), _OWN)]
-    if name := recorded.files.get('controller'):
-        try:
-            with attached(recorded, 'controller', limits, sandbox=sandbox) as code:
-                verdicts.append(
-                    show(partial(code.new_pid, *gains.values(), limit=limit, fresh=False), name)
-                )
-        except UserError as error:
-            verdicts.append(Verdict('controller', name, first=str(error)))
-    return verdicts

@@ -16,7 +16,7 @@ from barc_sim.lab.grade.archives import Member
 from barc_sim.lab.grade.code import ConfinedCode
 from barc_sim.lab.grade.start import ON_LINUX
 from barc_sim.lab.grade.submissions import Submission, take
-from barc_sim.lab.user_code.adapters import FOLDER, METADATA
+from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.loading import FILES, load_folder
 
 if TYPE_CHECKING:
@@ -61,12 +61,8 @@ def read(path: Path, namespace: str | None = None) -> Recorded:
         raise UserError(
             f'{str(path)!r} has no parameters of a simulator: name the bag of a run of barc_sim'
         )
-    files, hashes = _claims(info.get(METADATA, '{}'))
-    sources = {
-        name.removeprefix(FOLDER): data
-        for name, data in reader.attachments(path).items()
-        if name.startswith(FOLDER)
-    }
+    files, hashes = _claims(info.get(adapters.METADATA, '{}'))
+    sources = adapters.attached(reader.attachments(path))
     return Recorded(
         log=log,
         simulator=simulator,
@@ -108,7 +104,7 @@ def _claims(text: str) -> tuple[dict[str, str], dict[str, str]]:
 
 @contextmanager
 def attached(
-    recorded: Recorded, part: str, limits: Limits, *, sandbox: bool = True
+    recorded: Recorded, limits: Limits, part: str, *, sandbox: bool
 ) -> Iterator[JudgedCode]:
     """Give one part of the attached code, ready to be called in a confined process.
 

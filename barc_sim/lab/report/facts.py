@@ -12,7 +12,7 @@ from barc_sim.bags import reader
 from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.bags.records import files
 from barc_sim.figures.style import use_measurement
-from barc_sim.lab.user_code.adapters import FOLDER
+from barc_sim.lab.user_code import adapters
 from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
@@ -63,11 +63,7 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     """
     log = _sensible(reader.read(path, namespace))
     info = reader.info(path)
-    attached = {
-        name.removeprefix(FOLDER): data
-        for name, data in reader.attachments(path).items()
-        if name.startswith(FOLDER)
-    }
+    attached = adapters.attached(reader.attachments(path))
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
     for file in files(path):
         hashes[file.name] = _sha256(file)

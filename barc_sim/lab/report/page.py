@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import io
+import warnings
+from contextlib import contextmanager
 from math import isnan
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from matplotlib import rc_context, style
+from matplotlib.figure import Figure
 from pygments import highlight
 from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags.node_graph import table
+from barc_sim.figures.drive_figure import drive_figure
+from barc_sim.figures.graph_figure import GraphDrawing
+from barc_sim.figures.run_figures import speed_figure, terms_figure
+from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION
 from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render
-from barc_sim.lab.report import figures
 from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND
 
 if TYPE_CHECKING:
@@ -46,14 +54,9 @@ _FORMATTER = HtmlFormatter(nowrap=True)
 class _Figure(NamedTuple):
     """A figure on the page."""
 
-    svg: str
+    url: str  #: the image itself
     caption: str
     alt: str
-
-    @property
-    def url(self) -> str:
-        """The image itself, as a URL."""
-        return data_url('image/svg+xml', self.svg.encode())
 
 
 def page(facts: Facts) -> str:
@@ -69,12 +72,14 @@ def page(facts: Facts) -> str:
     shown = facts.shown_lap
     result = shown.summary
     held = not np.isnan(facts.log.reference).all()
+    with _reproducible():
+        figures, graph = [*_figures(facts.log)], _graph(facts)
     return render(
         'report',
         facts=facts,
         failure=facts.info.get('failure'),
         settings=[(_SETTINGS[key], facts.info[key]) for key in _SETTINGS if key in facts.info],
-        figures=[*_figures(facts.log)],
+        figures=figures,
         laps=[*_laps(facts.laps)] if held and facts.laps.finished else [],
         shown=shown.number + 1,
         errors=[*_errors(result)] if held else [],
@@ -84,7 +89,7 @@ def page(facts: Facts) -> str:
         settling_time=_number(result.settling_time, '.2f'),
         sources=[(name, _highlighted(text)) for name, text in facts.sources.items()],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
-        graph=_graph(facts),
+        graph=graph,
         nodes=table(facts.graph) if facts.graph else [],
     )
 
@@ -100,24 +105,52 @@ def _figures(log: Log) -> Iterator[_Figure]:
     low, high = _range(log.speed)
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
     if steered or suits(log):
-        yield _Figure(
-            figures.drive(log),
+        yield _drawn(
+            drive_figure(log),
             'Path, heading, speed and steering',
             f"The car's path from above; below it heading, speed (between {low} and {high} m/s) "
             'and steering angle over time.',
         )
         return
-    yield _Figure(
-        figures.speed(log),
+    yield _drawn(
+        speed_figure(log),
         'Speed, grade and command',
         f'The speed over the position along the road, between {low} and {high} m/s; below it '
         "the road's grade and the commanded acceleration.",
     )
-    if (terms := figures.terms(log)) is not None:
+    if (terms := terms_figure(log)) is not None:
         alt = f'The terms {", ".join(log.terms)} over the position along the road.'
-        yield _Figure(terms, "The controller's terms", alt)
-    if (path := figures.path(log)) is not None:
-        yield _Figure(path, "The car's path", "The car's path from above, y over x.")
+        yield _drawn(terms, "The controller's terms", alt)
+    if np.any(np.abs(log.across) > _VISIBLE):
+        yield _drawn(_path_figure(log), "The car's path", "The car's path from above, y over x.")
+
+
+def _path_figure(log: Log) -> Figure:
+    figure = Figure(figsize=(9.6, 5.4), layout='constrained')
+    axes = figure.subplots()
+    axes.plot(log.distance, log.across, color=BLUE, lw=1.8)
+    axes.plot(log.distance[:1], log.across[:1], 'o', color=INK, label='start')
+    axes.plot(log.distance[-1:], log.across[-1:], 's', color=VERMILLION, label='end')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.set_xlabel('x [m]')
+    axes.set_ylabel('y [m]')
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+    return figure
+
+
+@contextmanager
+def _reproducible() -> Iterator[None]:
+    """Draw the same figures each time, with any characters."""
+    with warnings.catch_warnings(), style.context(STYLE):
+        warnings.simplefilter('ignore')  # characters that the font lacks
+        with rc_context({'svg.hashsalt': 'barc_sim'}):
+            yield
+
+
+def _drawn(figure: Figure, caption: str, alt: str) -> _Figure:
+    text = io.StringIO()
+    figure.savefig(text, format='svg', metadata={'Date': None})
+    return _Figure(data_url('image/svg+xml', text.getvalue().encode()), caption, alt)
 
 
 def _range(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[str, str]:
@@ -166,6 +199,7 @@ def _graph(facts: Facts) -> _Figure | None:
         return None
     parts = [f'{node} publishes {topic}' for node, topic in facts.graph.publications]
     parts += [f'{node} subscribes to {topic}' for topic, node in facts.graph.subscriptions]
-    return _Figure(
-        figures.graph(facts.graph), 'Nodes and topics', '; '.join(parts) or 'No connections.'
-    )
+    drawing = GraphDrawing(facts.graph)
+    figure = Figure(figsize=drawing.size)
+    drawing.draw(figure)
+    return _drawn(figure, 'Nodes and topics', '; '.join(parts) or 'No connections.')

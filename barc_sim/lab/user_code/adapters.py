@@ -16,13 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from barc_sim.lab.user_code.functions import UserPid
-    from barc_sim.lab.user_code.loading import (
-        ControllerFactory,
-        RelayFactory,
-        RelayProgram,
-        UserCode,
-    )
+    from barc_sim.lab.user_code.functions import ControllerFactory, RelayFactory, UserPid
+    from barc_sim.lab.user_code.loading import UserCode
+    from barc_sim.lab.user_code.relay_program import RelayProgram
 
 #: The entry of a bag's metadata that names the user code.
 METADATA = 'student_code'
@@ -136,3 +132,9 @@ def describe(user_code: UserCode) -> dict[str, str]:
 def attachments(user_code: UserCode) -> dict[str, bytes]:
     """Return the user's files, by their names as attachments of a bag."""
     return {FOLDER + source.name: source.text.encode() for source in user_code.sources}
+
+
+def attached(found: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the user's files among the attachments of a bag, by their own names."""
+    names = {name: name.removeprefix(FOLDER) for name in found if name.startswith(FOLDER)}
+    return {own: found[name] for name, own in names.items()}
