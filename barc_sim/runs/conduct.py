@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from barc_sim.bags.directory import check_root
 from barc_sim.cli.parser import report
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.loading import UserCode, UserCodeError, find_files, load_files
+from barc_sim.lab.user_code.loading import UserCode, find_files, load_files
+from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.runs.composition import Setup
 from barc_sim.runs.ended_run import serve_ended_run
 from barc_sim.runs.engine import uses_ros

@@ -232,10 +232,13 @@ def cause(folder: Folder, error: BaseException) -> str:
         return ''
     tree = folder.trees[frame.f_code.co_filename]
     names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}
-    for node in ast.walk(tree):
-        if not (isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)):
-            continue
-        name = ast.unparse(node.func)
+    calls = [
+        node.func
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)
+    ]
+    for called in sorted(calls, key=lambda node: (node.end_lineno, node.end_col_offset)):
+        name = ast.unparse(called)
         value = names.get(name, len)
         if callable(value):
             continue

@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.call import BUDGET, describe_error, raised_at, short_repr
-from barc_sim.lab.user_code.functions import (
-    ControllerFactory,
-    RelayFactory,
-    UserModel,
-    UserPid,
-    UserRelay,
-)
+from barc_sim.lab.user_code.functions import ControllerFactory, RelayFactory, UserModel
 from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.importing import Folder
 from barc_sim.lab.user_code.relay_program import ROS_1, RelayProgram, ros_of_program
@@ -24,23 +18,6 @@ from barc_sim.lab.user_code.source import Source, UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
-
-__all__ = [
-    'BUDGET',
-    'FILES',
-    'ControllerFactory',
-    'RelayFactory',
-    'RelayProgram',
-    'Source',
-    'UserCode',
-    'UserCodeError',
-    'UserModel',
-    'UserPid',
-    'UserRelay',
-    'find_files',
-    'load_files',
-    'load_folder',
-]
 
 #: The file of each part in a user's folder.
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
@@ -136,7 +113,7 @@ def find_file(folder: Path, part: str) -> Path | None:
 def find_name(names: Collection[str], part: str) -> str | None:
     """Return the name of a part's file among `names`: its own, or the only one of a similar name.
 
-    Similar are `Bike_Model.py` and `bike_model_final(1).py`.
+    Similar are `Bike_Model.py`, `bike_model_final(1).py` and `my_bike_model.py`.
 
     Examples
     --------
@@ -146,9 +123,8 @@ def find_name(names: Collection[str], part: str) -> str | None:
     if FILES[part] in names:
         return FILES[part]
     stem = _letters(Path(FILES[part]).stem)
-    similar = [
-        name for name in names if name.endswith('.py') and _letters(name[:-3]).startswith(stem)
-    ]
+    letters = {name: _letters(name[:-3]) for name in names if name.endswith('.py')}
+    similar = [name for name, own in letters.items() if own.startswith(stem) or own.endswith(stem)]
     return similar[0] if len(similar) == 1 else None
 
 
@@ -235,21 +211,19 @@ def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -
         module = loading.call(folder.load, path) if loading else folder.load(path)
     except UserCodeError:
         raise
-    except ModuleNotFoundError as error:
-        raise UserCodeError(
-            f'{raised_at(folder, error) or path.name}: there is no module {error.name!r} here: '
-            'install it, put it into the folder, or do without it'
-        ) from error
-    except OutOfTime as error:
-        raise UserCodeError(
-            f'{raised_at(folder, error) or path.name}: loading the file took longer than '
-            f'{_LOADING:g} s: is there an endless loop outside its functions?'
-        ) from error
-    except (Exception, SystemExit) as error:
-        raise UserCodeError(
-            f'{raised_at(folder, error) or path.name}: loading the file raised '
-            f'{describe_error(error)}'
-        ) from error
+    except (Exception, SystemExit, OutOfTime) as error:
+        fault = f'loading the file raised {describe_error(error)}'
+        if isinstance(error, ModuleNotFoundError):
+            fault = (
+                f'there is no module {error.name!r} here: install it, put it into the folder, or '
+                'do without it'
+            )
+        elif isinstance(error, OutOfTime):
+            fault = (
+                f'loading the file took longer than {_LOADING:g} s: is there an endless loop '
+                'outside its functions?'
+            )
+        raise UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}') from error
     for name in names:
         if hasattr(module, name):
             return getattr(module, name)

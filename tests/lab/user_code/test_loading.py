@@ -448,7 +448,9 @@ def test_numpy_needs_not_be_there(tmp_path: Path) -> None:
     assert np.array_equal(model(tmp_path, 'return [x, y, psi, v]')(*ROW), [1.0, 2.0, 0.5, 8.0])
 
 
-@pytest.mark.parametrize('name', ['Bike_Model.py', 'bike_model_final(1).py', 'bikemodel.py'])
+@pytest.mark.parametrize(
+    'name', ['Bike_Model.py', 'bike_model_final(1).py', 'bikemodel.py', 'my_bike_model.py']
+)
 def test_a_file_of_a_similar_name_is_taken_and_noted(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text(f'{HEAD}    return [x, y, psi, v]\n')
     found = load_folder(tmp_path)
@@ -461,6 +463,11 @@ def test_a_shadowed_function_is_named(tmp_path: Path) -> None:
         UserCodeError, match=r'line 5: .*: sin is 1 here, assigned in line 2, which hides the'
     ):
         model(tmp_path, 'pass\n    return sin(x)', 'from math import *\nsin = 1\n')(*ROW)
+
+
+def test_the_first_of_two_missing_products_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UserCodeError, match=r'callable: x is 1.0: is a \* missing'):
+        model(tmp_path, 'return [y * x(y) + psi(v), 0, 0, 0]')(*ROW)
 
 
 def test_no_sentence_names_an_address_or_the_folder(tmp_path: Path) -> None:
