@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import total_ordering
 from math import isfinite
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.absent import Absent
 from barc_sim.lab.user_code.ros_messages import messages
-from barc_sim.lab.user_code.ros_world import Subscription, World
+from barc_sim.lab.user_code.ros_world import Subscription, Timer, World
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +49,8 @@ class _Publisher:
     get_subscription_count = get_num_connections
 
 
-class _Time:
+@total_ordering
+class _Time:  # noqa: PLW1641 (nothing hashes a time)
     """A time or a duration [s]."""
 
     def __init__(self, seconds: float = 0.0, nanoseconds: float = 0, **_: object) -> None:
@@ -74,17 +76,11 @@ class _Time:
     def __add__(self, other: _Time) -> _Time:
         return _Time(self.seconds + other.seconds)
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Time) and self.seconds == other.seconds
+
     def __lt__(self, other: _Time) -> bool:
         return self.seconds < other.seconds
-
-    def __gt__(self, other: _Time) -> bool:
-        return self.seconds > other.seconds
-
-    def __le__(self, other: _Time) -> bool:
-        return self.seconds <= other.seconds
-
-    def __ge__(self, other: _Time) -> bool:
-        return self.seconds >= other.seconds
 
 
 class _Rate:
@@ -127,9 +123,10 @@ def _rospy(world: World) -> dict[str, Any]:
         world.wait(time.seconds if isinstance(time, _Time) else time, spinning=False)
 
     def timer(period: _Time, callback: Callable[..., object], **_: object) -> object:
-        return world.every(
-            period.seconds, lambda: callback(SimpleNamespace(current_real=world.now)), queued=False
-        )
+        def fire() -> None:
+            callback(SimpleNamespace(current_real=world.now))
+
+        return Timer(world, period.seconds, fire, queued=False)
 
     class Time(_Time):
         @staticmethod
@@ -190,7 +187,7 @@ class _Node:
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], object], *_: object, **__: object
     ) -> object:
-        return self.world.every(timer_period_sec, callback, queued=True)
+        return Timer(self.world, timer_period_sec, callback, queued=True)
 
     def create_rate(self, frequency: float, *_: object, **__: object) -> _Rate:
         return _Rate(self.world, frequency)

@@ -97,10 +97,6 @@ class World:
         """Call `event` at `t` [s]."""
         heapq.heappush(self._events, (t, next(self._numbers), event))
 
-    def every(self, period: float, callback: Event, *, queued: bool) -> Timer:
-        """Call back every `period` [s], from one period on."""
-        return Timer(self, period, callback, queued=queued)
-
     def is_over(self) -> bool:
         """Return whether the time is over; the question takes a moment."""
         if self.now < self.end:
