@@ -50,7 +50,7 @@ def subscription(
     callback: Callable[[Any], None],
     group: CallbackGroup,
     *,
-    qos: QoSProfile = QOS,
+    qos: QoSProfile | int = QOS,
     raw: bool = False,
 ) -> Subscription:
     """Return a subscription of `node` to `topic`, whose callback runs in `group`.

@@ -9,7 +9,6 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
-from rclpy.qos import QoSProfile
 
 from barc_sim.ros import endpoints
 from barc_sim.ros.executor.descriptors import eventfd
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from rclpy.node import Node
+    from rclpy.qos import QoSProfile
     from rclpy.subscription import Subscription
 
     from barc_sim.ros.executor import PolledCallbackGroup
@@ -77,9 +77,17 @@ class Arrivals:
 
 
 def polled(
-    node: Node, message_type: type[Any], topic: str, depth: int, group: PolledCallbackGroup
+    node: Node,
+    message_type: type[Any],
+    topic: str,
+    qos: QoSProfile | int,
+    group: PolledCallbackGroup,
+    *,
+    raw: bool = False,
 ) -> Subscription:
-    """Return a subscription that keeps the newest `depth` messages until `take` takes them.
+    """Return a subscription that keeps messages until `take` takes them.
+
+    Without a QoS profile, the newest ones, as many as `qos` says; with `raw`, serialized.
 
     Examples
     --------
@@ -97,8 +105,9 @@ def polled(
     >>> node.destroy_node()
     >>> rclpy.shutdown()
     """
-    qos = QoSProfile(depth=depth)
-    return endpoints.subscription(node, message_type, topic, lambda _: None, group, qos=qos)
+    return endpoints.subscription(
+        node, message_type, topic, lambda _: None, group, qos=qos, raw=raw
+    )
 
 
 def take(subscription: Subscription, limit: int) -> Iterator[tuple[Any, dict[str, int]]]:

@@ -12,11 +12,11 @@ from rclpy.qos import QoSProfile
 
 from barc_sim.bags.messages import Message
 from barc_sim.errors import UserError
-from barc_sim.ros import endpoints, offered_qos
+from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.peers import types_here
-from barc_sim.ros.polled import Arrivals
+from barc_sim.ros.polled import Arrivals, polled
 from barc_sim.ros.recorded_topic import RecordedTopic
 from barc_sim.ros.serialized import Taker
 
@@ -243,9 +243,7 @@ class TopicSubscriptions:
         self._definitions[type_name] = definition
 
     def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
-        return endpoints.subscription(
-            self._node, message_type, name, _never, self._polled, qos=qos, raw=True
-        )
+        return polled(self._node, message_type, name, qos, self._polled, raw=True)
 
     def take(self) -> list[Message]:
         """Return the waiting messages, topic by topic; call it from one thread only."""
@@ -309,7 +307,3 @@ class TopicSubscriptions:
     def _destroy(self, recorded: RecordedTopic) -> None:
         for subscription in recorded.subscriptions:
             self._node.destroy_subscription(subscription)
-
-
-def _never(_: bytes) -> None:
-    """Serve as the callback that rclpy requires; polled subscriptions never call it."""
