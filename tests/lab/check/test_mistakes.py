@@ -1,12 +1,12 @@
-"""The equations in pieces are the reference's, and each mistake makes another of them."""
+"""The equations in parts are the reference's, and each mistake in them is named."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from barc_sim.lab.check.diagnose_model import close
-from barc_sim.lab.check.equations import EQUATIONS, NAMES, Quantities, arguments
+from barc_sim.lab.check.diagnose_model import causes, close
+from barc_sim.lab.check.equations import NAMES, Mistake, Quantities, arguments
 from barc_sim.lab.check.mistakes import MISTAKES
 from barc_sim.lab.check.situations import GENERAL, REVERSE, SITUATIONS, with_lengths
 from barc_sim.vehicle.bike_model import bikeFE
@@ -28,16 +28,17 @@ def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
 
 
 @pytest.mark.parametrize('mistake', MISTAKES, ids=lambda mistake: mistake.hint[:40])
-def test_every_mistake_changes_an_equation(mistake: object) -> None:
-    says, changes = mistake  # type: ignore[misc]
-    assert set(changes) <= {*EQUATIONS, *GIVEN}
+def test_every_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> None:
     with np.errstate(all='ignore'):
-        made = Quantities(GIVEN, changes)
-        right = [
-            close(made[f'{name}_next'], expected).all()
-            for name, expected in zip(NAMES, EXPECTED, strict=True)
-        ]
-    assert not all(right), says
+        made = Quantities(GIVEN, mistake.changes)
+        got = {name: np.broadcast_to(made[f'{name}_next'], len(ROWS)) for name in NAMES}
+    wrong = [
+        name
+        for name, expected in zip(NAMES, EXPECTED, strict=True)
+        if not close(got[name], expected).all()
+    ]
+    assert wrong
+    assert causes(GIVEN, got, wrong) == dict.fromkeys(wrong, mistake.hint)
 
 
 def test_no_situation_passes_through_zero_speed() -> None:

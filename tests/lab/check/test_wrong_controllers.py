@@ -17,43 +17,17 @@ if TYPE_CHECKING:
 
     Lab = Callable[..., LocalCode]
 
-#: What is replaced, by what; the criteria that are not met then; of which the first says this.
+#: What is replaced, by what; the criteria that are not met then; of which the first says this. More
+#: are in `student_code`.
 WRONG = {
-    'sign of the error': (
-        'speed_reference - speed_current',
-        'speed_current - speed_reference',
-        'proportional integral derivative windup',
-        'P has the wrong sign',
-    ),
     'no proportional': ('self.kp * e + ', '', 'proportional', 'P is always 0'),
     'own kp': ('self.kp * e', '2.0 * e', 'proportional integral derivative', 'kp has no effect'),
     'kp squared': ('self.kp * e', 'self.kp**2 * e', 'proportional', 'kp is in P twice'),
     'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'do not use abs'),
-    'integrator without dt': ('e * dt', 'e', 'dt', 'I has no dt'),
     'another dt': ('e * dt', 'e * 0.05', 'dt', 'I uses dt = 0.05 s'),
     'P times dt': ('self.kp * e', 'self.kp * e * dt', 'dt', 'P is multiplied by dt'),
     'twice P': ('self.kp * e', '2 * self.kp * e', 'dt', 'P is multiplied by 2: it is kp * e'),
-    'whole numbers': (
-        'max(-8.0, min(8.0, out))',
-        'int(max(-8.0, min(8.0, out)))',
-        'proportional integral derivative reset',
-        'the outputs are whole numbers',
-    ),
-    'a window': (
-        'self.area + e * dt',
-        'sum((w := getattr(self, "w", [])[-9:] + [e])) * dt; self.w = w',
-        'integral reset',
-        'I adds up the last 10 errors only',
-    ),
-    'own gains': (
-        'self.kp = kp\n        self.ki = ki\n        self.kd = kd',
-        'self.kp = 3; self.ki = 2; self.kd = 0.5',
-        'proportional integral derivative',
-        'the gains that PID gets have no effect',
-    ),
-    'integral backwards': ('+ self.ki', '- self.ki', 'integral windup', 'I has the wrong sign'),
     'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
-    'no integral': ('self.ki * area', '0.0', 'integral windup', 'I is always 0'),
     'no bounds at all': (
         'return max(-8.0, min(8.0, out))',
         'self.n = -getattr(self, "n", 1e308); return self.n',
@@ -61,39 +35,13 @@ WRONG = {
         'the gains that PID gets have no effect',
     ),
     'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
-    'no limits at all': (
-        'return max(-8.0, min(8.0, out))',
-        'self.area = area\n        return out',
-        'windup',
-        'the integral winds up',
-    ),
-    'derivative backwards': (
-        'e - self.before',
-        'self.before - e',
-        'derivative',
-        'D has the wrong sign',
-    ),
-    'derivative without dt': ('change / dt', 'change', 'dt', 'D has no dt'),
-    'derivative times dt': ('change / dt', 'change * dt', 'dt', 'D is multiplied by dt'),
-    'last error not kept': (
-        'self.before = e',
-        'self.before = self.before or 0.0',
-        'derivative',
-        'D does not store the error',
-    ),
-    'no derivative': ('self.kd * change', '0.0', 'derivative', 'D is always 0'),
+    'D backwards': ('e - self.before', 'self.before - e', 'derivative', 'D has the wrong sign'),
+    'D times dt': ('change / dt', 'change * dt', 'dt', 'D is multiplied by dt'),
     'kp in all': (
         'self.ki * area + self.kd * change / dt',
         'self.kp * (self.ki * area + self.kd * change / dt)',
         'integral derivative',
         'kp multiplies the ki term, too',
-    ),
-    'no return': ('return max(', 'max(', 'proportional integral derivative windup reset', 'None'),
-    'raises': (
-        'dt = 0.02',
-        'dt = nothing',
-        'proportional integral derivative windup reset',
-        'NameError',
     ),
 }
 
@@ -125,20 +73,14 @@ def test_random_answers_are_named(lab: Lab, controller: str) -> None:
         assert 'the same speeds give different outputs' in findings[name].message
 
 
-IN_MODULE = """\
-from types import SimpleNamespace
-
-kept = SimpleNamespace(area=0.0, before=None)
-"""
-IN_CLASS = """\
+KEPT = """\
 class kept:
     area = 0.0
     before = None
 """
 
 
-@pytest.mark.parametrize('kept', [IN_MODULE, IN_CLASS], ids=['module', 'class'])
-def test_state_kept_across_runs_is_named(lab: Lab, controller: str, kept: str) -> None:
+def test_state_kept_across_runs_is_named(lab: Lab, controller: str) -> None:
     text = controller
     for name in ('area', 'before'):
         text = text.replace(f'        self.{name} = 0.0\n', '').replace(
@@ -146,7 +88,7 @@ def test_state_kept_across_runs_is_named(lab: Lab, controller: str, kept: str) -
         )
         text = text.replace(f'self.{name}', f'kept.{name}')
     text = text.replace('    def reset(self):\n', '')
-    findings = judge(lab(controller=f'{kept}\n\n{text}'))
+    findings = judge(lab(controller=f'{KEPT}\n\n{text}'))
     assert findings['pid.reset'].score == 0.0
     message = findings['pid.reset'].message
     assert 'one run changes the next (the integral and the last error)' in message
