@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 
     Lab = Callable[..., LocalCode]
     Gains = tuple[float, float, float]
+    Judge = Callable[[LocalCode, Conditions], Finding]
 
 RUN = (30.0, 200.0, 0.1)
+JUDGES = [judge_lab_road, partial(judge_random_roads, seed=0)]
 STEEP = 5  #: the stretch of the lab's road that rises by 30 degrees
 
 
@@ -79,25 +82,19 @@ def test_the_message_names_the_worst_stretch(lab: Lab, controller: str) -> None:
     assert 'From 100 m on, at 30°: needs 4.9 m/s² more at once' in finding.message
 
 
-@pytest.mark.parametrize('judge', ['lab', 'random'])
-def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: str) -> None:
-    code, gains = lab(controller=controller), conditions((0.0, 0.0, 0.0))
-    finding = judge_lab_road(code, gains) if judge == 'lab' else judge_random_roads(code, gains, 0)
+@pytest.mark.parametrize('judge', JUDGES)
+def test_a_car_that_does_not_arrive_gets_zero(lab: Lab, controller: str, judge: Judge) -> None:
+    finding = judge(lab(controller=controller), conditions((0.0, 0.0, 0.0)))
     assert finding.score == 0.0
     assert 'the car stands at 0.0 m: the commands do not move it; it got no further for 20 s' in (
         finding.message
     )
 
 
-@pytest.mark.parametrize('judge', ['lab', 'random'])
-def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: str) -> None:
+@pytest.mark.parametrize('judge', JUDGES)
+def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: Judge) -> None:
     text = controller.replace('dt = 0.02', 'dt = 0.02 if speed_current < 3 else None')
-    code = lab(controller=text)
-    finding = (
-        judge_lab_road(code, conditions(RUN))
-        if judge == 'lab'
-        else judge_random_roads(code, conditions(RUN), 0)
-    )
+    finding = judge(lab(controller=text), conditions(RUN))
     assert finding.score == 0.0
     assert 'TypeError' in finding.message
 

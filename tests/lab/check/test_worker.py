@@ -55,17 +55,6 @@ def test_code_that_ends_the_process_costs_what_is_left(tmp_path: Path, model: st
     assert report.findings[15].message == 'the code ended the whole process, with exit code 3'
 
 
-def test_a_file_that_cannot_be_loaded_leaves_the_other_judged(tmp_path: Path, model: str) -> None:
-    report = judge_folder(write(tmp_path, model, 'class PID(:\n'))
-    assert [finding.passed for finding in report.findings] == [True] * 7 + [False] * 16
-    assert 'controller.py, line 1' in report.findings[15].message
-
-
-def test_what_is_not_there_is_skipped(tmp_path: Path, model: str) -> None:
-    report = judge_folder(write(tmp_path, model))
-    assert [finding.skipped for finding in report.findings] == [False] * 7 + [True] * 16
-
-
 def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, model: str) -> None:
     text = model.replace('    beta =', '    print("v is", v)\n    beta =')
     printed = judge_folder(write(tmp_path, text)).printed

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.errors import UserError
 from barc_sim.lab.grade import batch, rubric
 from barc_sim.lab.grade.start import Limits
 
@@ -19,24 +18,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.lab.grade.submissions import Submission
-
-
-def run(paths: list[Path], *, at_once: int = 2) -> dict[str, object]:
-    with (
-        ThreadPoolExecutor(2) as pool,
-        batch.run(pool, paths, rubric.load(), Limits(), at_once=at_once, sandbox=True) as outcomes,
-    ):
-        return {path.name: outcome for path, outcome in outcomes}
-
-
-def test_each_has_its_outcome(folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    def report(submission: Submission, **_: object) -> str:
-        return f'report of {submission.name}'
-
-    monkeypatch.setattr(batch, 'report', report)
-    paths = [folder(f's{i}') for i in range(5)]
-
-    assert run(paths) == {f's{i}': f'report of s{i}' for i in range(5)}
 
 
 def test_a_fault_of_the_grader_does_not_stop_the_others(
@@ -48,8 +29,14 @@ def test_a_fault_of_the_grader_does_not_stop_the_others(
         return submission.name
 
     monkeypatch.setattr(batch, 'report', report)
+    paths = [folder(f's{i}') for i in range(3)]
+    with (
+        ThreadPoolExecutor(2) as pool,
+        batch.run(pool, paths, rubric.load(), Limits(), at_once=2, sandbox=True) as outcomes,
+    ):
+        found = {path.name: outcome for path, outcome in outcomes}
 
-    assert run([folder(f's{i}') for i in range(3)]) == {
+    assert found == {
         's0': 's0',
         's1': batch.Failure('MemoryError: too little'),
         's2': 's2',
@@ -108,23 +95,3 @@ if __name__ == '__main__':
     assert done.stdout.endswith('\n0\n'), done.stderr
     lines = (tmp_path / 'grades' / 'class.csv').read_text().splitlines()
     assert [line.split(',')[:2] for line in lines[1:]] == [['s0', '50.0'], ['s1', '50.0']]
-
-
-def test_a_scheduler_needs_dask(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, 'distributed', None)
-
-    with (
-        pytest.raises(UserError, match=r"--scheduler 'tcp://x:1' needs Dask"),
-        batch.dask('tcp://x:1'),
-    ):
-        pass
-
-
-def test_a_scheduler_that_does_not_answer_is_named() -> None:
-    pytest.importorskip('distributed')
-
-    with (
-        pytest.raises(UserError, match="no Dask scheduler answers at 'nowhere:'"),
-        batch.dask('nowhere:'),
-    ):
-        pass

@@ -74,12 +74,8 @@ def test_a_class_without_reset_says_so(folder: Callable[..., Path]) -> None:
 
 @pytest.mark.parametrize(
     'answer',
-    [
-        'None', '1.0', '[1.0, 2.0]', '"four"', '[1.0, 2.0, 3.0, float("nan")]',
-        '[1.0, 2.0, 3.0, float("inf")]', '[10 ** 400] * 4', '[1j] * 4', '[None] * 4',
-        'iter(int, 1)',
-    ],
-)  # fmt: skip
+    ['[1.0, 2.0, 3.0, float("nan")]', '[10 ** 400] * 4', 'iter(int, 1)'],
+)
 def test_an_answer_that_is_no_state_is_refused(folder: Callable[..., Path], answer: str) -> None:
     text = f'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return {answer}\n'
     with (

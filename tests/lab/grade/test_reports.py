@@ -6,10 +6,10 @@ import csv
 import io
 import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from markupsafe import escape
 from PIL import Image
 from rich.console import Console
 
@@ -46,20 +46,6 @@ def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Gr
     )
 
 
-class _Tags(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: list[str] = []
-        self.text = ''
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        del attrs
-        self.tags.append(tag)
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
-
-
 def test_a_score_is_the_sum_of_its_points() -> None:
     assert (grade().score, grade().max_score) == (8.25, 10.0)
 
@@ -85,12 +71,10 @@ def test_gradescope_is_told_each_criterion() -> None:
 
 def test_the_html_report_says_what_is_hostile_and_does_not_do_it() -> None:
     text = report.page(grade(HOSTILE), b'')
-    parser = _Tags()
-    parser.feed(text)
 
-    assert 'script' not in parser.tags
-    assert parser.text.count(HOSTILE) == 6
-    assert 'img' not in parser.tags
+    assert text.count(str(escape(HOSTILE))) == 6
+    assert '<script' not in text
+    assert '<img' not in text
 
 
 def test_the_html_report_needs_no_network() -> None:
@@ -117,13 +101,9 @@ def test_without_anything_to_draw_there_are_no_figures() -> None:
     assert figures == b''
 
 
-def test_the_page_takes_any_text() -> None:
-    assert sheet.draw(grade(HOSTILE))[0]
+def test_the_page_takes_any_text_and_is_the_same_each_time() -> None:
     assert sheet.draw(grade(''))[0]
-
-
-def test_the_page_is_the_same_each_time() -> None:
-    assert sheet.draw(grade()) == sheet.draw(grade())
+    assert sheet.draw(grade(HOSTILE)) == sheet.draw(grade(HOSTILE))
 
 
 def report_of(name: str, points: float, remark: str = '') -> Report:
@@ -157,29 +137,20 @@ def test_no_cell_of_the_class_is_a_formula() -> None:
 
 
 def printed(*reports: Report) -> list[list[str]]:
+    """Return the words in the table of a class."""
     console = Console(width=100, file=io.StringIO(), record=True)
     console.print(summary.as_table(reports, RUBRIC))
-    return [line.split('  ') for line in console.export_text().splitlines()]
+    lines = [line.split('  ') for line in console.export_text().splitlines()]
+    return [[word.strip() for word in line if word.strip()] for line in lines]
 
 
-def test_the_table_of_a_class_has_means() -> None:
-    text = printed(report_of('ada', 1.0), report_of('eve', 3.0))
-    words = [[word.strip() for word in line if word.strip()] for line in text]
+def test_the_table_of_a_class_has_means_and_that_of_one_its_points() -> None:
+    words = printed(report_of('ada', 1.0), report_of('eve', 3.0))
 
     assert ['Model: position x', '2.00', '3', '1 of 2'] in words
     assert ['Score', '9.00', '10', 'median 9, 8 to 10'] in words
-
-
-def test_the_table_of_one_has_its_points() -> None:
-    words = [
-        [word.strip() for word in line if word.strip()] for line in printed(report_of('a', 1.0))
-    ]
-
-    assert ['Model: position x', '1.00', '3'] in words
-
-
-def test_the_table_of_none_is_empty() -> None:
-    assert printed()
+    assert ['Model: position x', '1.00', '3'] in printed(report_of('a', 1.0))
+    assert printed()  # of none
 
 
 def overview(*reports: Report, **failures: Failure) -> str:

@@ -14,13 +14,13 @@ from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import closed_loop, drive
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Input, State, bikeFE
+from barc_sim.vehicle.bike_model import Input, Motion, State, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import Deviation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from barc_sim.simulation.log import Log
 
@@ -33,6 +33,19 @@ def judge(log: Log, new: Any = Plant, **options: Any) -> states.Verdict:  # noqa
 
 def part(log: Log, rows: Sequence[int]) -> Log:
     return log.map(lambda column: column[list(rows)])
+
+
+def driven(log: Log, advance: Callable[[Plant, int], object], plant: Plant | None = None) -> Log:
+    """Return the log with the states that `advance` gives a plant at each step."""
+    plant, rows = plant or Plant(), []
+    for k in range(len(log)):
+        rows.append(plant.observe().measured)
+        advance(plant, k)
+    return replace(log, **dict(zip(Motion._fields, np.array(rows).T, strict=True)))
+
+
+def command(log: Log, k: int) -> Input:
+    return Input(log.motor[k].item(), log.servo[k].item())
 
 
 def test_a_run_of_the_model_is_its_bit_for_bit() -> None:
@@ -56,7 +69,7 @@ def test_noise_of_another_seed_is_subtracted() -> None:
     assert 0.0 < verdict.greatest < 1e-12
 
 
-@pytest.mark.parametrize('name', ['x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'])
+@pytest.mark.parametrize('name', Motion._fields)
 def test_a_changed_state_is_named(name: str) -> None:
     log = closed_loop(distance=30.0)
     column = getattr(log, name).copy()
@@ -106,18 +119,11 @@ def test_a_model_that_fails_is_not_it() -> None:
 
 
 def test_where_a_deadline_was_missed_the_last_command_held() -> None:
-    log = closed_loop(distance=30.0)
-    plant, rows, missed = Plant(), [], np.zeros(60, dtype=bool)
-    missed[[50, 51, 55]] = True
-    for k in range(60):
-        seen = plant.observe()
-        rows.append(seen.measured)
-        plant.advance(None if missed[k] else Input(log.motor[k].item(), 0.0))
-    names = ('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot')
-    columns = dict(zip(names, np.array(rows).T, strict=True))
-    log = replace(part(log, range(60)), **columns, missed=missed)
-    assert judge(log).exact == 60
-    assert not judge(replace(log, missed=np.zeros(60, dtype=bool))).possible
+    log = part(closed_loop(distance=30.0), range(60))
+    missed = np.isin(np.arange(60), [50, 51, 55])
+    held = driven(log, lambda plant, k: plant.advance(None if missed[k] else command(log, k)))
+    assert judge(replace(held, missed=missed)).exact == 60
+    assert not judge(held).possible
 
 
 def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
@@ -137,16 +143,12 @@ def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
 
 def test_braking_by_the_simulator_itself_is_followed() -> None:
     log = drive([(0.0, DriverInput(forward=1.0))], 1.0)
-    plant, rows = Plant(road=Road.flat()), []
-    for k in range(len(log)):
-        rows.append(plant.observe().measured)
-        if k < 20:
-            plant.advance(Input(log.motor[k].item(), log.servo[k].item()))
-        else:
-            plant.brake(8.0)
-    columns = dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), np.array(rows).T, strict=True))
-    log = replace(log, **columns)
     flat = partial(Plant, road=Road.flat())
+
+    def advance(plant: Plant, k: int) -> None:
+        plant.advance(command(log, k)) if k < 20 else plant.brake(8.0)
+
+    log = driven(log, advance, flat())
     assert judge(log, flat, braking=8.0).possible
     assert not judge(log, flat).possible
 
@@ -162,16 +164,11 @@ def test_a_car_that_began_anew_is_followed() -> None:
 
 
 def test_a_car_that_was_put_elsewhere_is_followed_where_somebody_asked_for_it() -> None:
-    plant, log = Plant(), closed_loop(distance=10.0)
-    rows, n = [], 40
-    for k in range(n):
-        rows.append(plant.observe().measured)
-        if k == 20:
-            plant.place(State(50.0, 1.0, 0.1, 0.0))
-        else:
-            plant.advance(Input(log.motor[k].item(), 0.0))
-    columns = dict(zip(('x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot'), np.array(rows).T, strict=True))
-    log = replace(part(log, range(n)), **columns)
+    place = State(50.0, 1.0, 0.1, 0.0)
+    log = part(closed_loop(distance=10.0), range(40))
+    log = driven(
+        log, lambda plant, k: plant.place(place) if k == 20 else plant.advance(command(log, k))
+    )
     verdict = judge(log, placements=1)
     assert verdict.possible
     assert verdict.placements == 1

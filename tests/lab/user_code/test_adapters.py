@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from math import isnan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -14,11 +14,7 @@ from user_files import CONTROLLER, MODEL, load
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.adapters import UserController, UserControllerFile, UserDriver
-from barc_sim.lab.user_code.loading import (
-    ControllerFactory,
-    RelayFactory,
-    load_folder,
-)
+from barc_sim.lab.user_code.loading import load_folder
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 
@@ -38,14 +34,15 @@ class PID:
 """
 
 
-def controllers(tmp_path: Path, text: str = P) -> ControllerFactory:
-    (tmp_path / 'controller.py').write_text(text)
-    return load(tmp_path / 'controller.py')
+def written(tmp_path: Path, name: str, text: str) -> Any:  # noqa: ANN401 (of any part)
+    (tmp_path / name).write_text(text)
+    return load(tmp_path / name)
 
 
-def relays(tmp_path: Path, text: str) -> RelayFactory:
-    (tmp_path / 'relay.py').write_text(text)
-    return load(tmp_path / 'relay.py')
+@pytest.fixture
+def controller(tmp_path: Path) -> UserController:
+    """Return a user's controller that counts its calls."""
+    return UserController(written(tmp_path, 'controller.py', P))
 
 
 @pytest.fixture
@@ -68,8 +65,7 @@ def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: P
         assert np.array_equal(getattr(log, name), getattr(expected, name), equal_nan=True), name
 
 
-def test_what_is_beyond_the_limit_is_cut_and_told(tmp_path: Path) -> None:
-    controller = UserController(controllers(tmp_path))
+def test_what_is_beyond_the_limit_is_cut_and_told(controller: UserController) -> None:
     controller.output_min, controller.output_max = -8.0, 8.0
     assert controller.acc_calculate(8.0, 0.0, 0.02) == 8.0
     assert controller.saturated
@@ -77,23 +73,20 @@ def test_what_is_beyond_the_limit_is_cut_and_told(tmp_path: Path) -> None:
     assert not controller.saturated
 
 
-def test_terms_that_the_object_does_not_tell_are_unknown(tmp_path: Path) -> None:
-    controller = UserController(controllers(tmp_path))
+def test_terms_that_the_object_does_not_tell_are_unknown(controller: UserController) -> None:
     controller.acc_calculate(8.0, 7.0, 0.02)
     assert controller.proportional == 30.0
     assert isnan(controller.integral)
     assert isnan(controller.derivative)
 
 
-def test_changed_gains_reach_the_object_with_its_state(tmp_path: Path) -> None:
-    controller = UserController(controllers(tmp_path))
+def test_changed_gains_reach_the_object_with_its_state(controller: UserController) -> None:
     controller.acc_calculate(8.0, 7.0, 0.02)
     controller.kp = 2.0
     assert controller.acc_calculate(8.0, 7.0, 0.02) == 2.0 + 2.0
 
 
-def test_a_reset_makes_a_fresh_object_with_the_present_gains(tmp_path: Path) -> None:
-    controller = UserController(controllers(tmp_path))
+def test_a_reset_makes_a_fresh_object_with_the_present_gains(controller: UserController) -> None:
     controller.acc_calculate(8.0, 7.0, 0.02)
     controller.kp = 2.0
     controller.reset()
@@ -101,7 +94,7 @@ def test_a_reset_makes_a_fresh_object_with_the_present_gains(tmp_path: Path) -> 
 
 
 def test_a_relay_makes_the_requested_commands(tmp_path: Path) -> None:
-    driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 3 * x, 0.2 * z\n'))
+    driver = UserDriver(written(tmp_path, 'relay.py', 'relay = lambda x, z: (3 * x, 0.2 * z)'))
     driver.receive(DriverInput(forward=1.0, turn=-1.0), 1.0)
     assert driver.command(1.1, 0.0) == (3.0, -0.2)
     assert driver.servo == -0.2
@@ -109,13 +102,13 @@ def test_a_relay_makes_the_requested_commands(tmp_path: Path) -> None:
 
 
 def test_commands_are_cut_to_the_cars_limits(tmp_path: Path) -> None:
-    driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 99 * x, 99 * z\n'))
+    driver = UserDriver(written(tmp_path, 'relay.py', 'relay = lambda x, z: (99 * x, 99 * z)'))
     driver.receive(DriverInput(forward=1.0, turn=1.0), 1.0)
     assert driver.command(1.1, 0.0) == (8.0, 0.5)
 
 
 def test_the_brake_is_not_up_to_the_relay(tmp_path: Path) -> None:
-    driver = UserDriver(relays(tmp_path, 'def relay(x, z):\n    return 4, 0\n'))
+    driver = UserDriver(written(tmp_path, 'relay.py', 'relay = lambda x, z: (4, 0)'))
     driver.receive(FULL_BRAKE, 1.0)
     assert driver.command(1.1, 10.0).motor == -8.0
 
@@ -125,7 +118,7 @@ def test_a_reset_makes_a_fresh_relay(tmp_path: Path) -> None:
         'class Relay:\n    n = 0\n    def relay(self, x, z):\n'
         '        self.n += 1\n        return self.n, 0\n'
     )
-    driver = UserDriver(relays(tmp_path, text))
+    driver = UserDriver(written(tmp_path, 'relay.py', text))
     assert [driver.command(t, 0.0).motor for t in (0.0, 0.05)] == [1.0, 2.0]
     driver.reset()
     assert driver.command(0.1, 0.0).motor == 1.0
@@ -141,8 +134,8 @@ def test_a_bag_is_told_the_files_and_their_hashes(reference: Path) -> None:
 
 
 def test_a_file_as_a_value_reaches_other_processes(tmp_path: Path) -> None:
-    controllers(tmp_path)
+    written(tmp_path, 'controller.py', P)
     value = pickle.loads(pickle.dumps(UserControllerFile(tmp_path / 'controller.py')))  # noqa: S301
     assert value().acc_calculate(8.0, 7.0, 0.02) == 31.0
-    controllers(tmp_path, P.replace('+ self.calls', '+ 5.0'))
+    written(tmp_path, 'controller.py', P.replace('+ self.calls', '+ 5.0'))
     assert value().acc_calculate(8.0, 7.0, 0.02) == 35.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import pytest
 from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
@@ -28,11 +29,7 @@ ENDLESS_LOOP = ROS_1.replace('while not rospy.is_shutdown()', 'while True').repl
 ENDLESS = '4 s of the relay took longer than'
 
 
-class Load(Protocol):
-    """Loads a relay from its text."""
-
-    def __call__(self, text: str) -> RelayFactory | RelayProgram:
-        """Return it."""
+Load = Callable[[str], RelayFactory | RelayProgram]
 
 
 @pytest.fixture
@@ -126,16 +123,8 @@ rospy.spin()
     ('text', 'sentence'),
     [
         (
-            ROS_2.replace('servo=self.servo)', 'servo=self.servos)'),
-            "line 24: after 0.05 s the relay raised AttributeError: 'Relay' object has no",
-        ),
-        (
             ROS_2.replace('servo = 0.0', 'servo = 0', 1),
             "after 0.05 s the relay raised AssertionError: The 'motor' field must be of type",
-        ),
-        (
-            ROS_2.replace("'ecu'", "'commands'"),
-            "relay.py: it publishes nothing on ecu, but on 'commands'; expected commands",
         ),
         (
             ROS_1.replace('2 * msg.linear.x', 'float("nan") * msg.linear.x'),
@@ -153,11 +142,6 @@ def test_what_is_wrong_is_a_sentence(
     with pytest.raises(UserCodeError) as caught:
         load(text).commands(HELD, 4.0)
     assert sentence in str(caught.value)
-
-
-def test_loop_without_a_sleep_comes_to_its_end(load: Load) -> None:
-    text = ROS_1.replace('\t\tself.rate.sleep()', '\t\tpass')
-    assert len(load(text).commands(HELD, 4.0)) == pytest.approx(4000, rel=0.01)
 
 
 def test_program_of_ros_1_can_be_driven_step_by_step(load: Load) -> None:
