@@ -151,35 +151,13 @@ def _fit(axes: Axes, expected: NDArray[np.float64], own: NDArray[np.float64]) ->
     axes.set_ylim(low - pad, high + pad)
 
 
-def _text(
-    on: Figure | Axes,
-    x: float,
-    y: float,
-    text: str,
-    *,
-    size: float,
-    width: int = 0,
-    color: str = INK,
-    va: str = 'center',
-    weight: str = 'normal',
-    ha: str = 'left',
-    linespacing: float = 1.2,
-) -> None:
+def _text(on: Figure | Axes, x: float, y: float, text: str, width: int = 0, **look: Any) -> None:  # noqa: ANN401 (Matplotlib's)
     """Write any text: dollars stay dollars, and characters that the font lacks are replaced."""
     text = textwrap.shorten(text, width, placeholder=' …') if width else text
     known = _characters()
     text = ''.join(c if c == '\n' or ord(c) in known else '\N{REPLACEMENT CHARACTER}' for c in text)
     on.text(
-        x,
-        y,
-        text,
-        fontsize=size,
-        color=color,
-        va=va,
-        ha=ha,
-        weight=weight,
-        linespacing=linespacing,
-        parse_math=False,
+        x, y, text, parse_math=False, **{'color': INK, 'va': 'center', 'linespacing': 1.2, **look}
     )
 
 

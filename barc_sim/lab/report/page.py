@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from barc_sim.lab.report.facts import Facts
-    from barc_sim.simulation.laps import Laps
     from barc_sim.simulation.log import Log
-    from barc_sim.simulation.metrics import Summary
 
 _DASH = '–'  # noqa: RUF001 (the usual sign for an empty cell)
 _SETTINGS = {
@@ -69,9 +67,6 @@ def page(facts: Facts) -> str:
     >>> page(read(newest('bags'))).startswith('<!doctype html>')
     True
     """
-    shown = facts.shown_lap
-    result = shown.summary
-    held = not np.isnan(facts.log.reference).all()
     with _reproducible():
         figures, graph = [*_figures(facts.log)], _graph(facts)
     return render(
@@ -80,13 +75,11 @@ def page(facts: Facts) -> str:
         failure=facts.info.get('failure'),
         settings=[(_SETTINGS[key], facts.info[key]) for key in _SETTINGS if key in facts.info],
         figures=figures,
-        laps=[*_laps(facts.laps)] if held and facts.laps.finished else [],
-        shown=shown.number + 1,
-        errors=[*_errors(result)] if held else [],
-        more_stretches=max(len(result.stretches) - _MAX_STRETCHES, 0),
-        overshoot=_number(result.overshoot, '.1%'),
+        held=not np.isnan(facts.log.reference).all(),
+        number=_number,
+        run_up=RUN_UP,
+        most_stretches=_MAX_STRETCHES,
         settling_band=f'{SETTLING_BAND:.0%}',
-        settling_time=_number(result.settling_time, '.2f'),
         sources=[(name, _highlighted(text)) for name, text in facts.sources.items()],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
         graph=graph,
@@ -156,38 +149,6 @@ def _drawn(figure: Figure, caption: str, alt: str) -> _Figure:
 def _range(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> tuple[str, str]:
     known = values[~np.isnan(values)]
     return (f'{known.min():.3g}', f'{known.max():.3g}') if known.size else (_DASH, _DASH)
-
-
-def _laps(laps: Laps) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each lap: where, RMS and greatest error, overshoot, settling time."""
-    for lap in laps:
-        result = lap.summary
-        start, end = _number(lap.start_distance, '.1f'), _number(lap.end_distance, '.1f')
-        yield (
-            f'lap {lap.number + 1}, {start} to {end} m',
-            _number(result.rms_error_after_run_up, '.4f'),
-            _number(result.max_error_after_run_up, '.4f'),
-            _number(result.overshoot, '.1%'),
-            _number(result.settling_time, '.2f'),
-        )
-
-
-def _errors(result: Summary) -> Iterator[tuple[str, str, str, str]]:
-    """Yield the rows of the table: where, grade, RMS error, greatest error."""
-
-    def row(where: str, grade: str, rms: float, greatest: float) -> tuple[str, str, str, str]:
-        return where, grade, _number(rms, '.4f'), _number(greatest, '.4f')
-
-    yield row('in all', '', result.rms_error, result.max_error)
-    after = f'after the first {RUN_UP:g} m'
-    yield row(after, '', result.rms_error_after_run_up, result.max_error_after_run_up)
-    for part in result.stretches[:_MAX_STRETCHES]:
-        yield row(
-            f'{_number(part.start, ".1f")} to {_number(part.end, ".1f")} m',
-            f'{_number(part.theta_deg, "+.0f")}°',
-            part.rms_error,
-            part.max_error,
-        )
 
 
 def _number(value: float, form: str) -> str:

@@ -138,10 +138,8 @@ def _rospy(world: World) -> dict[str, Any]:
     class Interrupted(Exception):  # noqa: N818
         pass
 
-    logs = {f'log{level}': _silent for level in ('info', 'warn', 'err', 'debug', 'fatal')}
     rospy = _open(
         'rospy',
-        init_node=_silent,
         Subscriber=subscriber,
         Publisher=lambda name, data_class=None, *_, **__: _Publisher(world, name, data_class),
         Rate=lambda hz, *_, **__: _Rate(world, float(hz)),
@@ -154,16 +152,9 @@ def _rospy(world: World) -> dict[str, Any]:
         sleep=sleep,
         spin=lambda: world.wait(_FOREVER, spinning=True),
         is_shutdown=world.is_over,
-        on_shutdown=_silent,
-        signal_shutdown=_silent,
         ROSInterruptException=Interrupted,
-        **logs,
     )
     return {'rospy': rospy}
-
-
-class _Logger:
-    info = warning = warn = error = debug = fatal = staticmethod(_silent)
 
 
 class _Node:
@@ -192,9 +183,6 @@ class _Node:
     def create_rate(self, frequency: float, *_: object, **__: object) -> _Rate:
         return _Rate(self.world, frequency)
 
-    def get_logger(self) -> type[_Logger]:
-        return _Logger
-
     def get_clock(self) -> SimpleNamespace:
         return SimpleNamespace(now=lambda: _Time(self.world.now))
 
@@ -211,9 +199,6 @@ class _Node:
         typed = SimpleNamespace(**{f'{kind}_value': value for kind in kinds})
         return SimpleNamespace(value=value, get_parameter_value=lambda: typed)
 
-    def destroy_node(self) -> None:
-        pass
-
     def __getattr__(self, name: str) -> object:
         if name in _NODE_METHODS:
             return Absent(f'node.{name}', _REASON)
@@ -222,7 +207,7 @@ class _Node:
 
 #: Other methods of a node: a relay does not need what they return.
 _NODE_METHODS = (
-    *('create_service', 'create_client', 'create_guard_condition'),
+    *('create_service', 'create_client', 'create_guard_condition', 'get_logger', 'destroy_node'),
     *('add_on_set_parameters_callback', 'set_parameters', 'has_parameter', 'get_namespace'),
     *('count_publishers', 'count_subscribers', 'declare_parameters', 'context', 'executor'),
 )
@@ -257,9 +242,6 @@ def _rclpy(world: World) -> dict[str, Any]:
     times['rclpy.duration'] = _open('rclpy.duration', Duration=_Time)
     rclpy = _open(
         'rclpy',
-        init=_silent,
-        shutdown=_silent,
-        try_shutdown=_silent,
         ok=lambda *_, **__: not world.is_over(),
         spin=spin,
         spin_once=spin_once,
