@@ -74,7 +74,8 @@ class Timers:
             pass
         due = inf
         if left is not None and left <= 0:
-            self._is_ready(entry)
+            if not entry.pending:  # else it waits for its group already
+                self._is_ready(entry)
         elif left and not (entry in self._jumps and entry.entity.clock.ros_time_is_active):
             due = time.monotonic_ns() + left
         self._due[entry] = due

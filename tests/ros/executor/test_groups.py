@@ -358,3 +358,35 @@ def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
 
     group.paused = False
     until(lambda: heard)
+
+
+class CountingGroup(QuickCallbackGroup):
+    """Counts how often it is claimed."""
+
+    claims = 0
+
+    def beginning_execution(self, entity: object) -> bool:
+        """Count a claim."""
+        claimed = super().beginning_execution(entity)
+        self.claims += claimed
+        return claimed
+
+
+def test_a_timer_that_waits_for_its_group_claims_it_once(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    group = CountingGroup()
+    calls = []
+    timer = node.create_timer(0.001, lambda: calls.append(timer.cancel()), callback_group=group)
+    other = node.create_timer(1000.0, lambda: None)
+    group.claimed.acquire()
+    for _ in range(5):
+        other.reset()  # then the executor looks at all timers
+        executor.spin_once(timeout_sec=0.002)
+    group.claimed.release()
+
+    until(lambda: calls)
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0)
+
+    assert group.claims == 1
