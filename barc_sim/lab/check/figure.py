@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import style
@@ -14,9 +14,6 @@ from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, INK, MUTED, STYLE
 from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
     from barc_sim.lab.check.findings import Comparison, Trajectory
@@ -25,6 +22,7 @@ WIDTH = 9.6  #: [inch]
 _RUN, _MODEL = 6.4, 2.6  #: [inch] heights of the two parts
 _THRESHOLD = 1e-4  #: Below, the errors' axis is linear.
 _MAX_SPEED = 40.0  #: [m/s] The speed axis ends there.
+_REFERENCE: dict[str, Any] = {'color': INK, 'lw': 1.2, 'ls': DASHES}
 
 
 @style.context(STYLE)
@@ -72,12 +70,12 @@ def check_figure(
 
 def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, command: Axes) -> None:
     own, reference = comparison.user, comparison.reference
-    speed.plot(reference.distance, reference.speed, color=INK, lw=1.2, ls=DASHES, zorder=3)
+    speed.plot(reference.distance, reference.speed, zorder=3, **_REFERENCE)
     speed.plot(own.distance, own.speed, color=BLUE, lw=2.0)
     low, high = limits(np.clip(own.speed, -_MAX_SPEED, _MAX_SPEED), share=0.06, least=0.5)
     speed.set_ylim(low, max(high, 1.06 * float(reference.speed.max())))
     speed.set_ylabel('Speed [m/s]')
-    draw_error(error, reference, color=INK, lw=1.2, ls=DASHES)
+    draw_error(error, reference, **_REFERENCE)
     draw_error(error, own, color=BLUE, lw=1.6)
     grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
     grade.step(reference.distance, reference.theta_deg, where='post', color=MUTED, lw=1.2)
@@ -85,13 +83,7 @@ def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, com
     grade.set_ylabel('Grade [°]')
     command.step(own.distance, own.motor, where='post', color=BLUE, lw=1.6, label='your PID')
     command.step(
-        reference.distance,
-        reference.motor,
-        where='post',
-        color=INK,
-        lw=1.2,
-        ls=DASHES,
-        label='the reference',
+        reference.distance, reference.motor, where='post', label='the reference', **_REFERENCE
     )
     # The commands of the run-up can be so large that they would hide the rest.
     rest = [run.motor[run.distance >= RUN_UP] for run in (own, reference)]
@@ -103,8 +95,7 @@ def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, com
         axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     for axes in (speed, error, grade):
         axes.tick_params(labelbottom=False)
-    handles, labels = command.get_legend_handles_labels()
-    _legend(speed, handles, labels)
+    _legend(speed, command)
 
 
 def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
@@ -122,11 +113,12 @@ def _draw_model(axes: Axes, trajectory: Trajectory) -> None:
     axes.set_xlim(0.0, float(trajectory.t[-1]))
     axes.set_ylabel('Error of your model')
     axes.set_xlabel('Time [s], under the same commands')
-    _legend(axes, *axes.get_legend_handles_labels())
+    _legend(axes, axes)
 
 
-def _legend(axes: Axes, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """Put a legend above the axes, on the right."""
+def _legend(axes: Axes, labelled: Axes) -> None:
+    """Put the legend of the axes `labelled` above others, on the right."""
+    handles, labels = labelled.get_legend_handles_labels()
     axes.legend(
         handles, labels, loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
     )

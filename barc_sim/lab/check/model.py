@@ -1,17 +1,19 @@
-"""Judges each of the model's equations in seeded states."""
+"""Judges each of the model's equations in seeded states, and finds the mistakes in them."""
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.lab.check.diagnose_model import causes
-from barc_sim.lab.check.equations import NAMES, arguments
+from barc_sim.lab.check.equations import NAMES, Quantities, arguments
 from barc_sim.lab.check.findings import Finding, judges
+from barc_sim.lab.check.mistakes import MISTAKES
 from barc_sim.lab.check.results import (
     Results,
     call_text,
+    close,
     find_randomness,
     run_general,
     run_situations,
@@ -19,9 +21,10 @@ from barc_sim.lab.check.results import (
 from barc_sim.lab.check.situations import REVERSE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.lab.check.code import JudgedCode
+    from barc_sim.lab.check.equations import Floats, Mistake
     from barc_sim.lab.check.findings import Judged
 
 
@@ -128,3 +131,55 @@ def _largest(results: Sequence[Results], column: int) -> str:
         f'The largest error: {call_text(part.rows[row])} gave {part.got[row, column]:.9g}, '
         f'expected {part.expected[row, column]:.9g}'
     )
+
+
+def causes(
+    given: Mapping[str, Floats], results: Mapping[str, Floats], wrong: Sequence[str]
+) -> dict[str, str]:
+    """Return a hint for each equation of `wrong` that a known mistake, or two, explain exactly.
+
+    Parameters
+    ----------
+    given
+        The arguments, see `equations.arguments`.
+    results
+        What the user's function returned, by equation; shape `(n,)` each.
+    wrong
+        The wrong equations.
+    """
+
+    def explains(name: str, changes: Mapping[str, str], quantity: str = '') -> bool:
+        found = Quantities(given, changes)[f'{quantity or name}_next']
+        return bool(close(results[name], found).all())
+
+    found: dict[str, str] = {}
+    for name, other in ((name, other) for name in wrong for other in NAMES if other != name):
+        if explains(name, {}, other):
+            hint = (
+                f'{other}_next is returned in place of {name}_next: the order is '
+                '[x_next, y_next, psi_next, v_next]'
+            )
+            found.setdefault(name, hint)
+    left = [name for name in wrong if name not in found]
+    explained = [
+        (mistake.hint, [name for name in NAMES if explains(name, mistake.changes)])
+        for mistake in MISTAKES
+    ]
+    # The mistake that explains the most equations, right ones included, comes first.
+    for hint, names in sorted(explained, key=lambda item: -len(item[1])):
+        found |= {name: hint for name in names if name in left and name not in found}
+    for name in left:
+        if name not in found:
+            relevant = [each for each in MISTAKES if _matters(name, each, given)]
+            for first, second in combinations(relevant, 2):
+                both = {**first.changes, **second.changes}
+                if len(both) == len(first.changes) + len(second.changes) and explains(name, both):
+                    found[name] = f'two mistakes: {first.hint}; and {second.hint}'
+                    break
+    return found
+
+
+def _matters(name: str, mistake: Mistake, given: Mapping[str, Floats]) -> bool:
+    """Return whether a mistake changes an equation."""
+    right, wrong = (Quantities(given, changes)[f'{name}_next'] for changes in ({}, mistake.changes))
+    return not close(wrong, right).all()

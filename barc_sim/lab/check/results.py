@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.diagnose_model import close
 from barc_sim.lab.check.equations import NAMES
 from barc_sim.lab.check.situations import GENERAL, SITUATIONS, Situation, with_lengths
 from barc_sim.vehicle.bike_model import L_F, L_R, bikeFE
@@ -22,6 +21,17 @@ if TYPE_CHECKING:
 #: After so many failures the code is not called again: each call can use its whole time budget.
 _MAX_FAILURES = 4
 _OTHER_L_F, _OTHER_L_R = 1.2, 1.9  #: [m]
+
+
+#: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
+TOLERANCE = 1e-9
+
+
+def close(got: Floats, expected: Floats) -> Floats:
+    """Return where `got` equals `expected`, to rounding; False where it is not finite."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        near = np.abs(got - expected) <= TOLERANCE * np.maximum(1.0, np.abs(expected))
+    return np.asarray(near & np.isfinite(got), dtype=np.bool_)
 
 
 @dataclass(eq=False)

@@ -50,7 +50,6 @@ class Term:
 
     criterion: str
     name: str  #: P, I or D
-    position: int  #: of its gain in kp, ki, kd
     gains: tuple[float, ...]
     reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
     variants: Callable[[Sequence], list[Floats]]  #: the right outputs, for a gain of 1
@@ -58,12 +57,8 @@ class Term:
 
     def only(self, gain: float) -> Gains:
         """Return gains that are zero except for this term's."""
-        kp, ki, kd = (gain if i == self.position else 0.0 for i in range(3))
+        kp, ki, kd = (gain if name == self.name else 0.0 for name in 'PID')
         return kp, ki, kd
-
-
-def _proportional(sequence: Sequence) -> list[Floats]:
-    return [sequence.error]
 
 
 def _integral(sequence: Sequence) -> list[Floats]:
@@ -82,9 +77,9 @@ def _derivative(sequence: Sequence) -> list[Floats]:
 
 
 TERMS = (
-    Term('pid.proportional', 'P', 0, (0.5, 30.0), 1.0, _proportional),
-    Term('pid.integral', 'I', 1, (0.5, 200.0), 0.6, _integral),
-    Term('pid.derivative', 'D', 2, (0.1, 3.0), 2.0 / TS, _derivative, first=1),
+    Term('pid.proportional', 'P', (0.5, 30.0), 1.0, lambda sequence: [sequence.error]),
+    Term('pid.integral', 'I', (0.5, 200.0), 0.6, _integral),
+    Term('pid.derivative', 'D', (0.1, 3.0), 2.0 / TS, _derivative, first=1),
 )
 
 
@@ -224,7 +219,7 @@ def _low_passed(outputs: Floats, raw: Floats) -> Floats | None:
 
 def _multiplied(code: JudgedCode, term: Term, seed: int) -> str:
     """Return a message if kp multiplies the other terms, too, else an empty string."""
-    if not term.position:
+    if term.name == 'P':
         return ''
     kp, gain = 2.0, term.gains[0]
     sequence = _sequence(term, gain, seed)
@@ -239,8 +234,7 @@ def _multiplied(code: JudgedCode, term: Term, seed: int) -> str:
     fits = any(np.allclose(rest[1:], values[1:], 0.0, TOLERANCE) for values in expected)
     if any(alone[1:]) or not fits:
         return ''
-    name = 'ki' if term.position == 1 else 'kd'
     return (
-        f'kp multiplies the {name} term, too: the gains are those of '
+        f'kp multiplies the k{term.name.lower()} term, too: the gains are those of '
         'kp * e + ki * (sum of e * dt) + kd * (change of e) / dt'
     )

@@ -86,11 +86,11 @@ class _Code:
         controller = self._controllers[int(values[0])]
         if operation == Operation.RESET:
             return [float(_reset(controller.instance))]
-        return [controller.acc_calculate(*row) for row in _rows(values[1:], STEP_COLUMNS)]
+        return [controller.acc_calculate(*row) for row in _rows(values[1:], protocol.STEP_COLUMNS)]
 
     def _states(self, l_f: float, l_r: float, *values: float) -> list[float]:
         model: UserModel = self._load('model')
-        rows = _rows(values, MODEL_COLUMNS)
+        rows = _rows(values, protocol.MODEL_COLUMNS)
         return [value for row in rows for value in model(*row, l_f=l_f, l_r=l_r)]
 
     def _new_controller(
@@ -101,9 +101,11 @@ class _Code:
 
     def _commands(self, duration: float, *values: float) -> list[float]:
         relay: RelayFactory | RelayProgram = self._load('relay')
-        found = relay.commands([TimedTwist(*row) for row in _rows(values, TWIST_COLUMNS)], duration)
+        found = relay.commands(
+            [TimedTwist(*row) for row in _rows(values, protocol.TWIST_COLUMNS)], duration
+        )
         rows = [value for command in found for value in command]
-        padding = COMMAND_COLUMNS * MOST_COMMANDS - len(rows)
+        padding = protocol.COMMAND_COLUMNS * MOST_COMMANDS - len(rows)
         return [float(len(found)), *rows, *[0.0] * padding]
 
     def _load(self, part: str) -> Any:  # noqa: ANN401 (of the part's type)
@@ -119,10 +121,10 @@ class _Code:
         gains = getattr(self._parts.get('controller'), 'chosen', None)
         while True:
             text = json.dumps({'gains': gains, 'tolerated': tolerated})
-            if len(text) <= NOTES_COLUMNS:
+            if len(text) <= protocol.NOTES_COLUMNS:
                 break
             tolerated.pop()
-        return [*map(float, text.encode()), *[0.0] * (NOTES_COLUMNS - len(text))]
+        return [*map(float, text.encode()), *[0.0] * (protocol.NOTES_COLUMNS - len(text))]
 
 
 def _rows(values: Sequence[float], columns: int) -> Iterator[tuple[float, ...]]:
@@ -140,15 +142,15 @@ def _reset(instance: Any) -> bool:  # noqa: ANN401 (a submission's object)
 def _serve(requests: int, replies: int) -> None:
     """Answer requests until they end."""
     code = _Code()
-    while header := _read(requests, REQUEST.size):
-        serial, operation, count = REQUEST.unpack(header)
+    while header := _read(requests, protocol.REQUEST.size):
+        serial, operation, count = protocol.REQUEST.unpack(header)
         layout = doubles(count)
         values = layout.unpack(_read(requests, layout.size))
         try:
             result = code.call(operation, values)
-            frame = REPLY.pack(serial, Status.DONE, len(result)) + doubles(len(result)).pack(
-                *result
-            )
+            frame = protocol.REPLY.pack(serial, Status.DONE, len(result)) + doubles(
+                len(result)
+            ).pack(*result)
         except BaseException as error:  # noqa: BLE001 (SystemExit, too: it is the submission's)
             frame = _failure(serial, error)
         _write(replies, frame)
@@ -157,10 +159,10 @@ def _serve(requests: int, replies: int) -> None:
 def _failure(serial: int, error: BaseException) -> bytes:
     try:
         text = str(error) if isinstance(error, UserError) else f'{type(error).__name__}: {error}'
-        data = text.encode(errors='replace')[:MAX_TEXT]
+        data = text.encode(errors='replace')[: protocol.MAX_TEXT]
     except BaseException:  # noqa: BLE001 (its text is the submission's, too)
         data = b'an exception that cannot be printed'
-    return REPLY.pack(serial, Status.FAILED, len(data)) + data
+    return protocol.REPLY.pack(serial, Status.FAILED, len(data)) + data
 
 
 def _read(descriptor: int, size: int) -> bytes:
@@ -191,21 +193,8 @@ if __name__ == '__main__':
     start = _Start(**json.loads(sys.argv.pop()))
     sys.path.append(start.packages)
     from barc_sim.errors import UserError
-    from barc_sim.lab.grade import confinement
-    from barc_sim.lab.grade.protocol import (
-        COMMAND_COLUMNS,
-        MAX_TEXT,
-        MODEL_COLUMNS,
-        NO_PIPES,
-        NOTES_COLUMNS,
-        REPLY,
-        REQUEST,
-        STEP_COLUMNS,
-        TWIST_COLUMNS,
-        Operation,
-        Status,
-        doubles,
-    )
+    from barc_sim.lab.grade import confinement, protocol
+    from barc_sim.lab.grade.protocol import Operation, Status, doubles
     from barc_sim.lab.user_code import loading
     from barc_sim.lab.user_code.relay_program import MOST_COMMANDS
     from barc_sim.lab.user_code.ros_world import TimedTwist
@@ -221,8 +210,8 @@ if __name__ == '__main__':
         _write(start.replies, _failure(0, error))
         sys.exit(1)
     try:
-        _write(start.replies, REPLY.pack(0, Status.DONE, 0))
+        _write(start.replies, protocol.REPLY.pack(0, Status.DONE, 0))
         _serve(start.requests, start.replies)
     except OSError:
         # The submission has closed the pipes, or the grader has ended.
-        os._exit(NO_PIPES)
+        os._exit(protocol.NO_PIPES)

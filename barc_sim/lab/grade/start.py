@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from barc_sim.lab.grade import landlock, seccomp
+from barc_sim.lab.grade import confinement, seccomp
 from barc_sim.lab.grade.channel import Channel
 
 _PACKAGES = Path(__file__).parents[3]
@@ -102,7 +102,7 @@ def _confinement(folder: Path) -> tuple[int, bytes]:
     readable, listable = _python()
     try:
         program = seccomp.program()
-        ruleset = landlock.create_ruleset((folder, *readable), listable, (Path(os.devnull),))
+        ruleset = confinement.create_ruleset((folder, *readable), listable, (Path(os.devnull),))
     except OSError as error:
         raise Unconfined(error.strerror or str(error)) from None
     return ruleset, program

@@ -1,4 +1,7 @@
-"""User code in place of barc_sim's own controller and driver, and its description in a bag."""
+"""User code in place of barc_sim's own controller and driver, and its description in a bag.
+
+Where user code fails, also in a constructor, that is a UserCodeError.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +42,7 @@ class UserController(Adapter):
     _controller: UserPid
 
     def __init__(self, new: ControllerFactory) -> None:
-        """Make a controller with the gains that its file chooses, else the default ones of a run.
-
-        Raises
-        ------
-        UserCodeError
-            if its constructor fails.
-        """
+        """Make a controller with the gains that its file chooses, else those of a run."""
         chosen = getattr(new, 'chosen', None)
         super().__init__(new, values=dict(zip(PID.gains, chosen, strict=False)) if chosen else None)
 
@@ -71,13 +68,7 @@ class UserControllerFile:
     path: Path
 
     def __call__(self) -> UserController:
-        """Return a new controller.
-
-        Raises
-        ------
-        UserCodeError
-            if the file cannot be used, or its constructor fails.
-        """
+        """Return a new controller."""
         factory = load_files({'controller': self.path}, output=lambda _: None).controller
         assert factory  # noqa: S101 (load_files raises without it)
         return UserController(factory)
@@ -95,24 +86,12 @@ class UserDriver(Driver):
         super().__init__()
 
     def reset(self) -> None:
-        """Clear the request, and start with a new relay.
-
-        Raises
-        ------
-        UserCodeError
-            if its constructor fails.
-        """
+        """Clear the request, and start with a new relay."""
         super().reset()
         self._relay = self._new()
 
     def command(self, t: float, speed: float) -> Input:
-        """Return the command from `t` [s] on, at a true speed of `speed` [m/s].
-
-        Raises
-        ------
-        UserCodeError
-            if user code fails.
-        """
+        """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
         own = super().command(t, speed)
         if self.request.brake:
             return own

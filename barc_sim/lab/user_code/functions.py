@@ -1,4 +1,8 @@
-"""A user's model, controller and relay; the result of each call is checked."""
+"""A user's model, controller and relay.
+
+Each is checked when it is made, and the result of each call. What does not fit, what fails and what
+takes too long is a UserCodeError: one sentence with the file, the line and the values.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, 
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from barc_sim.lab.user_code.gains import ChosenGains
     from barc_sim.lab.user_code.importing import Folder
@@ -29,37 +33,20 @@ _FLOAT = {float}
 
 
 class UserModel:
-    """A user's `bikeFE`.
+    """A user's `bikeFE`, which returns four finite numbers.
 
     It also gets `l_f`, `l_r` and `g` if it has arguments of these names.
     """
 
     def __init__(self, folder: Folder, function: Callable[..., Any], budget: float | None) -> None:
-        """Check that `function` takes the arguments of `bikeFE`.
-
-        Raises
-        ------
-        UserCodeError
-            if it does not.
-        """
+        """Check that `function` takes the arguments of `bikeFE`."""
         check_takes(folder, function, _BIKE_FE)
         self._options = options_for(function, _BIKE_FE)
         self._calls = Calls(folder, function, budget, f'four finite numbers, [{", ".join(_NEXT)}]')
 
     def __call__(self, *args: float, **options: float) -> list[float]:
-        """Return `[x, y, psi, v]` of the next step; the arguments are `bikeFE`'s.
-
-        Raises
-        ------
-        UserCodeError
-            if the user's function fails, or returns anything but four finite numbers.
-        """
-        taken = self._options(options)
-        result = self._calls(*args, **taken)
-        numbers = _numbers(self._calls, result, len(_NEXT))
-        if numbers is None:
-            raise self._calls.wrong(result, args, taken)
-        return numbers
+        """Return `[x, y, psi, v]` of the next step; the arguments are `bikeFE`'s."""
+        return _numbers(self._calls, len(_NEXT), args, self._options(options))
 
 
 class ControllerFactory:
@@ -70,20 +57,9 @@ class ControllerFactory:
     """
 
     def __init__(self, folder: Folder, cls: type, budget: float | None) -> None:
-        """Check that the class takes three gains and has an `acc_calculate`.
-
-        Raises
-        ------
-        UserCodeError
-            if it does not.
-        """
+        """Check that the class takes three gains and has an `acc_calculate`."""
         check_takes(folder, cls, _GAINS)
-        method = guarded(getattr, cls, 'acc_calculate', default=None)
-        if not callable(method):
-            raise UserCodeError(
-                f'{defined_at(folder, cls)}: the class {cls.__name__} has no method '
-                'acc_calculate(self, speed_reference, speed_current)'
-            )
+        _check_method(folder, cls, 'acc_calculate', _SPEEDS)
         self._folder = folder
         self._budget = budget
         #: Loads the file again, with global variables of its own.
@@ -99,13 +75,7 @@ class ControllerFactory:
         self._expected = 'a finite number, the acceleration [m/s²]'
 
     def __call__(self, kp: float, ki: float, kd: float, **options: float) -> UserPid:
-        """Return a new controller.
-
-        Raises
-        ------
-        UserCodeError
-            if the user's constructor fails.
-        """
+        """Return a new controller."""
         taken = self._options(options)
         if self._in_order:
             instance = self._calls(kp, ki, kd, **taken)
@@ -133,13 +103,7 @@ class UserPid:
         self._dt_name = dt
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float) -> float:
-        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call.
-
-        Raises
-        ------
-        UserCodeError
-            if the user's method fails, or returns anything but a finite number.
-        """
+        """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
         speeds = (speed_reference, speed_current)
         options = {self._dt_name: dt} if self._dt_name else {}
         result = self._calls(*speeds, **options)
@@ -168,35 +132,18 @@ class RelayFactory:
     def __init__(
         self, folder: Folder, relay: Callable[..., Any] | type, budget: float | None
     ) -> None:
-        """Check that it takes a Twist's two values.
-
-        Raises
-        ------
-        UserCodeError
-            if it does not.
-        """
+        """Check that it takes a Twist's two values."""
         if isinstance(relay, type):
             check_takes(folder, relay, ())
-            if not callable(guarded(getattr, relay, 'relay', default=None)):
-                raise UserCodeError(
-                    f'{defined_at(folder, relay)}: the class {relay.__name__} has no method '
-                    'relay(self, linear_x, angular_z)'
-                )
-        self._folder = folder
-        self._budget = budget
-        self._new = Calls(folder, relay, budget, 'an object') if isinstance(relay, type) else None
-        self._function = relay
-        if self._new is None:
+            _check_method(folder, relay, 'relay', _TWIST)
+            self._new: Calls | None = Calls(folder, relay, budget, 'an object')
+        else:
             dt_name(folder, relay, _TWIST)
+            self._new = None
+        self._folder, self._budget, self._function = folder, budget, relay
 
     def __call__(self) -> UserRelay:
-        """Return a new relay.
-
-        Raises
-        ------
-        UserCodeError
-            if the user's constructor fails.
-        """
+        """Return a new relay."""
         function = self._new.attribute(self._new(), 'relay') if self._new else self._function
         dt = dt_name(self._folder, function, _TWIST)
         expected = f'two finite numbers, [{", ".join(_COMMAND)}]'
@@ -207,11 +154,6 @@ class RelayFactory:
 
         The node calls it `RATE` times a second with the latest of the `twists`, and with zeros
         where that is stale.
-
-        Raises
-        ------
-        UserCodeError
-            if user code fails, or returns anything but two finite numbers.
         """
         relay, found = self(), []
         dt, nothing = 1.0 / RATE, TimedTwist(-inf, 0.0, 0.0)
@@ -232,28 +174,34 @@ class UserRelay:
         self._dt_name = dt
 
     def relay(self, linear_x: float, angular_z: float, dt: float) -> tuple[float, float]:
-        """Return motor [m/s²] and servo [rad] for a Twist, `dt` seconds after the last call.
-
-        Raises
-        ------
-        UserCodeError
-            if user code fails, or returns anything but two finite numbers.
-        """
+        """Return motor [m/s²] and servo [rad] for a Twist, `dt` seconds after the last call."""
         twist = (linear_x, angular_z)
         options = {self._dt_name: dt} if self._dt_name else {}
-        result = self._calls(*twist, **options)
-        numbers = _numbers(self._calls, result, len(_COMMAND))
-        if numbers is None:
-            raise self._calls.wrong(result, twist, options)
-        return numbers[0], numbers[1]
+        motor, servo = _numbers(self._calls, len(_COMMAND), twist, options)
+        return motor, servo
 
 
-def _numbers(calls: Calls, result: Any, count: int) -> list[float] | None:  # noqa: ANN401
-    """Return `result` as a list of `count` finite floats; None if it is something else."""
+def _check_method(folder: Folder, cls: type, name: str, arguments: Sequence[str]) -> None:
+    if not callable(guarded(getattr, cls, name, default=None)):
+        raise UserCodeError(
+            f'{defined_at(folder, cls)}: the class {cls.__name__} has no method '
+            f'{name}(self, {", ".join(arguments)})'
+        )
+
+
+def _numbers(
+    calls: Calls, count: int, args: tuple[float, ...], options: Mapping[str, float]
+) -> list[float]:
+    """Call the function; return its result as a list of `count` finite floats, or refuse it."""
+    result = calls(*args, **options)
     # The most common case, checked in each step.
-    if type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT:
-        return result if isfinite(sum(result)) or all(map(isfinite, result)) else None
-    return calls.attempt(_converted, result, count)
+    plain = type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT
+    if plain and (isfinite(sum(result)) or all(map(isfinite, result))):
+        return result  # type: ignore[no-any-return]
+    numbers = calls.attempt(_converted, result, count)
+    if numbers is None:
+        raise calls.wrong(result, args, options)
+    return numbers
 
 
 def _converted(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (a user's)
@@ -262,7 +210,5 @@ def _converted(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (
     if not isinstance(result, (list, tuple)) or len(result) != count:
         return None
     values = [value if type(value) is float else number(value) for value in islice(result, count)]
-    for value in values:
-        if value is None or not isfinite(value):
-            return None
-    return values  # type: ignore[return-value]  # no None is left
+    finite = [value for value in values if value is not None and isfinite(value)]
+    return finite if len(finite) == count else None

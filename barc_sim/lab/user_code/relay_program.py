@@ -1,4 +1,8 @@
-"""A relay that is a whole program of ROS, run without ROS."""
+"""A relay that is a whole program of ROS, run without ROS.
+
+A UserCodeError names what is wrong with it: it fails, has ended, does not use `cmd_vel` and `ecu`,
+takes too long, or publishes a number that is not finite.
+"""
 
 from __future__ import annotations
 
@@ -80,13 +84,7 @@ class RelayProgram:
         self._budget = Budget(_BUDGET) if budget else None
 
     def commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
-        """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`.
-
-        Raises
-        ------
-        UserCodeError
-            if it fails, does not use `cmd_vel` and `ecu`, or publishes a number that is not finite.
-        """
+        """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`."""
         world = World(twists, duration)
         if self._budget:
             try:
@@ -102,13 +100,7 @@ class RelayProgram:
         return [self.checked(command) for command in world.commands]
 
     def run(self, world: World) -> None:
-        """Run the program in `world`, to its end or the world's.
-
-        Raises
-        ------
-        UserCodeError
-            if it fails.
-        """
+        """Run the program in `world`, to its end or the world's."""
         folder = self._folder.again()
         folder.stand_ins = modules(world, ros_1=self.ros == ROS_1)
         try:
@@ -159,13 +151,7 @@ class RelayProgram:
         )
 
     def checked(self, command: Command) -> Command:
-        """Return the command in finite floats.
-
-        Raises
-        ------
-        UserCodeError
-            if it has others.
-        """
+        """Return the command in finite floats."""
         motor, servo = number(command.motor), number(command.servo)
         if motor is None or servo is None or not (isfinite(motor) and isfinite(servo)):
             raise UserCodeError(
@@ -226,13 +212,7 @@ class LiveRelay:
             raise UserCodeError(self._failure)
 
     def relay(self, linear_x: float, angular_z: float, dt: float) -> tuple[float, float]:
-        """Return motor [m/s²] and servo [rad] `dt` seconds after the last call, for a Twist.
-
-        Raises
-        ------
-        UserCodeError
-            if the program fails or has ended, or publishes a number that is not finite.
-        """
+        """Return motor [m/s²] and servo [rad] `dt` seconds after the last call, for a Twist."""
         world = self._world
         world.drive(TimedTwist(world.now, linear_x, angular_z))
         world.end += dt

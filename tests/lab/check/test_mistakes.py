@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from barc_sim.lab.check.diagnose_model import causes, close
 from barc_sim.lab.check.equations import NAMES, Mistake, Quantities, arguments
 from barc_sim.lab.check.mistakes import MISTAKES
+from barc_sim.lab.check.model import causes
+from barc_sim.lab.check.results import close
 from barc_sim.lab.check.situations import GENERAL, REVERSE, SITUATIONS, with_lengths
 from barc_sim.vehicle.bike_model import bikeFE
 

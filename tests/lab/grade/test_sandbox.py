@@ -13,7 +13,7 @@ import pytest
 import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
-from barc_sim.lab.grade import landlock
+from barc_sim.lab.grade import confinement
 from barc_sim.lab.grade.code import ConfinedCode
 from barc_sim.lab.grade.process import check
 from barc_sim.lab.grade.start import Limits
@@ -156,8 +156,8 @@ def test_it_is_ended_when_its_processor_time_is_used_up(folder: Callable[..., Pa
 def test_it_cannot_on_older_kernels_either(
     folder: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, abi: int
 ) -> None:
-    real = landlock.abi()
-    monkeypatch.setattr(landlock, 'abi', lambda: min(abi, real))
+    real = confinement.abi()
+    monkeypatch.setattr(confinement, 'abi', lambda: min(abi, real))
     attempts = [
         code
         for name, (code, _) in REFUSED.items()
@@ -205,7 +205,7 @@ def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -
 
 def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     # A number that no kernel gives to a system call.
-    monkeypatch.setattr('barc_sim.lab.grade.landlock._CREATE_RULESET', 100_000)
+    monkeypatch.setattr('barc_sim.lab.grade.confinement._CREATE_RULESET', 100_000)
 
     with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
         check(sandbox=True)
