@@ -21,7 +21,6 @@ from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.fields import FieldPublisher
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.process import spin
-from barc_sim.simulation import messages
 from barc_sim.simulation.log import MESSAGE_TYPES
 
 if TYPE_CHECKING:
@@ -115,7 +114,7 @@ class Relay(Node):
         return response
 
     def _on_timer(self) -> None:
-        self._ecu_pub.publish(0, messages.command(self._control.command()))
+        self._ecu_pub.publish(0, self._control.command()._asdict())
 
 
 def main(args: list[str] | None = None) -> int:

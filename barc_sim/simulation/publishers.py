@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.simulation import messages
-from barc_sim.simulation.log import CLOCK, COMMAND, ENVIRONMENT, MESSAGE_TYPES, STATE, STATE_ERROR
+from barc_sim.control.pid import PID
+from barc_sim.simulation.log import (
+    CLOCK,
+    COMMAND,
+    CONTROLLER_STATE,
+    ENVIRONMENT,
+    MESSAGE_TYPES,
+    PID_STATE,
+    STATE,
+    STATE_ERROR,
+)
 from barc_sim.vehicle.bike_model import Input
 
 if TYPE_CHECKING:
@@ -70,7 +79,8 @@ class StatePublishers:
         self._seen, self._stamp = seen, stamp
         self.publish_clock()
         if self._environment.wanted:
-            self._environment.publish(stamp, messages.environment(seen))
+            road = {'theta': seen.theta_deg, 'elevation': seen.elevation}
+            self._environment.publish(stamp, road | seen.forces._asdict())
         self.republish()
 
     def republish(self) -> None:
@@ -79,9 +89,9 @@ class StatePublishers:
         Call it after `publish` only.
         """
         if self._state_error.wanted:
-            self._state_error.publish(self._stamp, messages.state_error(self._seen))
+            self._state_error.publish(self._stamp, self._seen.error._asdict())
         if self._state.wanted:
-            self._state.publish(self._stamp, messages.state(self._seen))
+            self._state.publish(self._stamp, self._seen.measured._asdict())
 
     def publish_clock(self) -> None:
         """Publish the time of the latest state on `/clock`."""
@@ -93,16 +103,31 @@ class AnswerPublishers:
     """Publishes a controller's commands, and what it has computed for each."""
 
     def __init__(self, make: MakePublisher, controller: Controller) -> None:
-        """Create the publishers for `controller`."""
+        """Create the publishers for `controller`: what a PID computes has a topic of its own."""
         self._controller = controller
-        topic = messages.controller_topic(controller)
+        self._is_pid = controller.terms.keys() == PID.terms.keys()
+        topic = PID_STATE if self._is_pid else CONTROLLER_STATE
         self._command, self._state = (make(name, MESSAGE_TYPES[name]) for name in (COMMAND, topic))
 
     def publish(self, stamp: int, answer: Answer) -> Input:
         """Publish and return the command that answers the state stamped `stamp` [ns]."""
         command = Input(motor=answer.acceleration)
         if self._command.wanted:
-            self._command.publish(stamp, messages.command(command))
+            self._command.publish(stamp, command._asdict())
         if self._state.wanted:
-            self._state.publish(stamp, messages.controller_state(self._controller, *answer))
+            self._state.publish(stamp, self._computed(answer))
         return command
+
+    def _computed(self, answer: Answer) -> dict[str, Any]:
+        """Return what the controller computed in its latest call, which made `answer`."""
+        controller = self._controller
+        terms = {name: getattr(controller, name) for name in controller.terms}
+        fields = {
+            'reference': answer.reference,
+            'measurement': answer.speed,
+            'error': answer.reference - answer.speed,
+            'output': answer.acceleration,
+            'saturated': controller.saturated,
+        }
+        named = terms if self._is_pid else {'names': [*terms], 'values': [*terms.values()]}
+        return fields | named

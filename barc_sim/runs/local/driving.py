@@ -11,7 +11,6 @@ from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
 from barc_sim.control.rates import RATE
 from barc_sim.control.relay import PARAMETERS, RelayControl
-from barc_sim.simulation import messages
 from barc_sim.simulation.log import COMMAND, MESSAGE_TYPES
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ class LocalRelay:
     def _publish(self) -> None:
         command = self._control.command()
         if self._command.wanted:
-            self._command.publish(0, messages.command(command))
+            self._command.publish(0, command._asdict())
         self.on_command(command, 0)
 
 
