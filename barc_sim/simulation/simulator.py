@@ -1,28 +1,55 @@
-"""What the simulators with and without ROS share: parameters, warnings, and their counts."""
+"""What the simulators with and without ROS share: the stepper, parameters and warnings."""
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
-from barc_sim.simulation.stepper_interface import Settings
+from barc_sim.simulation.stepper import Stepper
+from barc_sim.simulation.stepper_interface import Outputs, Settings
 from barc_sim.vehicle.bike_model import Input
-from barc_sim.vehicle.parameters import LIVE, PARAMETERS, Parameter
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, Parameter, plant, retune
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from barc_sim.simulation.stepper import Stepper
+    from barc_sim.simulation.publishers import StatePublishers
+    from barc_sim.vehicle.bike_model import Model
+    from barc_sim.vehicle.plant import Observation
 
 #: [s] between two checks of a simulator's peers.
 CHECK_PERIOD = 1.0
 
 
-class StepperCounts:
-    """What a simulator passes on to and from its `Stepper`: counts, pause and end."""
+class Simulator(Outputs):
+    """A simulator with or without ROS: what it passes on to and from its `Stepper`.
 
-    _stepper: Stepper
+    Attributes
+    ----------
+    road
+        The road, read once.
+    values
+        The parameters, by name. Noise and actuators may be changed while the car drives.
+    """
+
+    _state_publishers: StatePublishers
+    _deadlines: Any = None  # a timer with `reset` and `cancel`; None in lock-step
+
+    def _set_up(
+        self,
+        values: dict[str, Any],
+        road: Road | None,
+        model: Model,
+        on_step: Callable[[float, Observation], None] | None,
+    ) -> None:
+        """Make the stepper; `road` replaces the one that the parameter `road` names."""
+        self.values = values
+        self.road = road or Road.named(values['road'])
+        self._on_step = on_step
+        self._stepper = Stepper(partial(plant, values, model, self.road), self, _settings(values))
 
     @property
     def paused(self) -> bool:
@@ -44,35 +71,55 @@ class StepperCounts:
         """Periods by which simulated time has fallen behind the wall clock."""
         return self._stepper.slipped
 
-    def end(self) -> None:
-        """End the run once the present state is answered; call it in `on_step` only."""
-        self._stepper.end()
-
     @property
     def behind(self) -> float:
         """Time [s] by which stamps in real time are behind the wall clock; 0 at other paces."""
         return self._stepper.behind
 
+    @property
+    def keeps_clock(self) -> bool:
+        """Whether it publishes `/clock`."""
+        return self._state_publishers.keeps_clock
+
+    def end(self) -> None:
+        """End the run once the present state is answered; call it in `on_step` only."""
+        self._stepper.end()
+
+    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+        """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]."""
+        self._state_publishers.publish(seen, stamp_ns)
+        if self._on_step:
+            self._on_step(t, seen)
+
+    def start_deadlines(self) -> None:
+        """Start the timer of the deadlines."""
+        if self._deadlines:
+            self._deadlines.reset()
+
+    def stop_deadlines(self) -> None:
+        """Stop the timer of the deadlines."""
+        if self._deadlines:
+            self._deadlines.cancel()
+
+    def _change(self, values: Mapping[str, Any]) -> None:
+        """Set parameters while the car drives."""
+        self.values.update(values)
+        self._stepper.change(partial(retune, self.values))
+
 
 def parameters(distance: float = 0.0) -> list[Parameter]:
     """Return the parameters' declarations; `distance` [m] is the default of the parameter."""
     table = [parameter._replace(read_only=parameter.name not in LIVE) for parameter in PARAMETERS]
+    end = 'a lap ends here [m]; 0: it does not end'
+    count = 'the run ends after so many; 0: it goes on'
     return [
         *table,
-        Parameter(
-            'distance',
-            distance,
-            'a lap ends here [m]; 0: it does not end',
-            (0.0, 1e6),
-            read_only=True,
-        ),
-        Parameter(
-            'laps', 1, 'the run ends after so many; 0: it goes on', (0, 10**6), read_only=True
-        ),
+        Parameter('distance', distance, end, (0.0, 1e6), read_only=True),
+        Parameter('laps', 1, count, (0, 10**6), read_only=True),
     ]
 
 
-def settings(values: Mapping[str, Any]) -> Settings:
+def _settings(values: Mapping[str, Any]) -> Settings:
     """Return the stepper's settings of the parameters' values.
 
     Raises

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.vehicle.bike_model import Input
 
@@ -28,8 +28,8 @@ class Settings(NamedTuple):
     greatest: Input = Input(100.0, 1.5)  #: a command beyond is refused
 
 
-class Outputs(Protocol):
-    """What a `Stepper` calls."""
+class Outputs:
+    """What a `Stepper` calls; a simulator overrides it."""
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish the state `t` [s] after the start, with its stamp [ns]."""
@@ -47,7 +47,7 @@ class Outputs(Protocol):
         """Log `why`, reset the node that commands, and call `Stepper.start` when it is ready."""
 
     def finish(self) -> None:
-        """End the run."""
+        """End the run; may be called from any thread."""
 
     def warn_missed(self, state: int, missed: int) -> None:
         """Warn that no command answered `state` in time."""

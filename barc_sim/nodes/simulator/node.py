@@ -28,18 +28,14 @@ from barc_sim.ros.warnings import RefusedInput
 from barc_sim.simulation.publishers import StatePublishers
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
-    StepperCounts,
+    Simulator,
     commands_lost,
     missed_deadline,
     parameters,
     publishes_clock,
-    settings,
     stamps_behind,
 )
-from barc_sim.simulation.stepper import Stepper
 from barc_sim.vehicle.bike_model import Input, bikeFE
-from barc_sim.vehicle.parameters import plant, retune
-from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,9 +44,10 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
+    from barc_sim.vehicle.road import Road
 
 
-class VehicleSimulator(StepperCounts, Node):
+class VehicleSimulator(Simulator, Node):
     """Publishes the state, and steps it with the command that answers it.
 
     State `k` is stamped `t_0 + k·T_s`. With a real-time factor the command for state `k` is due
@@ -80,10 +77,6 @@ class VehicleSimulator(StepperCounts, Node):
     finished
         Done when the last lap's state at or beyond `distance` is published and answered, or by
         `finish`.
-    road
-        The road, read once.
-    values
-        The parameters, by name. Noise and actuators may be changed while the car drives.
     inputs
         The topics that it subscribes to, with their types.
 
@@ -137,12 +130,10 @@ class VehicleSimulator(StepperCounts, Node):
             if a parameter is out of range, or the topic has a simulator already.
         """
         super().__init__('vehicle_simulator', **options)
-        self.values = values = declare(self, parameters(distance))
-        self.road = road or Road.named(values['road'])
-        self._stepper = Stepper(partial(plant, values, model, self.road), self, settings(values))
+        values = declare(self, parameters(distance))
+        self._set_up(values, road, model, on_step)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
-        self._on_step = on_step
         self.finished: Future = Future()
         self._refused = RefusedInput(self)
 
@@ -170,7 +161,6 @@ class VehicleSimulator(StepperCounts, Node):
             self.create_service(kind, name, callback, callback_group=group)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(check_period, self._check_peers, group, wall)
-        self._deadlines = None
         if period := self._stepper.deadline_period:
             self._deadlines = self.create_timer(period, self._stepper.pass_deadline, group, wall)
             self._deadlines.cancel()
@@ -182,32 +172,11 @@ class VehicleSimulator(StepperCounts, Node):
         super().destroy_node()
 
     @property
-    def keeps_clock(self) -> bool:
-        """Whether it publishes `/clock`."""
-        return self._state_publishers.keeps_clock
-
-    @property
     def refused(self) -> int:
         """Messages that were not finite or out of range, and commands that came out of order."""
         return self._refused.count
 
-    # What the stepper calls.
-
-    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
-        """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]."""
-        self._state_publishers.publish(seen, stamp_ns)
-        if self._on_step:
-            self._on_step(t, seen)
-
-    def start_deadlines(self) -> None:
-        """Start the timer of the deadlines."""
-        if self._deadlines:
-            self._deadlines.reset()
-
-    def stop_deadlines(self) -> None:
-        """Stop the timer of the deadlines."""
-        if self._deadlines:
-            self._deadlines.cancel()
+    # What the stepper calls, beside the methods of `Simulator`.
 
     def deliver_commands(self) -> None:
         """Take the commands that wait in the subscription, before its callback is due."""
@@ -224,17 +193,11 @@ class VehicleSimulator(StepperCounts, Node):
 
     def warn_missed(self, state: int, missed: int) -> None:
         """Warn of a missed deadline, once a second at most."""
-        self.get_logger().warning(
-            missed_deadline(state, missed),
-            throttle_duration_sec=1.0,
-        )
+        self.get_logger().warning(missed_deadline(state, missed), throttle_duration_sec=1.0)
 
     def warn_timeout(self, timeout: float) -> None:
         """Warn that commands are lost, every ten seconds at most."""
-        self.get_logger().warning(
-            commands_lost(timeout),
-            throttle_duration_sec=10.0,
-        )
+        self.get_logger().warning(commands_lost(timeout), throttle_duration_sec=10.0)
 
     def warn_behind(self, behind: float) -> None:
         """Warn that stamps are behind the wall clock, and publish `/clock` from now on."""
@@ -259,8 +222,7 @@ class VehicleSimulator(StepperCounts, Node):
             self._refused.add(lambda: why)
 
     def _on_parameters(self, changed: list[RosParameter]) -> None:
-        self.values.update({parameter.name: parameter.value for parameter in changed})
-        self._stepper.change(partial(retune, self.values))
+        self._change({parameter.name: parameter.value for parameter in changed})
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         place = to_state_at_rest(message.pose.pose)

@@ -10,17 +10,14 @@ from barc_sim.control.types import DEFAULT_TYPE
 from barc_sim.simulation.publishers import AnswerPublishers, StatePublishers
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
-    StepperCounts,
+    Simulator,
     commands_lost,
     missed_deadline,
     parameters,
     publishes_clock,
-    settings,
     stamps_behind,
 )
-from barc_sim.simulation.stepper import Phase, Stepper
-from barc_sim.vehicle.parameters import plant, retune
-from barc_sim.vehicle.road import Road
+from barc_sim.simulation.stepper import Phase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -29,15 +26,14 @@ if TYPE_CHECKING:
     from barc_sim.runs.local.host import LocalHost
     from barc_sim.vehicle.bike_model import Input, Model
     from barc_sim.vehicle.plant import Observation
+    from barc_sim.vehicle.road import Road
 
 
-class LocalSimulator(StepperCounts):
+class LocalSimulator(Simulator):
     """Steps the car, and passes each state to who commands it.
 
     Attributes
     ----------
-    road
-        The road, read once.
     finished
         Whether the run is at its end.
     on_state
@@ -65,19 +61,14 @@ class LocalSimulator(StepperCounts):
         """
         self._host = host
         self._node = node = host.node('vehicle_simulator')
-        self.values = values = node.declare(parameters(distance), given)
-        self.road = road or Road.named(values['road'])
-        self._stepper = stepper = Stepper(
-            partial(plant, values, model, self.road), self, settings(values)
-        )
-        self._on_step = on_step
+        values = node.declare(parameters(distance), given)
+        self._set_up(values, road, model, on_step)
         self.finished = False
         self.on_state: Callable[[int, Observation], Input | None] = lambda *_: None
         self.on_reset: Callable[[], None] = lambda: None
-        self.keeps_clock = publishes_clock(values)
-        self._publishers = StatePublishers(node.publisher, clock=self.keeps_clock)
-        period = stepper.deadline_period
-        self._deadlines = host.loop.timer(period, stepper.pass_deadline) if period else None
+        self._state_publishers = StatePublishers(node.publisher, clock=publishes_clock(values))
+        if period := self._stepper.deadline_period:
+            self._deadlines = host.loop.timer(period, self._stepper.pass_deadline)
         host.loop.timer(CHECK_PERIOD, self._check).reset()
         self._checked = 0
 
@@ -91,8 +82,7 @@ class LocalSimulator(StepperCounts):
         """Set a parameter while the run goes on; return why that is refused, or ''."""
         if why := self._node.tune(parameters(), name, value):
             return why
-        self.values[name] = value
-        self._stepper.change(partial(retune, self.values))
+        self._change({name: value})
         return ''
 
     def pause(self, *, on: bool) -> None:
@@ -104,12 +94,11 @@ class LocalSimulator(StepperCounts):
         """Put the car back to the start."""
         self._stepper.reset()
 
-    # What the stepper calls.
+    # What the stepper calls, beside the methods of `Simulator`.
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns], and have it answered."""
-        self._publishers.publish(seen, stamp_ns)
-        self._on_step(t, seen)
+        super().publish_state(t, seen, stamp_ns)
         # Later, as an answer steps to the next state, which is answered again.
         self._host.loop.soon(partial(self._answer, stamp_ns, seen))
 
@@ -117,19 +106,6 @@ class LocalSimulator(StepperCounts):
         command = self.on_state(stamp, seen)
         if command is not None:
             self.command(command, stamp)
-
-    def start_deadlines(self) -> None:
-        """Start the timer of the deadlines."""
-        if self._deadlines:
-            self._deadlines.reset()
-
-    def stop_deadlines(self) -> None:
-        """Stop the timer of the deadlines."""
-        if self._deadlines:
-            self._deadlines.cancel()
-
-    def deliver_commands(self) -> None:
-        """Do nothing: a command is passed on when it is given."""
 
     def begin(self) -> None:
         """Reset who commands, and start time."""
@@ -156,14 +132,14 @@ class LocalSimulator(StepperCounts):
 
     def warn_behind(self, behind: float) -> None:
         """Warn that stamps are behind the wall clock, and publish `/clock` from now on."""
-        self._publishers.begin_clock()
+        self._state_publishers.begin_clock()
         self._node.warning(stamps_behind(behind, clock=True))
 
     def _check(self) -> None:
         self._stepper.check()
         # As the node does: a tick a second while time stands still.
         if self._stepper.phase is Phase.PAUSED and self.steps == self._checked:
-            self._publishers.publish_clock()
+            self._state_publishers.publish_clock()
         self._checked = self.steps
 
 
