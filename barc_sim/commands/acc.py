@@ -91,9 +91,10 @@ def run(options: Namespace) -> int:
         where an option or a ROS argument cannot be used.
     """
     with StopSignals() as stop:
-        from barc_sim.runs.cruise_control import cruise_control  # noqa: PLC0415
+        from barc_sim.runs.conduct import conduct  # noqa: PLC0415 (slow: not for --help)
+        from barc_sim.runs.cruise_control import CruiseControl  # noqa: PLC0415
 
-        return cruise_control(options, options.argv, options.ros_args, stop)
+        return conduct(CruiseControl, options, stop)
 
 
 def _gain(text: str) -> tuple[str, float]:

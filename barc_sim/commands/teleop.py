@@ -45,4 +45,4 @@ def run(options: Namespace) -> int:
     with StopSignals() as stop:
         from barc_sim.runs.teleop import teleop  # noqa: PLC0415
 
-        return teleop(options, options.argv, options.ros_args, stop)
+        return teleop(options, stop)

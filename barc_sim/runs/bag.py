@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from barc_sim.lab.user_code.loading import UserCode
-    from barc_sim.runs.engine import Engine, Simulator
+    from barc_sim.runs.engine import Engine
+    from barc_sim.simulation.simulator import Simulator
 
 
 class RunBag:

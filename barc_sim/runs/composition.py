@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from barc_sim.cli.signals import StopSignals
     from barc_sim.lab.user_code.loading import UserCode
     from barc_sim.page.run_page import RunPage
-    from barc_sim.runs.engine import Engine, Simulator
+    from barc_sim.runs.engine import Engine
     from barc_sim.runs.terminal.display import Display
     from barc_sim.runs.terminal.user_output import UserOutput
+    from barc_sim.simulation.simulator import Simulator
     from barc_sim.vehicle.road import Road
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
@@ -31,7 +32,6 @@ class Setup(NamedTuple):
     """What a run is made of: the command line, and the values that it names."""
 
     options: Namespace
-    argv: list[str]
     road: Road | None  #: of `--road`; None: that of the simulator's parameter
     user_code: UserCode
     output: UserOutput  #: takes what user code prints
@@ -67,7 +67,7 @@ class Run(ABC):
             self.discard()
             raise
         if self.bag:
-            self.bag.begin(setup.argv)
+            self.bag.begin(options.argv)
 
     @abstractmethod
     def compose(self, setup: Setup) -> Sequence[Simulator]:

@@ -25,13 +25,7 @@ if TYPE_CHECKING:
     from barc_sim.runs.engine import Engine
 
 
-def conduct(
-    create: Callable[[Setup], Run],
-    options: Namespace,
-    argv: list[str],
-    ros_args: list[str],
-    stop: StopSignals,
-) -> int:
+def conduct(create: Callable[[Setup], Run], options: Namespace, stop: StopSignals) -> int:
     """Spin the run that `create` returns until it ends or `stop` is requested.
 
     Returns
@@ -51,13 +45,12 @@ def conduct(
         check_root(options.bag_dir)
     output = UserOutput(quiet=options.quiet)
     user_code = _load_user_code(options, output)
-    if options.quiet:
-        ros_args = ['--ros-args', '--log-level', 'warn', *ros_args]
+    quiet = ['--ros-args', '--log-level', 'warn'] if options.quiet else []
     if stop.requested.is_set():  # during the imports
         return 0
     page = None
-    with _engine(options, ros_args, ros=ros) as engine:
-        run = create(Setup(options, argv, road, user_code, output, engine))
+    with _engine(options, [*quiet, *options.ros_args], ros=ros) as engine:
+        run = create(Setup(options, road, user_code, output, engine))
         try:
             run.spin(stop)
             page = run.close(keep_page=not stop.requested.is_set())

@@ -14,7 +14,6 @@ from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.judging import Settings, gains_used
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.runs.composition import Run, check_left_out, given
-from barc_sim.runs.conduct import conduct
 from barc_sim.runs.terminal.display import (
     CruiseStatus,
     display,
@@ -31,26 +30,13 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.runs.composition import Setup
-    from barc_sim.runs.engine import Simulator
     from barc_sim.runs.terminal.display import Status
     from barc_sim.simulation.metrics import Summary
+    from barc_sim.simulation.simulator import Simulator
     from barc_sim.vehicle.plant import Observation
 
 #: [m] The lab's road ends there.
 _DISTANCE = 180.0
-
-
-def cruise_control(
-    options: Namespace, argv: list[str], ros_args: list[str], stop: StopSignals
-) -> int:
-    """Drive until the distance is reached or `stop` is requested; return the exit code.
-
-    Raises
-    ------
-    UserError
-        if an option or a ROS argument cannot be used; no bag is left then.
-    """
-    return conduct(CruiseControl, options, argv, ros_args, stop)
 
 
 class CruiseControl(Run):

@@ -43,7 +43,7 @@ def serve_ended_run(page: RunPage, run: Run, stop: StopSignals) -> None:
     if not page.is_watched:
         page.close()
         return
-    offer = EndedRun(page.url, run.setup.argv, run.bag.recorder.path if run.bag else None)
+    offer = EndedRun(page.url, run.setup.options.argv, run.bag.recorder.path if run.bag else None)
     page.keep(offer)
     if not run.setup.options.quiet:
         print('page    stays until it is closed, or Ctrl-C', flush=True)  # noqa: T201

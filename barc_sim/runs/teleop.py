@@ -22,10 +22,11 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.signals import StopSignals
+    from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard.terminal import Terminal
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.composition import Setup
-    from barc_sim.runs.engine import Relay, Simulator
+    from barc_sim.simulation.simulator import Simulator
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -34,7 +35,7 @@ _HELP = 'arrows or WASD {drive}, space brakes, r goes back to the start, q ends'
 _DRIVE = {'pedal': 'drive', 'velocity': 'ask for 1 m/s and 1 rad/s while held'}
 
 
-def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopSignals) -> int:
+def teleop(options: Namespace, stop: StopSignals) -> int:
     """Drive until the driver or `stop` ends it; return the exit code.
 
     Raises
@@ -44,7 +45,7 @@ def teleop(options: Namespace, argv: list[str], ros_args: list[str], stop: StopS
     """
     terminal = _terminal()
     with terminal or nullcontext():
-        return conduct(lambda setup: Teleop(setup, terminal), options, argv, ros_args, stop)
+        return conduct(lambda setup: Teleop(setup, terminal), options, stop)
 
 
 def _terminal() -> Terminal | None:
@@ -80,7 +81,7 @@ class Teleop(Run):
         self.display = display(quiet=options.quiet)
         self._program: RelayProgram | None = None  # to be run in a process of its own
         self._death = ''  # of that process, in a sentence
-        self._relay = self._relay_of(setup)
+        self._driver = self._add_relay(setup)
         simulator = setup.engine.simulator(
             road=road,
             on_step=self._on_step,
@@ -104,8 +105,8 @@ class Teleop(Run):
             setup.engine.keyboard(self._terminal)
         return [simulator]
 
-    def _relay_of(self, setup: Setup) -> Relay | None:
-        """Return the node `relay`; None where another process publishes `ecu`."""
+    def _add_relay(self, setup: Setup) -> Driver | None:
+        """Add the node `relay`, and return its driver; None where another process is the relay."""
         options, user_relay = setup.options, setup.user_code.relay
         if options.no_relay:
             check_left_out('relay', {'relay': options.relay, 'input': options.input})
@@ -118,9 +119,8 @@ class Teleop(Run):
         if isinstance(user_relay, RelayProgram) and user_relay.ros == ROS_2 and setup.engine.open:
             self._program = user_relay
             return None
-        return setup.engine.relay(
-            UserDriver(user_relay) if user_relay else None, given(input=options.input)
-        )
+        driver = UserDriver(user_relay) if user_relay else None
+        return setup.engine.relay(driver, given(input=options.input)).driver
 
     def spin(self, stop: StopSignals) -> None:
         """Spin until the run is finished, its relay's process has ended, or `stop` is requested.
@@ -157,7 +157,7 @@ class Teleop(Run):
         self.finish()
 
     def _on_step(self, t: float, seen: Observation) -> None:
-        request = self._relay.driver.request if self._relay else None
+        request = self._driver.request if self._driver else None
         true, servo = seen.true, seen.acting.servo
         self.display.show(DriveStatus(t, true.x, true.v_x, servo, request))
 

@@ -30,7 +30,7 @@ class TimedRun(CruiseControl):
         self.clock = Clock()
         self.first = 0.0  #: [s] since the epoch
         options = parse('acc', ['--quiet', *arguments])
-        super().__init__(Setup(options, [], None, UserCode(), UserOutput(quiet=True), RosEngine()))
+        super().__init__(Setup(options, None, UserCode(), UserOutput(quiet=True), RosEngine()))
         (self._car,) = self.cars
         self._car.show = self.note
 

@@ -79,14 +79,7 @@ class RosArguments:
             for node, values in nodes.items():
                 for name, value in values['ros__parameters'].items():
                     self._values.append((node.lstrip('/') if node != _ALL else _ALL, name, value))
-        except (
-            OSError,
-            ValueError,
-            LookupError,
-            AttributeError,
-            TypeError,
-            yaml.YAMLError,
-        ) as error:
+        except _UNUSABLE as error:
             raise UserError(
                 f'the file of parameters {str(file)!r} cannot be used ({error}): expected YAML as '
                 'in NODE: {ros__parameters: {NAME: VALUE}}'
