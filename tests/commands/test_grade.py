@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import Any
 
+    Graded = tuple[Path, Path, int]
+
 # The first test's set-up grades a class: for a minute on a busy machine.
 pytestmark = pytest.mark.timeout(300)
 
@@ -130,7 +132,7 @@ BROKEN = {
 
 
 @pytest.fixture(scope='module')
-def graded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, int]:
+def graded(tmp_path_factory: pytest.TempPathFactory) -> Graded:
     """Grade a class; return its folder, that of the reports, and the exit code."""
     try:
         check(sandbox=True)
@@ -173,7 +175,7 @@ def messages(content: dict[str, Any]) -> str:
     return ' '.join([content['output'], *(test['output'] for test in content['tests'])])
 
 
-def test_everybody_is_graded(graded: tuple[Path, Path, int]) -> None:
+def test_everybody_is_graded(graded: Graded) -> None:
     submissions, out, code = graded
     names = {path.name for path in submissions.iterdir()}
 
@@ -198,7 +200,7 @@ def test_everybody_is_graded(graded: tuple[Path, Path, int]) -> None:
     ],
 )
 def test_what_cannot_be_graded_has_a_row_with_a_remark(
-    graded: tuple[Path, Path, int], name: str, remark: str
+    graded: Graded, name: str, remark: str
 ) -> None:
     rows = csv.DictReader(io.StringIO((graded[1] / 'class.csv').read_text()))
 
@@ -208,7 +210,7 @@ def test_what_cannot_be_graded_has_a_row_with_a_remark(
     assert remark in row['remark']
 
 
-def test_submissions_that_are_alike_are_named(graded: tuple[Path, Path, int]) -> None:
+def test_submissions_that_are_alike_are_named(graded: Graded) -> None:
     rows = csv.DictReader(io.StringIO((graded[1] / 'class.csv').read_text()))
     alike = {row['name']: row['alike'] for row in rows}
 
@@ -236,18 +238,18 @@ def test_a_submission_with_the_name_of_the_class_list_is_graded(tmp_path: Path) 
     assert results(tmp_path / 'out', 'class.csv.submission')['score'] == 0.0
 
 
-def test_the_reference_gets_full_marks(graded: tuple[Path, Path, int]) -> None:
+def test_the_reference_gets_full_marks(graded: Graded) -> None:
     assert results(graded[1], 'reference')['score'] == ALL_POINTS
 
 
 @pytest.mark.parametrize('name', ATTACKS)
-def test_an_attack_changes_no_score(graded: tuple[Path, Path, int], name: str) -> None:
+def test_an_attack_changes_no_score(graded: Graded, name: str) -> None:
     assert results(graded[1], name)['score'] == MODEL_POINTS
 
 
 @pytest.mark.parametrize(('name', 'reason'), [(name, why) for name, (_, why) in BROKEN.items()])
 def test_a_broken_submission_gets_zero_and_the_reason(
-    graded: tuple[Path, Path, int], name: str, reason: str
+    graded: Graded, name: str, reason: str
 ) -> None:
     content = results(graded[1], name)
 
@@ -255,15 +257,15 @@ def test_a_broken_submission_gets_zero_and_the_reason(
     assert reason in messages(content)
 
 
-def test_a_file_in_another_encoding_is_reported(graded: tuple[Path, Path, int]) -> None:
+def test_a_file_in_another_encoding_is_reported(graded: Graded) -> None:
     assert 'UTF-8' in messages(results(graded[1], 'latin'))
 
 
-def test_an_archive_is_graded_as_a_folder_is(graded: tuple[Path, Path, int]) -> None:
+def test_an_archive_is_graded_as_a_folder_is(graded: Graded) -> None:
     assert results(graded[1], 'packed.zip')['score'] == ALL_POINTS - MODEL_POINTS
 
 
-def test_what_is_printed_is_shown_and_not_run(graded: tuple[Path, Path, int]) -> None:
+def test_what_is_printed_is_shown_and_not_run(graded: Graded) -> None:
     page = (graded[1] / 'print_much' / 'report.html').read_text()
 
     assert '&lt;script&gt;alert(1)' in page
@@ -271,14 +273,14 @@ def test_what_is_printed_is_shown_and_not_run(graded: tuple[Path, Path, int]) ->
     assert '[and more]' in page
 
 
-def test_nothing_is_written_beside_the_reports(graded: tuple[Path, Path, int]) -> None:
+def test_nothing_is_written_beside_the_reports(graded: Graded) -> None:
     submissions, _, _ = graded
 
     assert {path.name for path in (submissions / 'write_results').iterdir()} == {'bike_model.py'}
     assert not (submissions / 'results.json').exists()
 
 
-def test_the_same_is_found_each_time(graded: tuple[Path, Path, int], tmp_path: Path) -> None:
+def test_the_same_is_found_each_time(graded: Graded, tmp_path: Path) -> None:
     submissions, out, _ = graded
 
     assert barc(['grade', str(submissions / 'reference'), '--out', str(tmp_path)]) == 0

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.user_code.loading import UserCode
 
+    Capture = pytest.CaptureFixture[str]
+
 HALF = (
     'from helpers import half\n'
     'class PID:\n'
@@ -64,7 +66,7 @@ def test_an_empty_bag_is_named_so(tmp_path: Path) -> None:
     assert sentence in refused('regrade', str(path))
 
 
-def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: Capture) -> None:
     assert barc(['regrade', str(make(tmp_path / 'bag', closed_loop(distance=30.0)))]) == 0
     out = capsys.readouterr().out
     assert 'model of barc_sim       yes, bit for bit' in out
@@ -72,7 +74,7 @@ def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_a_run_with_user_code_came_from_that(
-    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: Capture
 ) -> None:
     assert barc(['regrade', str(bag_of(tmp_path, lab))]) == 0
     out = capsys.readouterr().out
@@ -82,16 +84,14 @@ def test_a_run_with_user_code_came_from_that(
     assert out.endswith('could have come from bike_model.py and controller.py.\n')
 
 
-def test_a_changed_file_is_named(
-    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_changed_file_is_named(tmp_path: Path, lab: UserCode, capsys: Capture) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.0\n')
     assert barc(['regrade', str(bag)]) == 1
     assert 'helpers.py: is not the file that the run had' in capsys.readouterr().out
 
 
 def test_other_code_did_not_make_the_commands(
-    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: Capture
 ) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.01\n')
     assert barc(['regrade', str(bag)]) == 1
@@ -102,7 +102,7 @@ def test_other_code_did_not_make_the_commands(
 
 @pytest.mark.slow
 def test_code_that_sleeps_in_each_call_ends_at_the_time_limit(
-    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, capsys: Capture
 ) -> None:
     sleepy = b'import time\ndef half(x):\n    time.sleep(0.3)\n    return x / 2\n'
     bag = bag_of(tmp_path, lab, helpers=sleepy)
@@ -110,16 +110,12 @@ def test_code_that_sleeps_in_each_call_ends_at_the_time_limit(
     assert 'used up the 1 s' in capsys.readouterr().out
 
 
-def test_code_that_fails_is_one_sentence(
-    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_code_that_fails_is_one_sentence(tmp_path: Path, lab: UserCode, capsys: Capture) -> None:
     assert barc(['regrade', str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
     assert 'ZeroDivisionError' in capsys.readouterr().out
 
 
-def test_what_was_found_can_be_had_as_json(
-    tmp_path: Path, lab: UserCode, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_found_can_be_had_as_json(tmp_path: Path, lab: UserCode, capsys: Capture) -> None:
     assert barc(['regrade', str(bag_of(tmp_path, lab)), '--json']) == 0
     found = json.loads(capsys.readouterr().out)
     assert found['possible'] is True
@@ -141,9 +137,7 @@ def test_files_of_two_folders_are_kept_apart(tmp_path: Path) -> None:
     assert barc(['regrade', str(bag)]) == 0
 
 
-def test_a_drive_by_hand_has_no_controller(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_drive_by_hand_has_no_controller(tmp_path: Path, capsys: Capture) -> None:
     printed = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
     log = drive([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
     assert barc(['regrade', str(make(tmp_path / 'bag', log, {'parameters': printed}))]) == 0
@@ -160,7 +154,7 @@ def test_a_bag_without_its_parameters_is_refused(tmp_path: Path, text: str) -> N
     'name', ['/etc/passwd', '../out.py', 'a/../../out.py', 'x' * 300, 'y/' * 50, 'bike_model.py/x']
 )
 def test_a_bag_cannot_write_elsewhere(
-    tmp_path: Path, lab: UserCode, name: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, lab: UserCode, name: str, capsys: Capture
 ) -> None:
     bag = bag_of(tmp_path, lab, **{name: b'x'})
     # The name ends in .py there; it leads out of the folder all the same.

@@ -23,6 +23,8 @@ from barc_sim.simulation.metrics import summary
 if TYPE_CHECKING:
     from pathlib import Path
 
+    Capture = pytest.CaptureFixture[str]
+
 #: A small search.
 QUICK = [
     *('--distance', '30', '--kp-range', '10', '50'),
@@ -41,7 +43,7 @@ def command_of(out: str) -> list[str]:
     return shlex.split(line)[2:]
 
 
-def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: Capture) -> None:
     assert barc(['tune', '--seed', '3']) == 0
     captured = capsys.readouterr()
     assert captured.err == ''
@@ -53,7 +55,7 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: pytest.CaptureFi
     assert float(cost[-1]) < float(cost[-2]) == pytest.approx(0.020692)
 
 
-def test_the_same_seed_gives_the_same_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_same_seed_gives_the_same_line(capsys: Capture) -> None:
     lines = []
     for seed in ('1', '1', '2'):
         assert barc(['tune', '--distance', '60', '--seed', seed]) == 0
@@ -62,7 +64,7 @@ def test_the_same_seed_gives_the_same_line(capsys: pytest.CaptureFixture[str]) -
     assert lines[0] != lines[2]
 
 
-def test_the_line_names_what_is_not_the_runs_default(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_line_names_what_is_not_the_runs_default(capsys: Capture) -> None:
     args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '3', '--seed', '4']
     assert barc(['tune', *QUICK, *args]) == 0
     line = command_of(capsys.readouterr().out)
@@ -73,9 +75,7 @@ def test_the_line_names_what_is_not_the_runs_default(capsys: pytest.CaptureFixtu
     ]
 
 
-def test_of_several_roads_each_has_a_table_and_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path, capsys: Capture) -> None:
     road = tmp_path / 'my hill.csv'
     road.write_text('start_m,grade_deg\n0,0\n15,8\n')
     assert barc(['tune', *QUICK, '--road', 'flat', str(road), '--road', 'lab']) == 0
@@ -89,23 +89,21 @@ def test_of_several_roads_each_has_a_table_and_a_line(
     ]
 
 
-def test_a_range_of_one_number_holds_the_gain(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_range_of_one_number_holds_the_gain(capsys: Capture) -> None:
     assert barc(['tune', *QUICK, '--kp-range', '12.5', '12.5']) == 0
     line = command_of(capsys.readouterr().out)
     assert line[line.index('--kp') + 1] == '12.5'
     assert line[line.index('--kd') + 1] == '0'
 
 
-def test_the_figure_is_saved_where_it_is_wanted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_figure_is_saved_where_it_is_wanted(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / 'figure.pdf'
     assert barc(['tune', *QUICK, '--save', str(path)]) == 0
     assert path.read_bytes().startswith(b'%PDF')
     assert capsys.readouterr().out.endswith(f'\n{path}\n')
 
 
-def test_an_own_controller_is_tuned(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_own_controller_is_tuned(tmp_path: Path, capsys: Capture) -> None:
     path = tmp_path / 'my controller.py'
     path.write_text(
         'class PID:\n'

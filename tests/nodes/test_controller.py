@@ -19,7 +19,6 @@ from user_files import load
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.control.types import new_controller
-from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros import names
@@ -32,6 +31,8 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
     from barc_sim.control.controller import Controller
+
+    Make = Callable[..., 'Bench']
 
 MS = 1_000_000
 
@@ -81,7 +82,7 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+def bench(benches: Make) -> Make:
     return partial(benches, Bench)
 
 
@@ -91,7 +92,7 @@ def expected(samples: Sequence[tuple[float, float]], reference: float = 8.0) -> 
     return [pid.acc_calculate(reference, v_x, dt) for dt, v_x in samples]
 
 
-def test_each_state_is_answered_once_with_its_own_stamp(bench: Callable[..., Bench]) -> None:
+def test_each_state_is_answered_once_with_its_own_stamp(bench: Make) -> None:
     one = bench()
     stamps = [10**18 + k * 20 * MS for k in range(5)]
     one.answers([(stamp, 7.9) for stamp in stamps])
@@ -100,14 +101,12 @@ def test_each_state_is_answered_once_with_its_own_stamp(bench: Callable[..., Ben
     assert [to_nanoseconds(state.header.stamp) for state in one.told] == stamps
 
 
-def test_interval_is_the_difference_of_stamps_also_where_states_are_missing(
-    bench: Callable[..., Bench],
-) -> None:
+def test_interval_is_the_difference_of_stamps_also_where_states_are_missing(bench: Make) -> None:
     answers = bench().answers([(0, 7.9), (20 * MS, 7.91), (80 * MS, 7.95), (90 * MS, 7.96)])
     assert answers == expected([(0.0, 7.9), (0.02, 7.91), (0.06, 7.95), (0.01, 7.96)])
 
 
-def test_stamps_that_go_back_begin_anew(bench: Callable[..., Bench]) -> None:
+def test_stamps_that_go_back_begin_anew(bench: Make) -> None:
     one = bench()
     run = [(1000 * MS, 7.9), (1020 * MS, 7.95), (1040 * MS, 7.97)]
     first = one.answers(run)
@@ -115,7 +114,7 @@ def test_stamps_that_go_back_begin_anew(bench: Callable[..., Bench]) -> None:
     assert again == first
 
 
-def test_what_the_pid_did_is_published(bench: Callable[..., Bench]) -> None:
+def test_what_the_pid_did_is_published(bench: Make) -> None:
     one = bench(kp=2.0, ki=1.0, kd=0.5, speed_reference=5.0, acceleration_limit=3.0)
     one.answers([(0, 4.0), (100 * MS, 4.2), (200 * MS, 0.0)])
     one.until(lambda: len(one.told) == 3)
@@ -132,9 +131,7 @@ def test_what_the_pid_did_is_published(bench: Callable[..., Bench]) -> None:
 
 
 @pytest.mark.parametrize('error_first', [True, False])
-def test_true_speed_is_controlled_where_asked_for(
-    bench: Callable[..., Bench], *, error_first: bool
-) -> None:
+def test_true_speed_is_controlled_where_asked_for(bench: Make, *, error_first: bool) -> None:
     one = bench(subtract_error=True)
     sends = [partial(one.send_state, v_x=8.5), partial(one.send_error, v_x=0.5)]
     if error_first:
@@ -149,7 +146,7 @@ def test_true_speed_is_controlled_where_asked_for(
     assert [state.measurement for state in one.told] == [8.0, 8.0, 8.0]
 
 
-def test_state_and_error_of_different_stamps_are_not_joined(bench: Callable[..., Bench]) -> None:
+def test_state_and_error_of_different_stamps_are_not_joined(bench: Make) -> None:
     one = bench(subtract_error=True)
     one.send_error(0, 0.5)
     one.send_state(20 * MS, 8.5)
@@ -159,7 +156,7 @@ def test_state_and_error_of_different_stamps_are_not_joined(bench: Callable[...,
     assert [to_nanoseconds(command.header.stamp) for command in one.commands] == [40 * MS]
 
 
-def test_measured_speed_is_controlled_unless_asked_otherwise(bench: Callable[..., Bench]) -> None:
+def test_measured_speed_is_controlled_unless_asked_otherwise(bench: Make) -> None:
     one = bench()
     one.send_error(0, 0.5)
     assert one.answers([(0, 7.9)]) == expected([(0.0, 7.9)])
@@ -168,7 +165,7 @@ def test_measured_speed_is_controlled_unless_asked_otherwise(bench: Callable[...
 # Parameters
 
 
-def test_gains_and_reference_take_effect_while_it_runs(bench: Callable[..., Bench]) -> None:
+def test_gains_and_reference_take_effect_while_it_runs(bench: Make) -> None:
     one = bench(kp=1.0, ki=0.0, kd=0.0)
     assert one.answers([(0, 7.0)]) == [1.0]
     assert all(result.successful for result in one.set(kp=2.0, speed_reference=8.5))
@@ -179,9 +176,7 @@ def test_gains_and_reference_take_effect_while_it_runs(bench: Callable[..., Benc
 
 
 @pytest.mark.parametrize('speed', [math.nan, math.inf, -1e300])
-def test_state_that_is_none_is_refused_and_spoils_nothing(
-    bench: Callable[..., Bench], speed: float
-) -> None:
+def test_state_that_is_none_is_refused_and_spoils_nothing(bench: Make, speed: float) -> None:
     one = bench()
     answers = one.answers([(0, 7.9)])
     one.send_state(20 * MS, speed)
@@ -190,7 +185,7 @@ def test_state_that_is_none_is_refused_and_spoils_nothing(
     assert one.controller.refused == 1
 
 
-def test_reference_may_come_from_an_outer_loop(bench: Callable[..., Bench]) -> None:
+def test_reference_may_come_from_an_outer_loop(bench: Make) -> None:
     one = bench(kp=1.0, ki=0.0, kd=0.0)
     outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
     one.until(lambda: outer.get_subscription_count() == 1)
@@ -202,7 +197,7 @@ def test_reference_may_come_from_an_outer_loop(bench: Callable[..., Bench]) -> N
 
 
 @pytest.mark.parametrize('reference', [math.nan, math.inf, -100.1, 1e300])
-def test_reference_out_of_range_is_refused(bench: Callable[..., Bench], reference: float) -> None:
+def test_reference_out_of_range_is_refused(bench: Make, reference: float) -> None:
     one = bench()
     outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
     one.until(lambda: outer.get_subscription_count() == 1)
@@ -211,7 +206,7 @@ def test_reference_out_of_range_is_refused(bench: Callable[..., Bench], referenc
     assert one.controller.speed_reference == 8.0
 
 
-def test_reset_is_a_fresh_start(bench: Callable[..., Bench]) -> None:
+def test_reset_is_a_fresh_start(bench: Make) -> None:
     one = bench()
     samples = [(0, 1.0), (20 * MS, 1.5), (40 * MS, 3.0)]
     first = one.answers(samples)
@@ -231,7 +226,7 @@ def test_reset_is_a_fresh_start(bench: Callable[..., Bench]) -> None:
     ],
 )
 def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
-    bench: Callable[..., Bench], name: str, value: float
+    bench: Make, name: str, value: float
 ) -> None:
     one = bench()
     (result,) = one.set(**{name: value})
@@ -240,15 +235,7 @@ def test_value_out_of_range_is_refused_with_the_reason_and_changes_nothing(
     assert one.answers([(0, 7.9), (20 * MS, 7.92)]) == expected([(0.0, 7.9), (0.02, 7.92)])
 
 
-@pytest.mark.parametrize('value', [-2e6, float('nan'), 'high'])
-def test_bad_gain_at_the_start_is_refused(bench: Callable[..., Bench], value: object) -> None:
-    with pytest.raises(UserError, match='parameter kp of controller must'):
-        bench(kp=value)
-
-
-def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(
-    bench: Callable[..., Bench],
-) -> None:
+def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) -> None:
     one = bench(controller_type='lqr', speed_weight=100.0, acceleration_limit=3.0)
     told: list[ControllerState] = []
     one.peer.create_subscription(ControllerState, names.CONTROLLER_STATE, told.append, names.QOS)
@@ -266,29 +253,8 @@ def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(
     assert [result.successful for result in one.set(observer_gain=1.1, kp=1.0)] == [False, False]
 
 
-def test_a_type_that_there_is_not_is_refused(bench: Callable[..., Bench]) -> None:
-    with pytest.raises(UserError, match="controller_type of controller is 'mpc': expected pid or"):
-        bench(controller_type='mpc')
-
-
-def test_the_labs_object_is_enough(bench: Callable[..., Bench]) -> None:
-    class Lab:
-        """The lab's controller: two arguments, a gain, no reset."""
-
-        kp = 2.0
-
-        def acc_calculate(self, speed_reference: float, speed_current: float) -> float:
-            """Return the acceleration [m/s²]."""
-            return self.kp * (speed_reference - speed_current)
-
-    one = bench(Lab())
-    assert one.answers([(0, 7.0), (20 * MS, 0.0)]) == [2.0, 8.0]
-    one.set(kp=3.0)
-    assert one.answers([(40 * MS, 7.0)]) == [3.0]
-
-
 def test_another_controller_answers_with_the_nodes_gains_and_limit(
-    bench: Callable[..., Bench], tmp_path: Path
+    bench: Make, tmp_path: Path
 ) -> None:
     (tmp_path / 'controller.py').write_text(
         'class PID:\n'

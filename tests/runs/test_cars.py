@@ -71,10 +71,3 @@ def test_a_line_is_printed_for_each_car() -> None:
         r'^(car\d) +([\d.]+) +([\d.]+) +[\d.]+% +[\d.]+ +(\d+)$', done.stdout, re.MULTILINE
     )
     assert lines == [('car1', '0.0207', '0.1263', '0'), ('car2', '0.0207', '0.1263', '0')]
-
-
-def test_a_count_that_is_none_is_refused() -> None:
-    done = barc('acc', '--cars=101')
-    assert done.returncode == 2
-    assert done.stderr.count('\n') == 1
-    assert "'101' is not a whole number from 1 to 100" in done.stderr

@@ -10,12 +10,6 @@ from barc_sim.vehicle.bike_model import Input
 GO, STOP = Input(motor=1.0), Input(motor=-1.0)
 
 
-def test_nothing_holds_before_the_first_command() -> None:
-    commands = Commands()
-    assert commands.latest is None
-    assert not commands.answered
-
-
 def test_a_command_answers_the_state_of_its_stamp_only() -> None:
     commands = Commands()
     assert commands.accepts(10, present=20)
@@ -73,12 +67,6 @@ def test_what_answers_no_state_makes_none_due_where_commands_come_as_they_please
     assert (commands.latest, commands.answered) == (STOP, True)
 
 
-def test_with_a_timeout_no_state_waits_for_the_first_command() -> None:
-    commands = Commands(timeout=0.5)
-    commands.next_step()
-    assert commands.answered
-
-
 def test_silence_beyond_the_timeout_is_a_loss_until_the_next_command() -> None:
     commands = Commands(timeout=0.5)
     commands.start_timeout(5.0)
@@ -89,7 +77,3 @@ def test_silence_beyond_the_timeout_is_a_loss_until_the_next_command() -> None:
     commands.start_timeout(5.0)
     assert not commands.timed_out(6.5)
     assert commands.timed_out(6.51)
-
-
-def test_without_a_timeout_nothing_is_lost() -> None:
-    assert not Commands().timed_out(1e9)

@@ -15,12 +15,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry, Path
 from node_bench import NodeBench, overrides
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.errors import UserError
 from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
 from barc_sim.nodes.mirrors.diagnosis import Facts
 from barc_sim.nodes.mirrors.kinds import MIRRORS
@@ -34,6 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.context import Context
+
+    Make = Callable[..., 'Bench']
 
 STEP = 20_000_000  # [ns]
 TYPES = {
@@ -95,11 +95,11 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+def bench(benches: Make) -> Make:
     return partial(benches, Bench)
 
 
-def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Callable[..., Bench]) -> None:
+def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
     odom = bench().answer('odom', x=110.0, y=1.5, v_x=8.0, v_y=0.5, psi_dot=0.1)
     there, turn = odom.pose.pose.position, odom.pose.pose.orientation
     road = Road.lab()
@@ -112,7 +112,7 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Callable[..., Bench])
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
 
 
-def test_joints_are_the_steering_and_the_wheels(bench: Callable[..., Bench]) -> None:
+def test_joints_are_the_steering_and_the_wheels(bench: Make) -> None:
     world = bench()
     world.commands.publish(ECU(servo=0.3))
     world.until(
@@ -128,7 +128,7 @@ def test_joints_are_the_steering_and_the_wheels(bench: Callable[..., Bench]) -> 
     assert 0.0 < joints.position[JOINTS.index('front_right_steering')] < 0.3
 
 
-def test_command_that_is_not_finite_turns_no_wheel(bench: Callable[..., Bench]) -> None:
+def test_command_that_is_not_finite_turns_no_wheel(bench: Make) -> None:
     world = bench()
     world.commands.publish(ECU(servo=nan))
     world.commands.publish(ECU(servo=0.1))
@@ -138,7 +138,7 @@ def test_command_that_is_not_finite_turns_no_wheel(bench: Callable[..., Bench]) 
     ]
 
 
-def test_state_that_is_not_finite_is_left_out(bench: Callable[..., Bench]) -> None:
+def test_state_that_is_not_finite_is_left_out(bench: Make) -> None:
     world = bench()
     world.send(x=nan)
     odom = world.answer('odom', x=1.0)
@@ -146,7 +146,7 @@ def test_state_that_is_not_finite_is_left_out(bench: Callable[..., Bench]) -> No
     assert odom.pose.pose.position.x == 1.0
 
 
-def test_car_is_drawn_to_scale_on_its_wheels(bench: Callable[..., Bench]) -> None:
+def test_car_is_drawn_to_scale_on_its_wheels(bench: Make) -> None:
     body, _, *tyres = bench(l_f=1.0, l_r=2.0).answer('markers', x=5.0).markers
     assert (body.type, [tyre.type for tyre in tyres]) == (Marker.CUBE, [Marker.CYLINDER] * 4)
     places = [(tyre.pose.position.x, tyre.pose.position.z) for tyre in tyres]
@@ -157,7 +157,7 @@ def test_car_is_drawn_to_scale_on_its_wheels(bench: Callable[..., Bench]) -> Non
     assert len({(marker.ns, marker.id) for marker in (body, *tyres)}) == 5
 
 
-def test_cylinders_lie_on_their_axles(bench: Callable[..., Bench]) -> None:
+def test_cylinders_lie_on_their_axles(bench: Make) -> None:
     tyre = bench().answer('markers', psi=0.5).markers[-1]
     turn = tyre.pose.orientation
     # The cylinder's z axis in `odom`: the third column of the rotation's matrix.
@@ -169,7 +169,7 @@ def test_cylinders_lie_on_their_axles(bench: Callable[..., Bench]) -> None:
     assert [abs(part) for part in axis] == pytest.approx([0.479426, 0.877583, 0.0], abs=1e-6)
 
 
-def test_road_is_latched(bench: Callable[..., Bench]) -> None:
+def test_road_is_latched(bench: Make) -> None:
     world = bench()
     roads: list[MarkerArray] = []
     world.peer.create_subscription(MarkerArray, 'road_markers', roads.append, LATCHED)
@@ -182,7 +182,7 @@ def test_road_is_latched(bench: Callable[..., Bench]) -> None:
     assert [point.y for point in line.points] == [0.0] * 10
 
 
-def test_path_has_the_places_so_far(bench: Callable[..., Bench]) -> None:
+def test_path_has_the_places_so_far(bench: Make) -> None:
     world = bench(period=0.0, diagnostics=False)
     for k in range(10):
         path = world.answer('path', x=1.0 * k, v_x=50.0)
@@ -191,7 +191,7 @@ def test_path_has_the_places_so_far(bench: Callable[..., Bench]) -> None:
     assert to_nanoseconds(path.poses[-1].header.stamp) == 10 * STEP
 
 
-def test_frames_and_joints_bear_the_namespace(bench: Callable[..., Bench]) -> None:
+def test_frames_and_joints_bear_the_namespace(bench: Make) -> None:
     world = bench(namespace='/car2')
     odom = world.answer('odom')
     assert (odom.header.frame_id, odom.child_frame_id) == ('car2/odom', 'car2/base_link')
@@ -199,7 +199,7 @@ def test_frames_and_joints_bear_the_namespace(bench: Callable[..., Bench]) -> No
     assert world.answer('markers').markers[0].header.frame_id == 'car2/odom'
 
 
-def test_diagnostics_combine_facts_and_topics(bench: Callable[..., Bench]) -> None:
+def test_diagnostics_combine_facts_and_topics(bench: Make) -> None:
     known = Facts(missed=3, slipped=1, recorded=100, lost=0)
     world = bench(namespace='/car2', facts=lambda: known, period=0.02)
     diagnosed: dict[str, Any] = {}
@@ -233,15 +233,13 @@ def test_diagnostics_combine_facts_and_topics(bench: Callable[..., Bench]) -> No
         ('diagnostics', {'diagnostics'}),
     ],
 )
-def test_mirror_that_is_off_has_no_publisher(
-    bench: Callable[..., Bench], off: str, topics: set[str]
-) -> None:
+def test_mirror_that_is_off_has_no_publisher(bench: Make, off: str, topics: set[str]) -> None:
     every = bench().mirrored()
     assert topics <= every
     assert bench(**{off: False}).mirrored() == every - topics
 
 
-def test_topics_that_no_mirror_needs_have_no_subscription(bench: Callable[..., Bench]) -> None:
+def test_topics_that_no_mirror_needs_have_no_subscription(bench: Make) -> None:
     def subscribed(**on: bool) -> set[str]:
         mirror = bench(**({name: name in on for name in MIRRORS})).mirror
         return {end.topic_name for end in mirror.subscriptions}
@@ -249,8 +247,3 @@ def test_topics_that_no_mirror_needs_have_no_subscription(bench: Callable[..., B
     assert subscribed() == set()
     assert subscribed(odom=True) == subscribed(path=True) == subscribed(accel=True) == {'/z_vhcl'}
     assert subscribed(joint_states=True) == subscribed(markers=True) == {'/z_vhcl', '/ecu'}
-
-
-def test_unknown_road_is_refused(ros: Context) -> None:
-    with pytest.raises(UserError, match="road 'nowhere' is neither"):
-        MirrorNode(context=ros, parameter_overrides=[Parameter('road', value='nowhere')])

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
 
+    Make = Callable[..., 'Bench']
+
 #: As rclpy's and rclcpp's time sources subscribe.
 CLOCK_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 #: A plain node in a process of its own whose time comes from /clock alone.
@@ -83,7 +85,7 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
+def bench(benches: Make) -> Make:
     return partial(benches, Bench)
 
 
@@ -98,14 +100,14 @@ def bench(benches: Callable[..., Bench]) -> Callable[..., Bench]:
     ],
 )
 def test_clock_is_published_at_another_factor_or_on_request(
-    bench: Callable[..., Bench], parameters: dict[str, float | bool], expected: int
+    bench: Make, parameters: dict[str, float | bool], expected: int
 ) -> None:
     assert bench(**parameters).peer.count_publishers('/clock') == expected
 
 
 @pytest.mark.parametrize('parameters', [{'clock': True}, {'realtime_factor': 0.0}])
 def test_clock_publishes_the_stamp_of_each_state(
-    bench: Callable[..., Bench], parameters: dict[str, float | bool]
+    bench: Make, parameters: dict[str, float | bool]
 ) -> None:
     world = bench(**parameters)
     world.until(lambda: len(world.stamps) >= 20)
@@ -113,19 +115,17 @@ def test_clock_publishes_the_stamp_of_each_state(
     assert world.times[:20] == world.stamps[:20]
 
 
-def test_best_effort_subscription_receives_the_clock(bench: Callable[..., Bench]) -> None:
+def test_best_effort_subscription_receives_the_clock(bench: Make) -> None:
     world = bench(realtime_factor=0.0)
     times: list[Clock] = []
     world.peer.create_subscription(Clock, '/clock', times.append, CLOCK_QOS)
     world.until(lambda: len(times) > 5)
 
 
-def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(
-    bench: Callable[..., Bench],
-) -> None:
+def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(bench: Make) -> None:
     world = bench(realtime_factor=5.0, check_period=0.02)
     world.until(lambda: len(world.times) > 5)
-    world.call(SetBool, 'vehicle_simulator/pause', data=True)
+    assert world.call(SetBool, 'vehicle_simulator/pause', data=True).message == 'paused'
     late: list[Clock] = []
     world.peer.create_subscription(Clock, '/clock', late.append, CLOCK_QOS)
     world.until(lambda: len(late) > 5)
@@ -134,9 +134,7 @@ def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(
     world.until(lambda: world.times[-1] > to_nanoseconds(late[0].clock))
 
 
-def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(
-    bench: Callable[..., Bench],
-) -> None:
+def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(bench: Make) -> None:
     world = bench()
     world.until(lambda: len(world.stamps) > 3)
     world.call(SetBool, 'vehicle_simulator/pause', data=True)
@@ -155,7 +153,7 @@ def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(
 
 
 def test_a_reset_without_an_answer_is_warned_of_once(
-    bench: Callable[..., Bench], capfd: pytest.CaptureFixture[str]
+    bench: Make, capfd: pytest.CaptureFixture[str]
 ) -> None:
     world = bench()
     world.until(lambda: len(world.stamps) > 3)
@@ -170,9 +168,7 @@ def test_a_reset_without_an_answer_is_warned_of_once(
 
 
 @pytest.mark.parametrize('realtime_factor', [0.0, 5.0])
-def test_clock_never_goes_back_at_a_reset(
-    bench: Callable[..., Bench], realtime_factor: float
-) -> None:
+def test_clock_never_goes_back_at_a_reset(bench: Make, realtime_factor: float) -> None:
     world = bench(realtime_factor=realtime_factor)
     world.until(lambda: len(world.times) > 20)
     before = len(world.times)

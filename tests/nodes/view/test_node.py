@@ -392,12 +392,3 @@ def test_the_realtime_factor_is_measured(ros: Context) -> None:
 def test_unknown_mode_is_named(ros: Context) -> None:
     with pytest.raises(UserError, match="mode 'drift' of the view"):
         ViewNode('drift', context=ros)
-
-
-def test_destroy_frees_the_port(ros: Context) -> None:
-    first = ViewNode(context=ros)
-    port = urlsplit(first.url).port
-    first.destroy_node()
-    again = ViewNode(context=ros, port=port or 0)
-    again.destroy_node()
-    assert urlsplit(again.url).port == port

