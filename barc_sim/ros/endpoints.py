@@ -36,8 +36,6 @@ def publisher(node: Node, message_type: type[Any], topic: str) -> Publisher:
     >>> node = rclpy.create_node('driver', namespace='/car2')
     >>> publisher(node, ECU, 'ecu').topic_name
     '/car2/ecu'
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     events = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(message_type, topic, QOS, event_callbacks=events)
@@ -70,10 +68,6 @@ def subscription(
     >>> publisher(node, Float64, 'speed').publish(Float64(data=8.0))
     >>> executor.spin_once(timeout_sec=5.0)
     8.0
-    >>> executor.shutdown()
-    True
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     events = SubscriptionEventCallbacks(use_default_callbacks=False)
     return node.create_subscription(
@@ -109,8 +103,6 @@ def drained_subscription(
     >>> drain()
     >>> speeds
     [7.9, 8.0, 8.1]
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     taker = Taker()
 
@@ -142,8 +134,6 @@ def incompatible_peers(node: Node) -> Iterator[str]:
     >>> reliable = node.create_subscription(Float64, 'speed', print, QOS_NEWEST)
     >>> [sentence.partition(':')[0] for sentence in incompatible_peers(node)]
     ['logger cannot receive /speed from logger']
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     used = {end.topic_name for end in (*node.publishers, *node.subscriptions)}
     for topic in sorted(used - OF_EVERY_NODE):

@@ -39,8 +39,6 @@ class FieldPublisher:
     >>> commands.publish(1_020_000_000, {'motor': 2.0, 'servo': 0.0})
     >>> [message.motor for message, _ in take(subscription, 1)]
     [2.0]
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     wanted = True  #: always: asking DDS for subscriptions would cost more than a message

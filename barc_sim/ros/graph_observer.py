@@ -22,8 +22,6 @@ def observe(node: Node) -> NodeGraph:
     >>> publisher = node.create_publisher(Float64, 'speed', 1)
     >>> ('/logger', '/speed') in observe(node).publications
     True
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     nodes: list[str] = []
     topics: dict[str, str] = {}

@@ -38,8 +38,6 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
     >>> reliable = node.create_publisher(String, 'note', 1)
     >>> request(node.get_publishers_info_by_topic('/note'), depth=10).reliability.name
     'BEST_EFFORT'
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     profiles = [end.qos_profile for end in ends]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
@@ -64,8 +62,6 @@ def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
     >>> [end] = node.get_publishers_info_by_topic('/note')
     >>> matches(end, QoSProfile(depth=1)), matches(end, request([end], depth=1))
     (False, True)
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     compatibility, _ = qos_check_compatible(publisher.qos_profile, requested)
     return bool(compatibility != QoSCompatibility.ERROR)
@@ -105,8 +101,6 @@ def describe(name: str, ends: Sequence[TopicEndpointInfo], definitions: Mapping[
     >>> topic = describe('/note', node.get_publishers_info_by_topic('/note'), {})
     >>> topic.type, topic.offered_qos[0]['reliability']
     ('std_msgs/msg/String', 'reliable')
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     type_name = ends[0].topic_type
     return Topic(

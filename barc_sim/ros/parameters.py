@@ -55,8 +55,6 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     >>> node = rclpy.create_node('car', parameter_overrides=heavy)
     >>> declare(node, [Parameter('mass', 2000.0, 'mass of the car [kg]', (1.0, 5000.0))])
     {'mass': 2400.0}
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     return {parameter.name: _declare(node, parameter) for parameter in parameters}
 

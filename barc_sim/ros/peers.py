@@ -48,8 +48,6 @@ def claim(node: Node, topic: str) -> socket.socket:
     ...     claim(node, 'z_vhcl')  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     barc_sim.errors.UserError: another simulator publishes ...
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     name = node.resolve_topic_name(topic)
     domain = node.context.get_domain_id()
@@ -151,8 +149,6 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
     >>> publisher = node.create_publisher(Float64, 'speed', 1)
     >>> [end.node_name for end in living_publishers(node, 'speed')]
     ['logger']
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
     own = _own_gid(node) if ends else None
@@ -171,9 +167,6 @@ def types_here(node: Node, topic: str) -> set[str]:
     >>> publisher = other.create_publisher(Float64, 'speed', 1)
     >>> types_here(node, '/speed')
     {'std_msgs/msg/Float64'}
-    >>> other.destroy_node()
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     own = _own_gid(node) or b''
     ends = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
@@ -197,8 +190,6 @@ def is_own(end: TopicEndpointInfo) -> bool:
     >>> publisher = node.create_publisher(Float64, 'speed', 1)
     >>> [is_own(end) for end in node.get_publishers_info_by_topic('/speed')]
     [True]
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     return _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
 

@@ -59,9 +59,6 @@ class Taker:
     >>> node.create_publisher(Float64, 'speed', 1).publish(Float64(data=8.0))
     >>> [deserialize_message(taken.data, Float64).data for taken in taker.take(subscription)]
     [8.0]
-    >>> taker.close()
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self) -> None:

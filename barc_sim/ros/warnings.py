@@ -30,8 +30,6 @@ class RateLimitedWarning:
     ...     warning.warn(lambda: made.append(k) or f'state {k} came late')
     >>> made
     [0]
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node) -> None:
@@ -60,8 +58,6 @@ class RefusedInput:
     ...     refused.add(lambda: f'a speed of {speed} m/s')
     >>> refused.count
     2
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import gc
 import shutil
 import sys
 from importlib import import_module
@@ -80,3 +81,6 @@ def test_the_examples_of_a_room_are_right(
         test.globs['Path'] = Path
         doctest.DocTestRunner().run(test, out=output.append)
         assert not output, ''.join(output)
+        if room in NEED_ROS:  # an example needs not destroy its nodes
+            import_module('rclpy').try_shutdown()
+            gc.collect()

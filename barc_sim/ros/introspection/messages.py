@@ -44,9 +44,6 @@ class Messages:
     >>> node.create_publisher(String, 'note', 1).publish(String(data='wet'))
     >>> [taken.number for taken in messages.take()], messages.lost
     ([1], 0)
-    >>> messages.close()
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node, topic: str, kind: type[Any], qos: QoSProfile) -> None:
@@ -98,8 +95,6 @@ def quality(
     >>> publisher = node.create_publisher(String, 'note', 1)
     >>> quality(node, '/note').reliability.name, quality(node, '/silent').reliability.name
     ('RELIABLE', 'BEST_EFFORT')
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     publishers = node.get_publishers_info_by_topic(topic)
     profile = request(publishers, depth)

@@ -73,9 +73,6 @@ class GraphObserver:
     >>> with StopSignals() as stop:
     ...     GraphObserver(node, stop).find_node('car2/car')
     '/car2/car'
-    >>> car.destroy_node()
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node, stop: StopSignals) -> None:
