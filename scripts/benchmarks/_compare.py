@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -13,9 +12,11 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.cli.option_types import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Callable, Iterable, Mapping
 
 EXECUTORS = {
@@ -35,19 +36,12 @@ Figures = dict[str, float] | None
 Found = dict[str, dict[str, list[Figures]]]
 
 
-def at_least_one(text: str) -> int:
-    """Return a number of repetitions or seconds, as given on the command line."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
-    return int(text)
-
-
 def add_number(
     parser: argparse.ArgumentParser, option: str, default: int, meaning: str, metavar: str = 'N'
 ) -> None:
     """Declare an option that takes a whole number from 1 on."""
     about = f'{meaning} ({default})'
-    parser.add_argument(option, type=at_least_one, default=default, metavar=metavar, help=about)
+    parser.add_argument(option, type=whole(1), default=default, metavar=metavar, help=about)
 
 
 def add_case(parser: argparse.ArgumentParser, cases: Iterable[str]) -> None:

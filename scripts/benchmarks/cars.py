@@ -14,9 +14,10 @@ from pathlib import Path
 from resource import RUSAGE_CHILDREN, getrusage
 from typing import TYPE_CHECKING
 
-from _compare import Found, add_number, at_least_one, in_turns, table
+from _compare import Found, add_number, in_turns, table
 
 from barc_sim.bags.reader import info
+from barc_sim.cli.option_types import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _COUNTED = {'missed': 'missed_deadlines', 'slips': 'slipped_periods', 'lost': 'l
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        '--cars', type=at_least_one, nargs='+', default=[1, 10, 20, 30, 40], metavar='N'
+        '--cars', type=whole(1), nargs='+', default=[1, 10, 20, 30, 40], metavar='N'
     )
     add_number(parser, '--repeat', 3, 'repetitions')
     add_number(parser, '--distance', 60, 'length of a run', 'M')

@@ -14,8 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from _compare import at_least_one
-
+from barc_sim.cli.option_types import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -57,8 +56,8 @@ Found = dict[str, float]
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     cores = len(os.sched_getaffinity(0))
-    parser.add_argument('--count', type=at_least_one, default=200, help='submissions (200)')
-    parser.add_argument('--jobs', type=at_least_one, default=cores, help=f'at once ({cores})')
+    parser.add_argument('--count', type=whole(1), default=200, help='submissions (200)')
+    parser.add_argument('--jobs', type=whole(1), default=cores, help=f'at once ({cores})')
 
 
 def measure(options: argparse.Namespace) -> Found:

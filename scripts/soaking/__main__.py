@@ -15,7 +15,8 @@ from _figures import table
 
 from barc_sim.cli.parser import Parser, call
 
-#: Modules of this folder with `add_arguments` and `soak`.
+#: Modules of this folder: `SHORT` says what --short leaves, `soak` does the work, and
+#: `add_arguments`, where there is one, declares more options.
 _NAMES = sorted(
     file.stem for file in Path(__file__).parent.glob('*.py') if not file.stem.startswith('_')
 )
@@ -29,7 +30,9 @@ def main(args: list[str] | None = None) -> int:
         module: Any = importlib.import_module(name)
         about = module.__doc__
         command = commands.add_parser(name, help=about.splitlines()[0], description=about)
-        module.add_arguments(command)
+        command.add_argument('--short', action='store_true', help=module.SHORT)
+        if hasattr(module, 'add_arguments'):
+            module.add_arguments(command)
         command.set_defaults(module=module)
     options = parser.parse_args(args)
     figures = options.module.soak(options)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
+import os
 from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -49,8 +50,7 @@ def table(figures: Sequence[Figure]) -> str:
     return '\n'.join(map(str, figures))
 
 
-def whole(text: str) -> int:
-    """Return a count as given on the command line."""
-    if not text.isdecimal() or not int(text):
-        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 on')
-    return int(text)
+def memory() -> int:
+    """Return the resident memory of this process [bytes]."""
+    pages = Path('/proc/self/statm').read_text(encoding='ascii').split()[1]
+    return int(pages) * os.sysconf('SC_PAGE_SIZE')

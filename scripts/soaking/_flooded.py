@@ -7,7 +7,7 @@ import sys
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from _memory import memory
+from _figures import memory
 
 from barc_sim import run
 from barc_sim.vehicle.plant import Plant

@@ -14,15 +14,17 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from _figures import Figure, whole
+from _figures import Figure
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
+from barc_sim.cli.option_types import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     import argparse
 
+SHORT = '3 s of it, and any speed will do'
 _HERE = Path(__file__).parent
 _MODES = ('acc', 'teleop')
 _PATIENCE = 60.0  #: [s]
@@ -35,8 +37,7 @@ _GROWTH = 30.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument('--short', action='store_true', help='3 s of it, and any speed will do')
-    parser.add_argument('--rate', type=whole, default=10_000, help='messages per second (10000)')
+    parser.add_argument('--rate', type=whole(1), default=10_000, help='messages per second (10000)')
     parser.add_argument('--mode', choices=_MODES, action='append', help='only beside this run')
 
 

@@ -29,16 +29,12 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable
 
+SHORT = 'each node once'
 _COMMANDERS = ('controller', 'relay')
 _OTHERS = ('vehicle_simulator', 'bag_recorder', 'view')
 _MOVING, _STANDING = 0.5, 1e-6  #: [m/s]
 _PATIENCE = 30.0  #: [s]
 _STATES = 25  #: to hear after a kill that is not to matter
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument('--short', action='store_true', help='each node once')
 
 
 def soak(options: argparse.Namespace) -> list[Figure]:

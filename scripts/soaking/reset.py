@@ -19,16 +19,12 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     import argparse
 
+SHORT = '30 of them'
 _PROGRAM = Path(__file__).with_name('_resets.py')
 #: A machine that others use, too, is slower now than then.
 _SLOWER = 1.5
 _GROWTH = 5.0  #: [MiB]
 _PATIENCE = 600.0  #: [s]
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument('--short', action='store_true', help='30 of them')
 
 
 def soak(options: argparse.Namespace) -> list[Figure]:

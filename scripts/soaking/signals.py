@@ -22,6 +22,7 @@ from barc_sim.bags import reader as bag
 if TYPE_CHECKING:
     import argparse
 
+SHORT = '8 of them, and any time will do'
 _MOST = 2.0  #: [s] from the signal to the end
 _SECONDS = 1.5  #: a run by hand, which has no end of its own
 _OPTIONS = {
@@ -29,11 +30,6 @@ _OPTIONS = {
     'teleop': ('teleop', '--view', 'none'),
 }
 _PATIENCE = 30.0
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options."""
-    parser.add_argument('--short', action='store_true', help='8 of them, and any time will do')
 
 
 def soak(options: argparse.Namespace) -> list[Figure]:

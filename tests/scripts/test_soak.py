@@ -40,15 +40,14 @@ def test_ordeal_is_gone_through_within_its_bounds(ordeal: str) -> None:
 
 def test_a_bound_that_is_broken_ends_it_with_code_1(tmp_path: Path) -> None:
     (tmp_path / 'broken.py').write_text(
+        '"""Broken."""\n'
         'from _figures import Figure\n'
-        'def add_arguments(parser):\n'
-        '    """None."""\n'
+        'SHORT = "no shorter"\n'
         'def soak(options):\n'
         '    return [Figure("kept", 1.0, most=1.0), Figure("not kept", float("nan"), most=1.0)]\n'
     )
     for file in ('__main__.py', '_figures.py'):
         (tmp_path / file).write_text((ROOT / 'scripts' / 'soaking' / file).read_text())
-    (tmp_path / 'broken.py').write_text('"""Broken."""\n' + (tmp_path / 'broken.py').read_text())
     done = subprocess.run(
         [sys.executable, str(tmp_path), 'broken'],
         env=os.environ | {'PYTHONPATH': str(ROOT)},
