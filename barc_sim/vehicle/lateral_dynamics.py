@@ -7,7 +7,6 @@ stiffness is half of an axle's here. All of it is of small angles at a constant 
 from __future__ import annotations
 
 from cmath import sqrt as complex_sqrt
-from math import inf, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -73,55 +72,3 @@ def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
     """
     load = vehicle.mass / (vehicle.l_f + vehicle.l_r)
     return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)
-
-
-def yaw_gain(vehicle: Vehicle, lateral: LateralParameters, v: float) -> float:
-    """Return the steady yaw rate by steering angle [1/s] at speed `v` [m/s].
-
-    Examples
-    --------
-    >>> from barc_sim import Vehicle
-    >>> round(yaw_gain(Vehicle(), LateralParameters(), 8.0), 3)
-    2.553
-    """
-    return v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, lateral) * v**2)
-
-
-def side_slip_gain(vehicle: Vehicle, lateral: LateralParameters, v: float) -> float:
-    """Return the steady v_y by steering angle [m/s per rad] at speed `v` [m/s].
-
-    Examples
-    --------
-    >>> from barc_sim import Vehicle
-    >>> round(side_slip_gain(Vehicle(), LateralParameters(), 8.0), 3)
-    2.809
-    """
-    load = vehicle.mass * vehicle.l_f / (vehicle.l_f + vehicle.l_r)
-    drift = load * v**2 / lateral.rear_stiffness
-    return (vehicle.l_r - drift) * yaw_gain(vehicle, lateral, v)
-
-
-def characteristic_speed(vehicle: Vehicle, lateral: LateralParameters) -> float:
-    """Return the speed [m/s] of greatest yaw gain; infinite unless the car understeers.
-
-    Examples
-    --------
-    >>> from barc_sim import Vehicle
-    >>> round(characteristic_speed(Vehicle(), LateralParameters()), 1)
-    37.9
-    """
-    gradient = understeer_gradient(vehicle, lateral)
-    return sqrt((vehicle.l_f + vehicle.l_r) / gradient) if gradient > 0.0 else inf
-
-
-def critical_speed(vehicle: Vehicle, lateral: LateralParameters) -> float:
-    """Return the speed [m/s] from which the car is unstable; infinite unless it oversteers.
-
-    Examples
-    --------
-    >>> from barc_sim import Vehicle
-    >>> round(critical_speed(Vehicle(), LateralParameters(rear_stiffness=100e3)), 1)
-    42.4
-    """
-    gradient = understeer_gradient(vehicle, lateral)
-    return sqrt((vehicle.l_f + vehicle.l_r) / -gradient) if gradient < 0.0 else inf

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from math import atan2, cos, exp, isfinite, pi, radians, sin, sqrt
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,11 +17,9 @@ from barc_sim.vehicle.integrators import rk4
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.lateral_dynamics import (
     LateralParameters,
-    critical_speed,
     eigenvalues,
     lateral_matrix,
-    side_slip_gain,
-    yaw_gain,
+    understeer_gradient,
 )
 
 TS = 0.005
@@ -35,6 +34,11 @@ properties = settings(deadline=None, derandomize=True)
 
 def flat(_: float) -> float:
     return 0.0
+
+
+def critical_speed() -> float:
+    """Return the speed [m/s] from which the oversteering car is unstable."""
+    return sqrt(-(CAR.l_f + CAR.l_r) / understeer_gradient(CAR, OVERSTEERING))
 
 
 def at_speed(bicycle: DynamicBicycle, vehicle: Vehicle, v: float, servo: float, t: float) -> Motion:
@@ -61,13 +65,17 @@ def test_steady_state_has_the_gains_of_the_closed_form(
 ) -> None:
     bicycle = DynamicBicycle(lateral, integrator)
     seen = at_speed(bicycle, vehicle, v, SMALL, 6.0)
-    assert seen.psi_dot / SMALL == pytest.approx(yaw_gain(vehicle, lateral, v), rel=1e-5)
-    assert seen.v_y / SMALL == pytest.approx(side_slip_gain(vehicle, lateral, v), rel=1e-5)
+    per_steer = lateral.front_stiffness * SMALL
+    steered = (-per_steer / vehicle.mass, -per_steer * vehicle.l_f / lateral.yaw_inertia)
+    v_y, psi_dot = np.linalg.solve(lateral_matrix(vehicle, lateral, v), steered)
+    assert (seen.v_y, seen.psi_dot) == pytest.approx((v_y, psi_dot), rel=1e-5)
+    gain = v / (vehicle.l_f + vehicle.l_r + understeer_gradient(vehicle, lateral) * v**2)
+    assert psi_dot == pytest.approx(gain * SMALL)
 
 
 @pytest.mark.parametrize(('share', 'grows'), [(0.95, False), (1.05, True)])
 def test_oversteering_car_is_stable_up_to_its_critical_speed(share: float, *, grows: bool) -> None:
-    v = share * critical_speed(CAR, OVERSTEERING)
+    v = share * critical_speed()
     bicycle = DynamicBicycle(OVERSTEERING, 'rk4')
     state = State(v=v)
     disturbed = Input(0.0, 1e-7)
@@ -244,5 +252,5 @@ def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> No
 
 
 def test_car_that_is_unstable_itself_is_not_refused() -> None:
-    v = 1.2 * critical_speed(CAR, OVERSTEERING)
+    v = 1.2 * critical_speed()
     DynamicBicycle(OVERSTEERING._replace(dynamic_above=v)).check(CAR, 0.02)
