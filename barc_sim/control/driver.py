@@ -15,9 +15,10 @@ from __future__ import annotations
 from math import copysign, inf, isfinite
 from typing import NamedTuple
 
-from barc_sim.control.rates import RATE, STALE_AFTER
 from barc_sim.vehicle.bike_model import Input
 
+RATE = 20.0  #: [Hz] commands per second; the lab's template has dt = 0.05
+STALE_AFTER = 0.5  #: [s] An older Twist is ignored.
 #: [m/s] Slower than this the car may set off either way.
 STANDSTILL = 0.05
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.driver import Driver, DriverInput, Limits
-from barc_sim.control.rates import STALE_AFTER
+from barc_sim.control.driver import STALE_AFTER, Driver, DriverInput, Limits
 from barc_sim.control.velocity import VelocityDriver
 from barc_sim.errors import UserError
 from barc_sim.vehicle.parameters import PARAMETERS as CAR

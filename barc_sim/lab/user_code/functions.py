@@ -11,7 +11,7 @@ from itertools import islice
 from math import inf, isfinite, nan
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.rates import RATE, STALE_AFTER
+from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.lab.user_code.call import Calls, defined_at, guarded, number
 from barc_sim.lab.user_code.ros_world import Command, TimedTwist
 from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, options_for

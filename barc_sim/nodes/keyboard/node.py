@@ -14,10 +14,9 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from barc_sim.cli.parser import call
-from barc_sim.control.driver import FULL_BRAKE
+from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
 from barc_sim.control.keyboard.terminal import Terminal
-from barc_sim.control.rates import RATE
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_twist
 from barc_sim.ros.endpoints import publisher

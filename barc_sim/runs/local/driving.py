@@ -7,9 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import CMD_VEL, message_class
-from barc_sim.control.driver import FULL_BRAKE, DriverInput
+from barc_sim.control.driver import FULL_BRAKE, RATE, DriverInput
 from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
-from barc_sim.control.rates import RATE
 from barc_sim.control.relay import PARAMETERS, RelayControl
 from barc_sim.simulation.log import COMMAND, MESSAGE_TYPES
 
