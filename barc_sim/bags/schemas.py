@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
-_DELIMITER = '=' * 80
 # The definitions that runs without ROS need, as `<package>/<name>.msg`.
 _SHIPPED = Path(__file__).with_name('msg')
 # In a checkout the lab's own lie beside the package; in a wheel, with the others.
@@ -52,18 +51,12 @@ def definition(type_name: str) -> str:
     package, kind, base = _parts(type_name)
     if kind != 'msg':
         return _described(package, kind, base)
-    seen: set[str] = set()
 
-    def expand(name: str) -> str:
-        parts = [_text(name)]
-        for dependency in sorted(_dependencies(parts[0], name.partition('/')[0])):
-            if dependency not in seen:
-                seen.add(dependency)
-                parts.append(f'\n{_DELIMITER}\nMSG: {dependency}\n')
-                parts.append(expand(dependency))
-        return ''.join(parts)
+    def described(name: str) -> tuple[str, set[str]]:
+        text = _text(name)
+        return text, _dependencies(text, name.partition('/')[0])
 
-    return expand(type_name)
+    return type_descriptions.with_dependencies(type_name, described)
 
 
 def shipped() -> Iterator[tuple[str, Path]]:

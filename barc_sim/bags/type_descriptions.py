@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
 _DELIMITER = '=' * 80
 _NESTED = 1
@@ -50,19 +50,31 @@ def definition(name: str, descriptions: Iterable[Mapping[str, Any]]) -> str:
         One of the types is missing, or has a field that `ros2msg` cannot express.
     """
     by_name = {description['type_name']: description for description in descriptions}
-    seen = {name}
 
-    def expand(name: str) -> str:
+    def described(name: str) -> tuple[str, set[str]]:
         if name not in by_name:
             raise LookupError(f'no description of {name!r}')
         fields = by_name[name]['fields']
-        parts = [''.join(f'{_type(field["type"])} {field["name"]}\n' for field in fields)]
-        nested = {field['type']['nested_type_name'] for field in fields}
-        for dependency in sorted(nested - seen - {''}):
+        text = ''.join(f'{_type(field["type"])} {field["name"]}\n' for field in fields)
+        return text, {field['type']['nested_type_name'] for field in fields} - {''}
+
+    return with_dependencies(name, described)
+
+
+def with_dependencies(name: str, described: Callable[[str], tuple[str, set[str]]]) -> str:
+    """Return a type's text; then, depth first and by name, that of each dependency once.
+
+    `described` returns the text of a type alone, and the types that it refers to.
+    """
+    seen = {name}
+
+    def expand(name: str) -> str:
+        text, dependencies = described(name)
+        for dependency in sorted(dependencies):
             if dependency not in seen:
                 seen.add(dependency)
-                parts.append(f'\n{_DELIMITER}\nMSG: {_short(dependency)}\n{expand(dependency)}')
-        return ''.join(parts)
+                text += f'\n{_DELIMITER}\nMSG: {_short(dependency)}\n{expand(dependency)}'
+        return text
 
     return expand(name)
 
