@@ -79,7 +79,7 @@ def run(options: Namespace) -> int:
 
 
 def _list(observer: GraphObserver, options: Namespace) -> None:
-    from barc_sim.ros.introspection.parameter_text import type_name  # noqa: PLC0415
+    from barc_sim.ros.introspection.parameter_text import TYPES  # noqa: PLC0415
     from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
     if options.node:
@@ -104,7 +104,7 @@ def _list(observer: GraphObserver, options: Namespace) -> None:
         types = {}
         if options.param_type:
             types = {
-                one.name: f' (type: {type_name(one)})' for one in parameters.descriptors(names)
+                one.name: f' (type: {TYPES[one.type]})' for one in parameters.descriptors(names)
             }
         if not options.node:
             print(f'{node}:')  # noqa: T201

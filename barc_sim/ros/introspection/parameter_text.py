@@ -73,18 +73,6 @@ def labelled(value: ParameterValue) -> str:
     return f'{label}: {parameter_value_to_python(value)}'
 
 
-def type_name(descriptor: ParameterDescriptor) -> str:
-    """Return the name of the parameter's type.
-
-    Examples
-    --------
-    >>> from rcl_interfaces.msg import ParameterDescriptor
-    >>> type_name(ParameterDescriptor(type=ParameterType.PARAMETER_DOUBLE_ARRAY))
-    'double array'
-    """
-    return TYPES[descriptor.type]
-
-
 def parse_value(text: str) -> ParameterValue:
     """Return the value of `text` in YAML, as `ros2 param set` reads it.
 
