@@ -28,15 +28,12 @@ def test_runs_in_one_second_get_directories_of_their_own(
 
 
 def test_check_accepts_a_folder_that_is_still_to_be_made_and_does_not_make_it(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    check_root(tmp_path / 'new' / 'bags')
-    assert not (tmp_path / 'new').exists()
-
-
-def test_check_accepts_a_relative_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    check_root(Path('bags'))
+    for root in (tmp_path / 'new' / 'bags', Path('new')):
+        check_root(root)
+    assert not (tmp_path / 'new').exists()
 
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,8 +20,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Mapping
 
     from barc_sim.simulation.log import Log
 
@@ -159,24 +159,26 @@ def test_without_a_bag_there_is_no_newest(tmp_path: Path, root: str) -> None:
         bag.newest(tmp_path / root)
 
 
-def test_a_missing_bag_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"there is no bag '\S+/gone': name"):
-        bag.read(tmp_path / 'gone')
-
-
-def test_a_directory_without_a_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r'has no \.mcap file in it'):
-        bag.info(tmp_path)
-
-
 @pytest.mark.parametrize(
-    ('content', 'what'),
-    [(b'', 'is empty'), (b'not a bag, but text', 'is not an MCAP file'), (b'x', 'is not an MCAP')],
+    ('make', 'sentence'),
+    [
+        (Path.rmdir, r"there is no bag '\S+': name"),
+        (Path.exists, r'has no \.mcap file in it'),
+        (lambda path: (path / 'a.mcap').touch(), r"a\.mcap' is empty: name another bag"),
+        (lambda path: (path / 'a.mcap').write_text('x'), r"a\.mcap' is not an MCAP file: name a"),
+        (lambda path: (path / 'a.mcap').write_text('not a bag, but text'), 'is not an MCAP file'),
+        (lambda path: (path / 'a.mcap').mkdir(), r"a\.mcap' cannot be read \(Is a directory\)"),
+    ],
 )
-def test_a_file_of_another_kind_is_named(tmp_path: Path, content: bytes, what: str) -> None:
-    (tmp_path / 'run.mcap').write_bytes(content)
-    with pytest.raises(UserError, match=rf"run\.mcap' {what}.*: name another bag"):
-        bag.read(tmp_path)
+@pytest.mark.parametrize('read', [bag.read, bag.info])
+def test_what_is_no_bag_is_named(
+    tmp_path: Path, read: Callable[[Path], object], make: Callable[[Path], object], sentence: str
+) -> None:
+    path = tmp_path / 'bag'
+    path.mkdir()
+    make(path)
+    with pytest.raises(UserError, match=sentence):
+        read(path)
 
 
 def test_a_bag_without_states_is_named(tmp_path: Path) -> None:
@@ -198,12 +200,6 @@ def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None
     writer.close()
     with pytest.raises(UserError, match='no states of a car'):
         bag.read(tmp_path / 'run')
-
-
-def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
-    (tmp_path / 'folder.mcap').mkdir()
-    with pytest.raises(UserError, match=r"folder\.mcap' cannot be read \(Is a directory\)"):
-        bag.read(tmp_path)
 
 
 def test_messages_are_counted_by_topic(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from browser import Tab
 
@@ -43,12 +44,23 @@ def log() -> Log:
     return closed_loop()
 
 
-@pytest.fixture
-def url(log: Log) -> Iterator[str]:
-    server = ViewServer(Replay(log, 'my run'))
+def in_browser(test: Callable[..., None]) -> Callable[..., None]:
+    """Mark a test that needs a browser."""
+    reason = "Debian's chromium is not installed"
+    return pytest.mark.timeout(120)(pytest.mark.skipif(CHROMIUM is None, reason=reason)(test))
+
+
+@contextmanager
+def played(log: Log, other: Log | None = None, **size: Any) -> Iterator[Tab]:  # noqa: ANN401
+    """Open a run in a browser, beside an `other`; its page plays, and has no problem at the end."""
+    server = ViewServer(Replay(log, 'my run', (other, 'reference') if other else None))
     server.start()
-    yield server.url
-    server.close()
+    with closing(server), Browser() as browser:
+        tab = browser.open(server.url, **size)
+        wait_until(lambda: tab.number('#time') > 0.2)
+        yield tab
+        assert tab.problems == []
+        tab.close()
 
 
 def test_page_receives_the_whole_run(log: Log) -> None:
@@ -95,12 +107,9 @@ def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.Mo
     assert barc(['replay', str(tmp_path), str(other)]) == 2
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
-def test_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
-    with Browser() as browser:
-        tab = browser.open(url)
-        wait_until(lambda: tab.number('#time') > 0.5)
+@in_browser
+def test_page_plays_pauses_and_seeks(log: Log) -> None:
+    with played(log) as tab:
         assert tab.text('#title') == 'my run'
         tab.click('#play')
         wait_until(lambda: tab.text('#play') == 'Play')
@@ -123,16 +132,11 @@ def test_page_plays_pauses_and_seeks(url: str, log: Log) -> None:
         tab.focus_by_tab('#seek')
         tab.type('ArrowRight')
         wait_until(lambda: tab.number('#time') == pytest.approx(before, abs=0.11))
-        assert tab.problems == []
-        tab.close()
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
-def test_charts_zoom_read_hide_and_save(url: str, log: Log) -> None:
-    with Browser() as browser:
-        tab = browser.open(url, width=1440, height=900)
-        wait_until(lambda: tab.number('#time') > 0.2)
+@in_browser
+def test_charts_zoom_read_hide_and_save(log: Log) -> None:
+    with played(log, width=1440, height=900) as tab:
         tab.click('#play')
         _seek(tab, 20.0)
         wait_until(lambda: tab.number('#time') == 20.0)
@@ -163,19 +167,12 @@ def test_charts_zoom_read_hide_and_save(url: str, log: Log) -> None:
         tab.click('#save-png')
         tab.until('saved.length === 2')
         assert tab.run('saved[1].type') == 'image/png'
-        assert tab.problems == []
-        tab.close()
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+@in_browser
 def test_second_run_is_drawn_beside_the_first(log: Log) -> None:
     weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
-    server = ViewServer(Replay(weak, 'mine', (log, 'reference')))
-    server.start()
-    with Browser() as browser:
-        tab = browser.open(server.url, width=1440, height=900)
-        wait_until(lambda: tab.number('#time') > 0.2)
+    with played(weak, log, width=1440, height=900) as tab:
         cells = "Array.from(document.querySelectorAll('[data-figure=rms] td'), (c) => c.innerText)"
         shown = [f'{metrics.summary(run).rms_error_after_run_up:.3f}' for run in (weak, log)]
         assert tab.run(cells)[:2] == shown
@@ -186,20 +183,12 @@ def test_second_run_is_drawn_beside_the_first(log: Log) -> None:
         tab.run("import('./explorer.js').then((m) => { m.Explorer.prototype.ghosts = () => []; })")
         _seek(tab, 12.02)
         wait_until(lambda: tab.changed('#speed-chart') > 100)
-        assert tab.problems == []
-        tab.close()
-    server.close()
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+@in_browser
 @pytest.mark.skipif(not AXE.is_file(), reason='axe-core is not installed (AXE_CORE names it)')
 def test_checker_finds_no_accessibility_violation(log: Log) -> None:
-    server = ViewServer(Replay(log, 'mine', (log, 'reference')))
-    server.start()
-    with Browser() as browser:
-        tab = browser.open(server.url, width=1440, height=900)
-        wait_until(lambda: tab.number('#time') > 0.2)
+    with played(log, log, width=1440, height=900) as tab:
         for features in (
             {'prefers_color_scheme': 'light'},
             {'prefers_color_scheme': 'dark'},
@@ -207,16 +196,11 @@ def test_checker_finds_no_accessibility_violation(log: Log) -> None:
         ):
             tab.media(**features)
             assert tab.violations(AXE) == []
-        tab.close()
-    server.close()
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
-def test_two_fingers_zoom_and_one_pans(url: str) -> None:
-    with Browser() as browser:
-        tab = browser.open(url, width=740, height=360, touch=True)
-        wait_until(lambda: tab.number('#time') > 0.2)
+@in_browser
+def test_two_fingers_zoom_and_one_pans(log: Log) -> None:
+    with played(log, width=740, height=360, touch=True) as tab:
         tab.click('#play')
         _seek(tab, 20.0)
         tab.run(
@@ -242,25 +226,16 @@ def test_two_fingers_zoom_and_one_pans(url: str) -> None:
         tab.touch('touchEnd')
         tab.until(f'range[1] < {high - 1.0}')
         assert tab.run('range[1] - range[0]') == pytest.approx(high - low)
-        assert tab.problems == []
-        tab.close()
 
 
-@pytest.mark.timeout(120)
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
+@in_browser
 def test_nothing_is_cut_at_any_size_and_every_control_works_by_keyboard(log: Log) -> None:
-    server = ViewServer(Replay(log, 'mine', (log, 'reference')))
-    server.start()
-    with Browser() as browser:
-        tab = browser.open(server.url)
-        wait_until(lambda: tab.number('#time') > 0.2)
+    with played(log, log) as tab:
         _seek(tab, 14.0)
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
             assert [*tab.run(OVERFLOW), *tab.cut_labels()] == [], (width, height)
         assert tab.without_keyboard() == []
-        tab.close()
-    server.close()
 
 
 def _seek(tab: Tab, time: float) -> None:

@@ -15,6 +15,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+import barc_sim
+
 ROOT = Path(__file__).parents[2]
 SCRIPTS = [*sorted((ROOT / 'scripts').iterdir()), ROOT / '.ci' / 'run']
 SHELL_SCRIPTS = [
@@ -22,6 +24,9 @@ SHELL_SCRIPTS = [
 ]
 TOOLS = ('awk', 'bash', 'cksum', 'df', 'flock', 'mkdir', 'readlink', 'uname')
 COMPILERS = ('c++', 'cc')
+SETUP = configparser.ConfigParser(interpolation=None)
+SETUP.read(ROOT / 'setup.cfg')
+INTERFACES = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
 
 
 @pytest.fixture
@@ -215,37 +220,31 @@ def test_checkout_that_cannot_be_written_to_is_named(checkout: Path, tmp_path: P
 
 
 def test_versions_agree() -> None:
-    setup = configparser.ConfigParser(interpolation=None)
-    setup.read(ROOT / 'setup.cfg')
-    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
     versions = {
-        setup['metadata']['version'],
+        SETUP['metadata']['version'],
         ET.parse(ROOT / 'package.xml').findtext('version'),
         ET.parse(ROOT / 'barc_interfaces' / 'package.xml').findtext('version'),
-        *re.findall(r'^version = "(.*)"$', table, re.MULTILINE),
+        *re.findall(r'^version = "(.*)"$', INTERFACES, re.MULTILINE),
+        *re.findall(r'^version: (.+)$', (ROOT / 'CITATION.cff').read_text(), re.MULTILINE),
     }
-    assert len(versions) == 1
+    assert versions == {barc_sim.__version__}
 
 
 def test_both_packages_are_for_the_same_pythons() -> None:
-    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
     (versions,) = re.findall(r"python_requires='(.*)'", (ROOT / 'setup.py').read_text())
-    assert f'requires-python = "{versions}"' in table
+    assert f'requires-python = "{versions}"' in INTERFACES
 
 
 def test_every_wheel_of_ros_is_pinned_to_one_version() -> None:
-    table = (ROOT / 'barc_interfaces' / 'pyproject.toml').read_text()
-    wheels = re.findall(r'"(ros-[^"]*)"', table)
+    wheels = re.findall(r'"(ros-[^"]*)"', INTERFACES)
     assert wheels
     assert [wheel for wheel in wheels if '==' not in wheel] == []
     assert len(dict(wheel.split('==') for wheel in wheels)) == len(set(wheels))
 
 
 def test_robostack_gets_what_barc_sim_requires() -> None:
-    setup = configparser.ConfigParser(interpolation=None)
-    setup.read(ROOT / 'setup.cfg')
     wanted = dict(
-        re.findall(r'^([\w-]+)(>=.*)$', setup['options']['install_requires'], re.MULTILINE)
+        re.findall(r'^([\w-]+)(>=.*)$', SETUP['options']['install_requires'], re.MULTILINE)
     )
     wanted['matplotlib-base'] = wanted.pop('matplotlib')
     text = (ROOT / 'pixi.toml').read_text(encoding='utf-8')
@@ -253,12 +252,10 @@ def test_robostack_gets_what_barc_sim_requires() -> None:
 
 
 def test_each_requirement_is_a_key_of_rosdep_or_in_the_line_for_pip() -> None:
-    setup = configparser.ConfigParser(interpolation=None)
-    setup.read(ROOT / 'setup.cfg')
     named = (ROOT / 'package.xml').read_text(encoding='utf-8')
     page = (ROOT / 'docs' / 'how-to' / 'platforms.md').read_text(encoding='utf-8')
     keys = {'pillow': 'pil', 'pyyaml': 'yaml'}
-    for requirement in setup['options']['install_requires'].split():
+    for requirement in SETUP['options']['install_requires'].split():
         name = re.split('[><]', requirement)[0]
         if f'<exec_depend>python3-{keys.get(name, name)}</exec_depend>' not in named:
             (comment,) = re.findall('<!-- (From PyPI.*?) -->', named, re.DOTALL)
@@ -267,10 +264,8 @@ def test_each_requirement_is_a_key_of_rosdep_or_in_the_line_for_pip() -> None:
 
 
 def test_a_sourced_ros_gets_no_wheel_of_ros() -> None:
-    setup = configparser.ConfigParser(interpolation=None)
-    setup.read(ROOT / 'setup.cfg')
-    extras = dict(setup['options.extras_require'])
+    extras = dict(SETUP['options.extras_require'])
     del extras['testwheels']  # which the set-up asks for only without a sourced ROS
-    listed = setup['options']['install_requires'] + str(extras)
+    listed = SETUP['options']['install_requires'] + str(extras)
     assert 'ros-' not in listed
     assert 'barc' not in listed

@@ -227,22 +227,9 @@ def test_motion_turns_with_the_heading(
 
 
 def test_step_is_bike_fe_with_the_vehicles_parameters() -> None:
-    assert list(step(State(1.0, 2.0, 0.3, 4.0), Input(0.5, 0.2), 0.1, ODD_VEHICLE, TS)) == bikeFE(
-        x=1.0,
-        y=2.0,
-        psi=0.3,
-        v=4.0,
-        a=0.5,
-        d_f=0.2,
-        a0=0.7,
-        m=1700.0,
-        Ff=90.0,
-        theta=0.1,
-        ts=TS,
-        l_f=1.1,
-        l_r=1.9,
-        g=3.7,
-    )
+    car = {'a0': 0.7, 'm': 1700.0, 'Ff': 90.0, 'l_f': 1.1, 'l_r': 1.9, 'g': 3.7}
+    stepped = step(State(1.0, 2.0, 0.3, 4.0), Input(0.5, 0.2), 0.1, ODD_VEHICLE, TS)
+    assert [*stepped] == bikeFE(1.0, 2.0, 0.3, 4.0, 0.5, 0.2, theta=0.1, ts=TS, **car)
 
 
 @properties

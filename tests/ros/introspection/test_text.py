@@ -1,4 +1,4 @@
-"""Messages as text."""
+"""Messages as text, and their rate in words."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from barc_interfaces.msg import ECU
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from barc_sim.errors import UserError
+from barc_sim.ros.introspection.messages import describe_rate
 from barc_sim.ros.introspection.text import Style, field_of, to_csv, to_yaml
 
 LONG = Float64MultiArray(data=[float(i) for i in range(200)])
@@ -59,3 +60,19 @@ def test_same_as_rosidl_runtime_py() -> None:
                     no_arr=not style.arrays,
                     no_str=not style.strings,
                 )
+
+
+@pytest.mark.parametrize(
+    ('times', 'words'),
+    [
+        ([], 'no message'),
+        ([5], '1 message'),
+        (
+            [0, 10_000_000, 30_000_000],
+            'average rate: 66.667 min: 0.010s max: 0.020s std dev: 0.00500s window: 2',
+        ),
+        ([5, 5], 'average rate: 0.000 min: 0.000s max: 0.000s std dev: 0.00000s window: 1'),
+    ],
+)
+def test_rate_is_printed_as_by_ros2_topic_hz(times: list[int], words: str) -> None:
+    assert describe_rate(times) == words
