@@ -21,10 +21,7 @@ class OpenPage(Protocol):
 
 
 class Host(Protocol):
-    """The source of a page's content; the server's thread calls all of it.
-
-    A host that derives from it may leave `receive`, `leave` and `file` away.
-    """
+    """The source of a page's content; the server's thread calls all of it."""
 
     def greet(self) -> Iterable[str | bytes]:
         """Return the messages for a new page."""

@@ -11,20 +11,21 @@ import numpy as np
 from barc_sim.figures.palette import QUANTITIES, term_colours
 from barc_sim.page.desktop import open_page
 from barc_sim.page.facts import driven_road, facts, lap_facts, road_facts
-from barc_sim.page.interfaces import Host
 from barc_sim.page.protocol import encode
 from barc_sim.page.rows import columns_in, rows_of
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
+    from barc_sim.page.interfaces import OpenPage
+    from barc_sim.page.protocol import Request
     from barc_sim.simulation.log import Log
 
 _LONG = 3600.0
 
 
-class Replay(Host):
-    """A recorded run, sent whole to every page that opens; the page plays it and drives nothing."""
+class Replay:
+    """A recorded run, sent whole to every page that opens; the page plays it."""
 
     def __init__(self, log: Log, title: str, other: tuple[Log, str] | None = None) -> None:
         """Show a run of at least one state; `other`, a run and its title, as a ghost beside it."""
@@ -50,9 +51,18 @@ class Replay(Host):
         """Return the messages with the whole run."""
         return list(self._messages)
 
+    def receive(self, page: OpenPage, request: Request) -> None:
+        """Do nothing: a recorded run cannot be driven."""
+
+    def leave(self, page: OpenPage) -> None:
+        """Do nothing."""
+
     def pulse(self) -> float:
         """Do nothing, rarely."""
         return _LONG
+
+    def file(self, name: str) -> None:
+        """Return None: there is nothing to download."""
 
 
 def other_run(log: Log, title: str) -> list[str | bytes]:
