@@ -17,7 +17,7 @@ from barc_sim.cli.ros_hint import ROS_PACKAGES, has_ros, needs_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
 #: By package, the name to install it by, where that is another.
 _DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
@@ -40,7 +40,9 @@ class Parser(argparse.ArgumentParser):
             r'-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$', re.IGNORECASE
         )
 
-    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:  # noqa: ANN401
+    def parse_args(  # type: ignore[override]
+        self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
+    ) -> argparse.Namespace:
         """Parse as ArgumentParser does; for an unknown option, suggest those that are close."""
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
