@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import time
 import zlib
-from collections import Counter
-from itertools import groupby
-from operator import itemgetter
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any
 
 from mcap.opcode import Opcode
@@ -59,7 +57,8 @@ class BagFile:
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
         self._chunk = ChunkBuilder()
-        self._summary: list[bytes] = []  # records
+        self._summary: defaultdict[int, bytearray] = defaultdict(bytearray)  # records by opcode
+        self._listed: Counter[int] = Counter()  # records in the summary, by opcode
         self._checksum = 0
         self._put(MAGIC)
         self._put(to_bytes(Header(profile='ros2', library='barc_sim')))
@@ -112,7 +111,9 @@ class BagFile:
 
     def _list(self, record: McapRecord) -> None:
         """Add a record to the summary."""
-        self._summary.append(to_bytes(record))
+        data = to_bytes(record)
+        self._summary[data[0]] += data
+        self._listed[data[0]] += 1
 
     def add(self, topic: Topic, data: bytes, received: int, published: int, sequence: int) -> bool:
         """Append a message; return whether there is anything to commit."""
@@ -190,28 +191,25 @@ class BagFile:
         self.finished = True
 
     def _statistics(self) -> Statistics:
-        of = Counter(record[0] for record in self._summary)
-        counts = self.counts
+        listed, counts = self._listed, self.counts
         return Statistics(
-            attachment_count=of[Opcode.ATTACHMENT_INDEX],
-            channel_count=of[Opcode.CHANNEL],
+            attachment_count=listed[Opcode.ATTACHMENT_INDEX],
+            channel_count=listed[Opcode.CHANNEL],
             channel_message_counts={id_: counts[topic.name] for id_, topic in self.topics.items()},
-            chunk_count=of[Opcode.CHUNK_INDEX],
+            chunk_count=listed[Opcode.CHUNK_INDEX],
             message_count=self.span.count,
-            metadata_count=of[Opcode.METADATA_INDEX],
+            metadata_count=listed[Opcode.METADATA_INDEX],
             message_start_time=self.span.start or 0,
             message_end_time=self.span.end,
-            schema_count=of[Opcode.SCHEMA],
+            schema_count=listed[Opcode.SCHEMA],
         )
 
     def _put_summary(self) -> None:
         """Write the summary, its records of one kind together, and how to find each kind."""
-        start, opcode = self.size, itemgetter(0)
-        summary, offsets = b'', b''
-        for kind, records in groupby(sorted(self._summary, key=opcode), opcode):
-            group = b''.join(records)
-            offsets += to_bytes(SummaryOffset(kind, start + len(summary), len(group)))
-            summary += group
+        start, summary, offsets = self.size, b'', b''
+        for opcode, records in sorted(self._summary.items()):
+            offsets += to_bytes(SummaryOffset(opcode, start + len(summary), len(records)))
+            summary += records
         footer = Footer(start, start + len(summary), summary_crc=0)
         before_checksum = to_bytes(footer)[:-4]
         footer.summary_crc = zlib.crc32(summary + offsets + before_checksum)
