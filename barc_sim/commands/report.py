@@ -36,8 +36,7 @@ def run(options: Namespace) -> None:
     """
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import output  # noqa: PLC0415
-    from barc_sim.lab.report.facts import read  # noqa: PLC0415
-    from barc_sim.lab.report.page import page  # noqa: PLC0415
+    from barc_sim.lab.report import page, read  # noqa: PLC0415
 
     source = options.bag or reader.newest()
     directory = source if source.is_dir() else source.parent

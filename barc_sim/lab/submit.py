@@ -17,8 +17,7 @@ from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import settings, speed_figure
 from barc_sim.lab.grade.archives import MAX_ARCHIVE
 from barc_sim.lab.grade.submissions import listed, take
-from barc_sim.lab.report.facts import Facts, read
-from barc_sim.lab.report.page import page
+from barc_sim.lab.report import Facts, page, read
 from barc_sim.lab.user_code import source
 from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.loading import COMPOSE, FILES, find_file, find_name
@@ -198,15 +197,12 @@ def _course(bag: Path, facts: Facts, folder: Path) -> Part:
             f'm/s, the greatest {result.max_error_after_run_up:.3f} m/s'
         )
     own = {name: text for name, text in facts.sources.items() if (folder / name).is_file()}
-    if changed := [name for name, text in own.items() if _differs(folder / name, text)]:
+    now = {name: (folder / name).read_bytes().decode(errors='replace') for name in own}
+    if changed := [name for name, text in own.items() if now[name] != text]:
         text += f'; since then {", ".join(changed)} changed: drive again'
     elif not own:
         text += "; the code that drove is not this folder's: drive with --lab"
     return Part('course', text, _bag(bag, 'course') | {'report.html': page(facts).encode()})
-
-
-def _differs(file: Path, text: str) -> bool:
-    return file.read_bytes().decode(errors='replace') != text
 
 
 def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:

@@ -91,8 +91,7 @@ class EndedRun:
         if not self._bag or name not in self._files:
             return None
         if name == _REPORT:
-            from barc_sim.lab.report.facts import read  # noqa: PLC0415 (slow, and only on demand)
-            from barc_sim.lab.report.page import page  # noqa: PLC0415
+            from barc_sim.lab.report import page, read  # noqa: PLC0415 (slow, and only on demand)
 
             return File('text/html', f'{self._bag.name}.html', page(read(self._bag)).encode())
         return File('application/zip', f'{self._bag.name}.zip', _zipped(self._bag))

@@ -28,8 +28,7 @@ from barc_sim.bags.recovery import recover
 from barc_sim.commands.regrade import in_words
 from barc_sim.figures import run_figures, side_view
 from barc_sim.lab.regrade.judging import judge
-from barc_sim.lab.report.facts import read
-from barc_sim.lab.report.page import page
+from barc_sim.lab.report import page, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -42,6 +42,8 @@ class Situation:
 
     name: str
     concerns: str  #: the equations it tests, as in `'x y v'`
+    x: Range = (-200.0, 200.0)  #: [m]
+    y: Range = (-50.0, 50.0)  #: [m]
     psi: Range = (-pi, pi)  #: [rad]
     v: Range = (3.0, 20.0)  #: [m/s]
     a: Range = (0.0, 0.0)  #: [m/s²]
@@ -57,22 +59,9 @@ class Situation:
         """Return `count` states, the same for the same seed."""
         # A string seeds the generator alike in every version of Python.
         uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
-        return [
-            Row(
-                x=uniform(-200.0, 200.0),
-                y=uniform(-50.0, 50.0),
-                psi=uniform(*self.psi),
-                v=uniform(*self.v),
-                a=uniform(*self.a),
-                d_f=uniform(*self.d_f),
-                a0=uniform(*self.a0),
-                m=uniform(*self.m),
-                Ff=uniform(*self.Ff),
-                theta=radians(uniform(*self.theta_deg)),
-                ts=uniform(*self.ts),
-            )
-            for _ in range(count)
-        ]
+        names = ['theta_deg' if name == 'theta' else name for name in Row._fields]
+        drawn = [[uniform(*getattr(self, name)) for name in names] for _ in range(count)]
+        return [row._replace(theta=radians(row.theta)) for row in map(Row._make, drawn)]
 
 
 _LEFT, _RIGHT, _REVERSE = (0.05, 0.5), (-0.5, -0.05), (-15.0, -3.0)

@@ -11,16 +11,11 @@ _CHUNK = 65_536
 
 
 class Channel:
-    """Sends bytes to a process and receives its replies and its printed output.
-
-    Attributes
-    ----------
-    printed
-        The first `keep` bytes of the output, and one more byte if there is more.
-    """
+    """Sends bytes to a process and receives its replies and its printed output."""
 
     def __init__(self, requests: int, replies: int, output: int, *, keep: int) -> None:
         """Own the descriptors of this end of the pipes."""
+        #: The first `keep` bytes of the output, and one more byte if there is more.
         self.printed = b''
         self._keep = keep + 1
         self._closed = False

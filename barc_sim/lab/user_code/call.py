@@ -32,20 +32,14 @@ _ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
 
 
 class Calls:
-    """Calls of one function of a user's.
-
-    Attributes
-    ----------
-    function
-        The user's.
-    """
+    """Calls of one function of a user's."""
 
     def __init__(
         self, folder: Folder, function: Callable[..., Any], budget: float | None, expected: str
     ) -> None:
         """Prepare calls of `function`, within `budget` [s]; it must return `expected`."""
         self._folder = folder
-        self.function = function
+        self.function = function  #: the user's
         self._expected = expected
         self._call = Budget(budget).call if budget else _call
         self._budget = budget

@@ -88,17 +88,11 @@ class ControllerFactory:
 
 
 class UserPid:
-    """An object of a user's class `PID`.
-
-    Attributes
-    ----------
-    instance
-        The object itself.
-    """
+    """An object of a user's class `PID`."""
 
     def __init__(self, instance: Any, calls: Calls, dt: str) -> None:  # noqa: ANN401
         """Call `calls`, with the time step as the argument named `dt`, if any."""
-        self.instance = instance
+        self.instance = instance  #: the object itself
         self._calls = calls
         self._dt_name = dt
 

@@ -68,23 +68,18 @@ def find_gains(trees: Mapping[str, ast.Module], file: str) -> ChosenGains | None
 
 
 def _constructor(tree: ast.Module) -> ast.FunctionDef | None:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ClassDef) and node.name == _CLASS:
-            for part in node.body:
-                if isinstance(part, ast.FunctionDef) and part.name == '__init__':
-                    return part
-    return None
+    classes = (n for n in ast.walk(tree) if isinstance(n, ast.ClassDef) and n.name == _CLASS)
+    methods = (part for each in classes for part in each.body if isinstance(part, ast.FunctionDef))
+    return next((method for method in methods if method.name == '__init__'), None)
 
 
 def _parameters(function: ast.FunctionDef) -> dict[str, float | None]:
     """Return the arguments after self, with their defaults."""
     arguments = function.args
     names = [argument.arg for argument in (*arguments.posonlyargs, *arguments.args)]
-    defaults = [None] * (len(names) - len(arguments.defaults)) + [
-        _number(default, {}) for default in arguments.defaults
-    ]
-    found = dict(zip(names, defaults, strict=True))
-    found.pop(names[0] if names else '', None)
+    found: dict[str, float | None] = dict.fromkeys(names[1:])
+    for name, value in zip(reversed(names[1:]), reversed(arguments.defaults), strict=False):
+        found[name] = _number(value, {})
     for argument, default in zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True):
         found[argument.arg] = _number(default, {}) if default else None
     return found

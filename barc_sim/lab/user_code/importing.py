@@ -31,17 +31,6 @@ class Folder:
     They are in `sys.modules` only during an import, so that two folders can each have a
     `helpers.py`. No bytecode is written or read. A file never hides a module of the standard
     library. A module that is not here, such as those of ROS 1, is an `Absent`.
-
-    Attributes
-    ----------
-    sources
-        The loaded files, by path.
-    trees
-        Their syntax trees, by path.
-    tolerated
-        What was tolerated in them, a phrase each.
-    stand_ins
-        Modules that replace those of their names.
     """
 
     def __init__(
@@ -61,12 +50,12 @@ class Folder:
         self._output = output
         self._guarded: dict[str, frozenset[int]] = {}
         self._uses_rclpy = False
-        self.trees: dict[str, ast.Module] = {}
-        self.tolerated: list[str] = []
-        self.stand_ins: Mapping[str, Any] = {}
+        self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
+        self.tolerated: list[str] = []  #: in them, a phrase each
+        self.stand_ins: Mapping[str, Any] = {}  #: modules that replace those of their names
         self.path = path.absolute()
         self._prefix = prefix
-        self.sources: dict[str, Source] = {}
+        self.sources: dict[str, Source] = {}  #: the loaded files, by path
         self._names = frozenset(_modules_in(self.path)) - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
         self._importing = False

@@ -68,18 +68,10 @@ def _imports(node: ast.AST) -> list[str]:
 
 
 class RelayProgram:
-    """A file with a node that turns `cmd_vel` into `ecu`: of ROS 2, or the lab's for ROS 1.
-
-    Attributes
-    ----------
-    path
-        The file.
-    ros
-        `rclpy` or `rospy`.
-    """
+    """A file with a node that turns `cmd_vel` into `ecu`: of ROS 2, or the lab's for ROS 1."""
 
     def __init__(self, folder: Folder, path: Path, ros: str, budget: float | None) -> None:
-        """Run the file at `path`, without a limit of time if there is no `budget`."""
+        """Run the file at `path`, of `rclpy` or `rospy`; without `budget` it has no time limit."""
         self._folder, self.path, self.ros = folder, path, ros
         self._budget = Budget(_BUDGET) if budget else None
 

@@ -61,15 +61,6 @@ class Subscription(NamedTuple):
 class World:
     """Carries the messages of one program, from time 0 to `end` [s].
 
-    Attributes
-    ----------
-    now
-        [s]
-    commands
-        What was published on `ecu`.
-    others
-        The other topics that were published on.
-
     Examples
     --------
     >>> world = World([TimedTwist(1.0, 1.0, 0.0)], end=5.0)
@@ -79,10 +70,10 @@ class World:
 
     def __init__(self, twists: Sequence[TimedTwist], end: float) -> None:
         """Publish `twists` on `cmd_vel`, and the car's speed on `z_vhcl`."""
-        self.now = 0.0
+        self.now = 0.0  #: [s]
         self.end = end
-        self.commands: list[Command] = []
-        self.others: list[str] = []
+        self.commands: list[Command] = []  #: published on `ecu`
+        self.others: list[str] = []  #: the other topics that were published on
         self.subscriptions: list[Subscription] = []
         self._numbers = count()
         self._events: list[tuple[float, int, Event]] = []
