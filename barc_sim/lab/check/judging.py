@@ -11,7 +11,7 @@ from barc_sim.control.pid import KD, KI, KP
 from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, RELAY, Finding
 from barc_sim.lab.check.findings import TERMS as TERM_CRITERIA
 from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
-from barc_sim.lab.check.memory import judge_reset
+from barc_sim.lab.check.memory import judge_reset, judge_windup
 from barc_sim.lab.check.model import judge_equations, judge_general, judge_reverse
 from barc_sim.lab.check.relay import judge_relay
 from barc_sim.lab.check.terms import (
@@ -22,7 +22,6 @@ from barc_sim.lab.check.terms import (
     judge_term,
 )
 from barc_sim.lab.check.trajectory import judge_trajectory
-from barc_sim.lab.check.windup import judge_windup
 from barc_sim.lab.user_code.gains import ChosenGains
 from barc_sim.lab.user_code.loading import FILES
 

@@ -35,10 +35,8 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
         for finding in findings:
             points = _points(finding, rubric)
             _plain(console, f'{finding.criterion:18} {points:>12}  {finding.message}')
-        if stretches:
-            _plain(console, '  '.join(_HEADER))
-        for stretch in stretches:
-            _plain(console, '  '.join(_cells(stretch)))
+        for cells in (_HEADER, *map(_cells, stretches)) if stretches else ():
+            _plain(console, '  '.join(cells))
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:
@@ -56,23 +54,18 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
 
 def _without_repeats(findings: Sequence[Finding]) -> list[Finding]:
     """Return the findings; a repeated message becomes a reference to its first criterion."""
-    first: dict[str, str] = {}
-    shown = []
-    for finding in findings:
-        if finding.passed:
-            shown.append(finding)
-            continue
-        where = first.setdefault(finding.message, finding.criterion)
-        same = where != finding.criterion
-        shown.append(replace(finding, message=f'see {where}') if same else finding)
-    return shown
+    first = {each.message: each.criterion for each in reversed(findings) if not each.passed}
+    where = [first.get(each.message, each.criterion) for each in findings]
+    return [
+        each if each.passed or name == each.criterion else replace(each, message=f'see {name}')
+        for each, name in zip(findings, where, strict=True)
+    ]
 
 
 def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
-    for finding in findings:
-        if 'stretches' in finding.details:
-            return cast('list[Mapping[str, Any]]', finding.details['stretches'])
-    return []
+    details = (finding.details for finding in findings)
+    found = next((each['stretches'] for each in details if 'stretches' in each), [])
+    return cast('list[Mapping[str, Any]]', found)
 
 
 def _points(finding: Finding, rubric: Rubric) -> str:

@@ -86,14 +86,10 @@ TERMS = (
 @np.errstate(all='ignore')
 def judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
     """Return the finding for a term; its score is the share of right outputs, above one half."""
-    trials = []
-    for gain in term.gains:
-        sequence = _sequence(term, gain, seed)
-        try:
-            outputs = np.array(code.new_pid(*term.only(gain)).acc_sequence(sequence.rows))
-        except UserError as error:
-            return Finding(term.criterion, 0.0, str(error))
-        trials.append(Trial(gain, sequence, outputs, term.variants(sequence), term.first))
+    try:
+        trials = [_trial(code, term, gain, _sequence(term, gain, seed)) for gain in term.gains]
+    except UserError as error:
+        return Finding(term.criterion, 0.0, str(error))
     shares = [_share(trial, 1.0) for trial in trials]
     if min(shares) == 1.0:
         return Finding(term.criterion, 1.0, _right(term, trials), factor=1.0)
@@ -168,6 +164,13 @@ def _sequence(term: Term, gain: float, seed: int) -> Sequence:
     return sequence.scaled(min(1.0, _SUM / greatest)) if term.name == 'I' else sequence
 
 
+def _trial(code: JudgedCode, term: Term, gain: float, sequence: Sequence, kp: float = 0.0) -> Trial:
+    """Return the outputs with the gain of one term, and kp beside it."""
+    own, ki, kd = term.only(gain)
+    outputs = np.array(code.new_pid(own or kp, ki, kd).acc_sequence(sequence.rows))
+    return Trial(gain, sequence, outputs, term.variants(sequence), term.first)
+
+
 def _right(term: Term, trials: list[Trial]) -> str:
     count = sum(trial.outputs.size for trial in trials)
     return (
@@ -180,12 +183,10 @@ def _rounded_to_zero(code: JudgedCode, term: Term, trials: list[Trial], seed: in
     if any(np.any(trial.outputs) for trial in trials):
         return ''
     gain = term.gains[-1]
-    sequence = _sequence(term, gain, seed).scaled(_LARGE)
     try:
-        outputs = np.array(code.new_pid(*term.only(gain)).acc_sequence(sequence.rows))
+        return rounding([_trial(code, term, gain, _sequence(term, gain, seed).scaled(_LARGE))])
     except UserError:
         return ''
-    return rounding([Trial(gain, sequence, outputs, term.variants(sequence), term.first)])
 
 
 def _share(trial: Trial, factor: float) -> float:
@@ -223,16 +224,14 @@ def _multiplied(code: JudgedCode, term: Term, seed: int) -> str:
         return ''
     kp, gain = 2.0, term.gains[0]
     sequence = _sequence(term, gain, seed)
-    _, ki, kd = term.only(gain)
     try:
-        alone = code.new_pid(*term.only(gain)).acc_sequence(sequence.rows)
-        outputs = np.array(code.new_pid(kp, ki, kd).acc_sequence(sequence.rows))
+        alone, both = (_trial(code, term, gain, sequence, kp=each) for each in (0.0, kp))
     except UserError:
         return ''
-    rest = outputs - kp * sequence.error
-    expected = [kp * gain * variant for variant in term.variants(sequence)]
+    rest = both.outputs - kp * sequence.error
+    expected = [kp * gain * variant for variant in both.variants]
     fits = any(np.allclose(rest[1:], values[1:], 0.0, TOLERANCE) for values in expected)
-    if any(alone[1:]) or not fits:
+    if any(alone.outputs[1:]) or not fits:
         return ''
     return (
         f'kp multiplies the k{term.name.lower()} term, too: the gains are those of '
