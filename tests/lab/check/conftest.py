@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -10,6 +10,7 @@ from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.user_code.loading import load_folder
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 MODEL = """\
@@ -61,15 +62,8 @@ class PID:
 """
 
 
-class Lab(Protocol):
-    """Writes and loads a user's files."""
-
-    def __call__(self, model: str | None = None, controller: str | None = None) -> LocalCode:
-        """Return the code."""
-
-
 @pytest.fixture
-def lab(tmp_path: Path) -> Lab:
+def lab(tmp_path: Path) -> Callable[..., LocalCode]:
     """Return what makes code of the text of a user's files."""
 
     def load(model: str | None = None, controller: str | None = None) -> LocalCode:

@@ -1,27 +1,14 @@
-"""Submissions to grade: right ones."""
+"""Submissions to grade."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import CONTROLLER, MODEL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-
-@pytest.fixture(scope='session')
-def model() -> str:
-    """Return the text of a right `bike_model.py`."""
-    return MODEL
-
-
-@pytest.fixture(scope='session')
-def controller() -> str:
-    """Return the text of a right `controller.py`."""
-    return CONTROLLER
 
 
 @pytest.fixture

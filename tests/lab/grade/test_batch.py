@@ -9,6 +9,7 @@ from threading import Event
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import CONTROLLER
 
 from barc_sim.lab.grade import batch, rubric
 from barc_sim.lab.grade.start import Limits
@@ -65,11 +66,9 @@ def test_those_that_have_not_begun_never_do_when_it_is_left(
 
 
 @pytest.mark.usefixtures('confinement')
-def test_a_cluster_gives_the_same_scores(
-    folder: Callable[..., Path], controller: str, tmp_path: Path
-) -> None:
+def test_a_cluster_gives_the_same_scores(folder: Callable[..., Path], tmp_path: Path) -> None:
     pytest.importorskip('distributed')
-    paths = [folder(f's{i}', controller=controller) for i in range(2)]
+    paths = [folder(f's{i}', controller=CONTROLLER) for i in range(2)]
     # In a process of its own, for its event loops and its warnings.
     script = f"""
 from distributed import LocalCluster

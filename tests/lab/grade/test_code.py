@@ -6,6 +6,7 @@ from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
@@ -35,21 +36,17 @@ class PID:
 """
 
 
-def test_the_model_gives_the_same_as_in_this_process(
-    folder: Callable[..., Path], model: str
-) -> None:
-    with ConfinedCode(folder(bike_model=model)) as code:
+def test_the_model_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
+    with ConfinedCode(folder(bike_model=MODEL)) as code:
         assert code.bike_fe(ROWS) == [tuple(bikeFE(*row)) for row in ROWS]
         assert code.bike_fe(ROWS[:1], l_f=1.2, l_r=1.9) == [
             tuple(bikeFE(*ROWS[0], l_f=1.2, l_r=1.9))
         ]
 
 
-def test_a_controller_gives_the_same_as_in_this_process(
-    folder: Callable[..., Path], controller: str
-) -> None:
+def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
     here = PID(3.0, 2.0, 0.1, output_min=-8.0, output_max=8.0)
-    with ConfinedCode(folder(controller=controller)) as code:
+    with ConfinedCode(folder(controller=CONTROLLER)) as code:
         there = code.new_pid(3.0, 2.0, 0.1, limit=8.0)
         expected = [here.acc_calculate(*sample) for sample in SAMPLES]
         assert there.acc_sequence(SAMPLES) == expected
@@ -57,10 +54,8 @@ def test_a_controller_gives_the_same_as_in_this_process(
         assert there.acc_calculate(*SAMPLES[0]) == expected[0]
 
 
-def test_controllers_do_not_share_what_they_remember(
-    folder: Callable[..., Path], controller: str
-) -> None:
-    with ConfinedCode(folder(controller=controller)) as code:
+def test_controllers_do_not_share_what_they_remember(folder: Callable[..., Path]) -> None:
+    with ConfinedCode(folder(controller=CONTROLLER)) as code:
         first, second = code.new_pid(0.0, 1.0, 0.0), code.new_pid(0.0, 1.0, 0.0)
         first.acc_sequence(SAMPLES)
 
@@ -117,10 +112,10 @@ def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..
 
 
 def test_a_function_that_keeps_ending_its_process_is_not_called_again(
-    folder: Callable[..., Path], controller: str
+    folder: Callable[..., Path],
 ) -> None:
     text = 'import os\nprint("called")\nos._exit(3)\n'
-    with ConfinedCode(folder(bike_model=text, controller=controller)) as code:
+    with ConfinedCode(folder(bike_model=text, controller=CONTROLLER)) as code:
         for _ in range(5):
             with pytest.raises(UserError, match='ended itself with exit code 3'):
                 code.bike_fe(ROWS[:1])

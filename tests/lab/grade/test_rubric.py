@@ -74,13 +74,9 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, message:
     assert 'rubric.yaml' in str(error.value)
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"rubric '.*none.yaml' cannot be read: No such file"):
         load(tmp_path / 'none.yaml')
-
-
-def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
     (tmp_path / 'rubric.yaml').write_bytes(b'\xff\xfe\x00')
-
     with pytest.raises(UserError, match='cannot be read'):
         load(tmp_path / 'rubric.yaml')

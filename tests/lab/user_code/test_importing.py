@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 import pytest
@@ -42,22 +43,15 @@ def test_a_helper_that_is_imported_late_is_the_folders_own(tmp_path: Path) -> No
     assert [module.name() for module in modules] == ['one', 'other']
 
 
-def test_nothing_is_left_behind(tmp_path: Path) -> None:
+@pytest.mark.parametrize('helpers', ['', '1 / 0'])
+def test_nothing_is_left_behind(tmp_path: Path, helpers: str) -> None:
     before, path, finders = set(sys.modules), list(sys.path), list(sys.meta_path)
-    own = folder(tmp_path, main='import helpers', helpers='')
-    own.load(own.path / 'main.py')
+    own = folder(tmp_path, main='import helpers', helpers=helpers)
+    with pytest.raises(ZeroDivisionError) if helpers else nullcontext():
+        own.load(own.path / 'main.py')
     assert set(sys.modules) == before
     assert (sys.path, sys.meta_path) == (path, finders)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['helpers.py', 'main.py']
-
-
-def test_nothing_is_left_behind_where_loading_fails(tmp_path: Path) -> None:
-    before, finders = set(sys.modules), list(sys.meta_path)
-    own = folder(tmp_path, main='import helpers', helpers='1 / 0')
-    with pytest.raises(ZeroDivisionError):
-        own.load(own.path / 'main.py')
-    assert set(sys.modules) == before
-    assert sys.meta_path == finders
 
 
 def test_a_module_of_that_name_elsewhere_stays_what_it_is(
