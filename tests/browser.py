@@ -260,11 +260,11 @@ class Tab:
         x, y = self.middle(selector)
         self.ask('Input.dispatchMouseEvent', type='mouseWheel', x=x, y=y, deltaX=0, deltaY=by)
 
-    def select(self, selector: str, value: str) -> None:
-        """Choose an option."""
+    def select(self, selector: str, value: str | float, event: str = 'change') -> None:
+        """Choose an option, or enter a value."""
         self.run(
             f'(() => {{ const s = document.querySelector({selector!r}); s.value = {value!r};'
-            "s.dispatchEvent(new Event('change')); })()"
+            f's.dispatchEvent(new Event({event!r})); }})()'
         )
 
     def press(self, code: str) -> None:

@@ -38,14 +38,14 @@ GROUPS = {
     },
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
-#: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: the module in `nodes` with `main`.
+#: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.
 NODES = {
-    'bag_recorder': 'recorder.node',
-    'controller': 'controller',
-    'foxglove_server': 'foxglove.node',
-    'keyboard': 'keyboard.node',
-    'mirror': 'mirrors.node',
-    'relay': 'relay',
-    'vehicle_simulator': 'simulator.node',
-    'view': 'view.node',
+    'bag_recorder': ('recorder.node', 'BagRecorder'),
+    'controller': ('controller', 'CruiseController'),
+    'foxglove_server': ('foxglove.node', 'announced'),
+    'keyboard': ('keyboard.node', 'on_stdin'),
+    'mirror': ('mirrors.node', 'MirrorNode'),
+    'relay': ('relay', 'Relay'),
+    'vehicle_simulator': ('simulator.node', 'VehicleSimulator'),
+    'view': ('view.node', 'announced'),
 }

@@ -6,6 +6,7 @@ from argparse import REMAINDER
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.parser import call
 from barc_sim.commands import NODES
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: Namespace) -> int:
     """Run the node, and return the exit code."""
-    module = import_module(f'barc_sim.nodes.{NODES[options.name]}')
-    code: int = module.main(options.arguments)
-    return code
+    module, create = NODES[options.name]
+    node = getattr(import_module(f'barc_sim.nodes.{module}'), create)
+    from barc_sim.ros.process import spin  # noqa: PLC0415 (slow: not for --help)
+
+    return call(options.name, lambda: spin(node, options.arguments))

@@ -11,7 +11,6 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from barc_sim.bags.cdr import leading_time
-from barc_sim.cli.parser import call
 from barc_sim.control.cruise_control import SPEEDS, TYPE, CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.control.types import DEFAULT_TYPE
@@ -20,7 +19,6 @@ from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.fields import FieldPublisher, field_reader
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
 from barc_sim.simulation.publishers import AnswerPublishers
 
@@ -38,6 +36,8 @@ class CruiseController(Node):
 
     Attributes
     ----------
+    values
+        The parameters, by name.
     inputs
         The topics that it subscribes to, with their types.
 
@@ -48,7 +48,7 @@ class CruiseController(Node):
     >>> node = CruiseController()
     >>> node.set_parameters([rclpy.Parameter('speed_reference', value=10.0)])[0].successful
     True
-    >>> node.speed_reference
+    >>> node.values['speed_reference']
     10.0
     >>> node.destroy_node()
     >>> rclpy.shutdown()
@@ -83,6 +83,7 @@ class CruiseController(Node):
         self._gone_back = RateLimitedWarning(self)
         kind = DEFAULT_TYPE if controller is not None else declare(self, [TYPE])[TYPE.name]
         self._control = CruiseControl(controller, kind, self._refusals.add, self._gone_back.warn)
+        self.values = self._control.values
         self._control.configure(declare(self, self._control.parameters(acceleration_limit)))
         self._control.reset()
         self.add_post_set_parameters_callback(self._on_parameters)
@@ -111,7 +112,7 @@ class CruiseController(Node):
     def _on_speed_reference(self, message: Float64) -> None:
         low, high = SPEEDS
         if low <= message.data <= high:
-            self._control.values['speed_reference'] = message.data
+            self.values['speed_reference'] = message.data
             return
         self._refusals.add(
             lambda: (
@@ -124,16 +125,6 @@ class CruiseController(Node):
         """References and states that were out of range."""
         return self._refusals.count
 
-    @property
-    def acceleration_limit(self) -> float:
-        """The greatest acceleration that it commands [m/s²]."""
-        return float(self._control.values['acceleration_limit'])
-
-    @property
-    def speed_reference(self) -> float:
-        """The speed to hold [m/s]."""
-        return float(self._control.values['speed_reference'])
-
     def _on_parameters(self, parameters: list[RosParameter]) -> None:
         self._control.configure({parameter.name: parameter.value for parameter in parameters})
 
@@ -145,14 +136,14 @@ class CruiseController(Node):
         return response
 
     def _on_state(self, state: bytes) -> None:
-        if self._control.values['subtract_error']:
+        if self.values['subtract_error']:
             self._state = state
             self._join()
         else:
             self._answer(leading_time(state), self._read_speed(state))
 
     def _on_state_error(self, error: bytes) -> None:
-        if self._control.values['subtract_error']:
+        if self.values['subtract_error']:
             self._error = error
             self._join()
 
@@ -166,8 +157,3 @@ class CruiseController(Node):
         answer = self._control.answer(stamp, speed)
         if answer is not None:
             self._answers.publish(stamp, answer)
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until a signal stops it."""
-    return call('controller', lambda: spin(CruiseController, args))

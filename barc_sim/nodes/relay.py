@@ -12,7 +12,6 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
-from barc_sim.cli.parser import call
 from barc_sim.control.relay import PARAMETERS, RelayControl
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input
@@ -20,7 +19,6 @@ from barc_sim.ros.endpoints import drained_subscription, subscription
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.fields import FieldPublisher
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.process import spin
 from barc_sim.simulation.log import MESSAGE_TYPES
 
 if TYPE_CHECKING:
@@ -115,8 +113,3 @@ class Relay(Node):
 
     def _on_timer(self) -> None:
         self._ecu_pub.publish(0, self._control.command()._asdict())
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it is stopped."""
-    return call('relay', lambda: spin(Relay, args))

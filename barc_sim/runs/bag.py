@@ -53,9 +53,8 @@ class RunBag:
         )
 
     def begin(self, argv: list[str]) -> None:
-        """Record every topic, and describe the run that the command line `argv` made."""
+        """Describe the run that the command line `argv` made."""
         self.recorder.add_metadata(_description(argv, self._engine.parameters()))
-        self._engine.begin_recording()
         self._add_graph()
 
     def end(self, simulators: Sequence[Simulator]) -> None:

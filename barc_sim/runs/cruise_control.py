@@ -118,10 +118,10 @@ class CruiseControl(Run):
             named = _gains(options)
             settings = Settings(kp=named.get('kp'), ki=named.get('ki'), kd=named.get('kd'))
             gains = gains_used(LocalCode(setup.user_code), settings)
-            limit = controller.acceleration_limit
+            limit = controller.values['acceleration_limit']
             limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
             self._driven_with = f'{gains}, {limited}'
-        return lambda: controller.speed_reference
+        return lambda: float(controller.values['speed_reference'])
 
     def spin(self, stop: StopSignals) -> None:
         """Spin until the run is finished or `stop` is requested; a car can fail to arrive."""

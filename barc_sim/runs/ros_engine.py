@@ -120,13 +120,18 @@ class RosEngine:
             self._recorder.expect({prefix + name: kind for name, kind in inputs.items()})
 
     def show(self, options: Namespace) -> None:
-        """Add the mirrors, the server of the Foxglove app, and a page for each car."""
+        """Add the mirrors, the server of the Foxglove app, and a page for each car.
+
+        The nodes are complete then: the recorder subscribes to every topic of them.
+        """
         if self._recorder:
             self._recorder.use_sim_time = any(each.keeps_clock for each in self._simulators)
         for node in mirrors(options, self._simulators, self._recorder):
             self.add(node)
         if wants_page(options):
             self._views = [self.add(view) for view in self._serve(options)]
+        if self._recorder:
+            self._recorder.discover()
 
     def _serve(self, options: Namespace) -> Iterator[ViewNode]:
         from barc_sim.nodes.view.node import ViewNode  # noqa: PLC0415 (a server, only if wanted)
@@ -145,11 +150,6 @@ class RosEngine:
                 print(f'live page  {view.url}', flush=True)  # noqa: T201
             open_page(view.url)
             yield view
-
-    def begin_recording(self) -> None:
-        """Subscribe to every topic of the nodes."""
-        if self._recorder:
-            self._recorder.discover()
 
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Return the parameters of all nodes, by the nodes' full names."""
@@ -190,8 +190,9 @@ class RosEngine:
     def close(self, *, keep_page: bool = False) -> RunPage | None:
         """Destroy the nodes, the recorder last; a second call does nothing."""
         views = self._views if self._nodes else []
+        bag = str(self._recorder.path) if self._recorder else ''
         for view in views:
-            view.end('The run has ended.', bag=str(self._recorder.path) if self._recorder else '')
+            view.page.end('The run has ended.', bag)
         page = views[0].release_page() if keep_page and len(views) == 1 else None
         while self._nodes:
             self._nodes.pop().destroy_node()

@@ -55,7 +55,7 @@ def _nodes() -> dict[str, dict[str, Any]]:
     with TemporaryDirectory() as folder:
         os.environ.setdefault('ROS_LOG_DIR', folder)
         context.init(['--ros-args', '--log-level', 'error'], domain_id=random.randrange(1, 102))  # noqa: S311
-        for name, module in NODES.items():
+        for name, (module, _) in NODES.items():
             node = _node_class(module)(
                 **_arguments(name, folder),
                 context=context,

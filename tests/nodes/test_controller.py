@@ -170,7 +170,7 @@ def test_gains_and_reference_take_effect_while_it_runs(bench: Make) -> None:
     assert one.answers([(0, 7.0)]) == [1.0]
     assert all(result.successful for result in one.set(kp=2.0, speed_reference=8.5))
     assert one.answers([(20 * MS, 7.0)]) == [3.0]
-    assert one.controller.speed_reference == 8.5
+    assert one.controller.values['speed_reference'] == 8.5
     assert all(result.successful for result in one.set(acceleration_limit=0.5))
     assert one.answers([(40 * MS, 7.0), (60 * MS, 10.0)]) == [0.5, -0.5]
 
@@ -190,7 +190,7 @@ def test_reference_may_come_from_an_outer_loop(bench: Make) -> None:
     outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
     one.until(lambda: outer.get_subscription_count() == 1)
     outer.publish(Float64(data=5.0))
-    one.until(lambda: one.controller.speed_reference == 5.0)
+    one.until(lambda: one.controller.values['speed_reference'] == 5.0)
     assert one.answers([(0, 4.0)]) == [1.0]
     assert all(result.successful for result in one.set(speed_reference=6.0))
     assert one.answers([(20 * MS, 4.0)]) == [2.0]
@@ -203,7 +203,7 @@ def test_reference_out_of_range_is_refused(bench: Make, reference: float) -> Non
     one.until(lambda: outer.get_subscription_count() == 1)
     outer.publish(Float64(data=reference))
     one.until(lambda: one.controller.refused == 1)
-    assert one.controller.speed_reference == 8.0
+    assert one.controller.values['speed_reference'] == 8.0
 
 
 def test_reset_is_a_fresh_start(bench: Make) -> None:

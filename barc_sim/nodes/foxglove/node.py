@@ -10,11 +10,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from barc_sim.cli.option_types import FOXGLOVE_PORT
-from barc_sim.cli.parser import call
 from barc_sim.nodes.foxglove.live import LiveServer
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 from barc_sim.vehicle.parameters import Parameter
 
@@ -88,12 +86,8 @@ class FoxgloveServer(Node):
             self._server.send(sorted(self._topics.take(), key=attrgetter('received')))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until a signal stops it."""
-    return call('foxglove', lambda: spin(_announced, args))
-
-
-def _announced() -> FoxgloveServer:
+def announced() -> FoxgloveServer:
+    """Return a node, whose address is printed."""
     node = FoxgloveServer()
     print(f'foxglove   {node.url}', flush=True)  # noqa: T201
     return node

@@ -13,7 +13,6 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim.cli.parser import call
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
 from barc_sim.control.keyboard.terminal import Terminal
@@ -22,7 +21,6 @@ from barc_sim.ros.conversions import to_twist
 from barc_sim.ros.endpoints import publisher
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -144,6 +142,6 @@ class Keyboard(Node):
             self._twist_pub.publish(to_twist(request))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until `q`, Ctrl-C, or a signal."""
-    return call('keyboard', lambda: spin(lambda: Keyboard(Terminal()), args))
+def on_stdin() -> Keyboard:
+    """Return a keyboard of the terminal that is the standard input."""
+    return Keyboard(Terminal())

@@ -14,13 +14,16 @@ from barc_sim.bags.cdr import NANOSECONDS
 from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from std_msgs.msg import Header
 
     from barc_sim.nodes.mirrors.car import Pose
     from barc_sim.nodes.mirrors.diagnosis import Diagnosis
     from barc_sim.nodes.mirrors.ride import MirroredState
+
+    #: Returns the message of a state; the next call fills it anew.
+    Mirror = Callable[[MirroredState], Any]
 
 ODOM, BASE = 'odom', 'base_link'
 _WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
@@ -32,8 +35,10 @@ JOINTS = (
 _FULL_TURN = 2.0 * pi
 
 
-class OdometryMirror:
-    """The pose in `odom` and the velocity in `base_link`, as measured, without covariances.
+def odometry_mirror(prefix: str) -> Mirror:
+    """Return what shows the pose in `odom` and the velocity in `base_link`, without covariances.
+
+    They are as measured. `prefix` comes before the frames' names.
 
     Examples
     --------
@@ -42,49 +47,45 @@ class OdometryMirror:
     >>> from barc_sim.vehicle.road import Road
     >>> motion = Motion(60.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.0)
     >>> state = Ride(Road.named('lab'), Vehicle()).update(0, motion, servo=0.0)
-    >>> message = OdometryMirror('car2/').of(state)
+    >>> message = odometry_mirror('car2/')(state)
     >>> message.child_frame_id, message.twist.twist.linear.x
     ('car2/base_link', 8.0)
     """
+    message = Odometry(header=to_header(0, prefix + ODOM), child_frame_id=prefix + BASE)
+    twist = message.twist.twist
 
-    def __init__(self, prefix: str) -> None:
-        """Put `prefix` before the frames' names."""
-        self._message = Odometry(header=to_header(0, prefix + ODOM), child_frame_id=prefix + BASE)
-
-    def of(self, state: MirroredState) -> Odometry:
-        """Return the message of a state; the next call fills it anew."""
-        message = self._message
+    def mirror(state: MirroredState) -> Odometry:
         stamp(message.header, state.stamp)
         fill(message.pose.pose, state.pose)
-        twist = message.twist.twist
         twist.linear.x, twist.linear.y = state.motion.v_x, state.motion.v_y
         twist.angular.z = state.motion.psi_dot
         return message
 
+    return mirror
 
-class TransformMirror:
-    """The pose as a transform from `odom` to `base_link`."""
 
-    def __init__(self, prefix: str, kind: type[Any]) -> None:
-        """Put `prefix` before the frames' names; `kind` is tf2_msgs/TFMessage."""
-        self._transform = TransformStamped(
-            header=to_header(0, prefix + ODOM), child_frame_id=prefix + BASE
-        )
-        self._message = kind(transforms=[self._transform])
+def transform_mirror(prefix: str, kind: type[Any]) -> Mirror:
+    """Return what shows the pose as a transform from `odom` to `base_link`.
 
-    def of(self, state: MirroredState) -> Any:  # noqa: ANN401 (tf2_msgs may be missing)
-        """Return the message of a state; the next call fills it anew."""
-        stamp(self._transform.header, state.stamp)
-        transform = self._transform.transform
-        there = transform.translation
+    `prefix` comes before the frames' names; `kind` is tf2_msgs/TFMessage.
+    """
+    stamped = TransformStamped(header=to_header(0, prefix + ODOM), child_frame_id=prefix + BASE)
+    message = kind(transforms=[stamped])
+    there, turn = stamped.transform.translation, stamped.transform.rotation
+
+    def mirror(state: MirroredState) -> Any:  # noqa: ANN401 (tf2_msgs may be missing)
+        stamp(stamped.header, state.stamp)
         there.x, there.y, there.z = state.pose[:3]
-        turn = transform.rotation
         turn.x, turn.y, turn.z, turn.w = state.pose.orientation
-        return self._message
+        return message
+
+    return mirror
 
 
-class AccelerationMirror:
-    """The acceleration over the ground, in `base_link`, without gravity.
+def acceleration_mirror(prefix: str) -> Mirror:
+    """Return what shows the acceleration over the ground, in `base_link`, without gravity.
+
+    `prefix` comes before the frame's name.
 
     Examples
     --------
@@ -95,26 +96,24 @@ class AccelerationMirror:
     >>> circling = Motion(0.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.5)
     >>> _ = ride.update(0, circling, servo=0.2)
     >>> state = ride.update(20_000_000, circling, servo=0.2)
-    >>> AccelerationMirror('car2/').of(state).accel.linear.y
+    >>> acceleration_mirror('car2/')(state).accel.linear.y
     4.0
     """
+    message = AccelStamped(header=to_header(0, prefix + BASE))
+    accel = message.accel
 
-    def __init__(self, prefix: str) -> None:
-        """Put `prefix` before the frame's name."""
-        self._message = AccelStamped(header=to_header(0, prefix + BASE))
-
-    def of(self, state: MirroredState) -> AccelStamped:
-        """Return the message of a state; the next call fills it anew."""
-        stamp(self._message.header, state.stamp)
-        accel = self._message.accel
+    def mirror(state: MirroredState) -> AccelStamped:
+        stamp(message.header, state.stamp)
         accel.linear.x, accel.linear.y, accel.angular.z = state.acceleration
-        return self._message
+        return message
+
+    return mirror
 
 
-class JointMirror:
-    """The steering angles of the front wheels, and the rolling angle and speed of each wheel.
+def joint_mirror(prefix: str) -> Mirror:
+    """Return what shows the front wheels' steering, and the rolling angle and speed of each wheel.
 
-    The steering's velocity is always 0.
+    The steering's velocity is always 0. `prefix` comes before the joints' names.
 
     Examples
     --------
@@ -123,22 +122,20 @@ class JointMirror:
     >>> from barc_sim.vehicle.road import Road
     >>> turning = Motion(0.0, 0.0, 0.0, v_x=8.0, v_y=0.0, psi_dot=0.8)
     >>> state = Ride(Road.named('lab'), Vehicle()).update(0, turning, servo=0.3)
-    >>> joints = JointMirror('').of(state)
+    >>> joints = joint_mirror('')(state)
     >>> joints.name[0], round(joints.position[0], 3)
     ('front_left_steering', 0.327)
     """
+    message = JointState(header=to_header(0), name=[prefix + joint for joint in JOINTS])
 
-    def __init__(self, prefix: str) -> None:
-        """Put `prefix` before the joints' names."""
-        self._message = JointState(header=to_header(0), name=[prefix + joint for joint in JOINTS])
-
-    def of(self, state: MirroredState) -> JointState:
-        """Return the message of a state; the next call fills it anew."""
-        stamp(self._message.header, state.stamp)
+    def mirror(state: MirroredState) -> JointState:
+        stamp(message.header, state.stamp)
         left, right = (wheel.steering for wheel in state.wheels[:2])
-        self._message.position = [left, right, *(angle % _FULL_TURN for angle in state.rolled)]
-        self._message.velocity = [0.0, 0.0, *(wheel.speed for wheel in state.wheels)]
-        return self._message
+        message.position = [left, right, *(angle % _FULL_TURN for angle in state.rolled)]
+        message.velocity = [0.0, 0.0, *(wheel.speed for wheel in state.wheels)]
+        return message
+
+    return mirror
 
 
 def to_path(poses: Iterable[tuple[int, Pose]], prefix: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -17,17 +18,16 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from barc_sim.bags.cdr import NANOSECONDS
-from barc_sim.cli.parser import call
 from barc_sim.nodes.mirrors.diagnosis import Facts, Measured, diagnose
 from barc_sim.nodes.mirrors.kinds import MIRRORS
 from barc_sim.nodes.mirrors.markers import CarMirror, to_road
 from barc_sim.nodes.mirrors.messages import (
-    AccelerationMirror,
-    JointMirror,
-    OdometryMirror,
-    TransformMirror,
+    acceleration_mirror,
+    joint_mirror,
+    odometry_mirror,
     to_diagnostics,
     to_path,
+    transform_mirror,
 )
 from barc_sim.nodes.mirrors.ride import Ride, Trail
 from barc_sim.ros import names
@@ -36,7 +36,6 @@ from barc_sim.ros.endpoints import publisher, subscription
 from barc_sim.ros.executor import PolledCallbackGroup, QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.polled import polled, take
-from barc_sim.ros.process import spin
 from barc_sim.vehicle.bike_model import Motion, Vehicle
 from barc_sim.vehicle.parameters import Parameter
 from barc_sim.vehicle.road import Road
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
 
-    from barc_sim.nodes.mirrors.ride import MirroredState
+    from barc_sim.nodes.mirrors.messages import Mirror
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -158,23 +157,20 @@ class MirrorNode(Node):
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(period, self._diagnose, group, steady)
 
-    def _state_mirrors(
-        self, on: set[str]
-    ) -> list[tuple[Publisher, Callable[[MirroredState], Any]]]:
+    def _state_mirrors(self, on: set[str]) -> list[tuple[Publisher, Mirror]]:
         """Return the publishers of each state, each with the function that makes its message."""
-        prefix = self._prefix
-        kinds: dict[str, tuple[type[Any], str, Callable[[], Any]]] = {
-            'odom': (Odometry, names.ODOM, lambda: OdometryMirror(prefix)),
-            'accel': (AccelStamped, names.ACCEL, lambda: AccelerationMirror(prefix)),
-            'joint_states': (JointState, names.JOINT_STATES, lambda: JointMirror(prefix)),
+        kinds: dict[str, tuple[type[Any], str, Callable[[str], Mirror]]] = {
+            'odom': (Odometry, names.ODOM, odometry_mirror),
+            'accel': (AccelStamped, names.ACCEL, acceleration_mirror),
+            'joint_states': (JointState, names.JOINT_STATES, joint_mirror),
         }
         if TFMessage is not None:
-            kinds['tf'] = (TFMessage, names.TF, lambda: TransformMirror(prefix, TFMessage))
+            kinds['tf'] = (TFMessage, names.TF, partial(transform_mirror, kind=TFMessage))
         elif 'tf' in on:
             self.get_logger().info('no transforms are published: tf2_msgs is not installed')
         return [
-            (publisher(self, kind, topic), create().of)
-            for name, (kind, topic, create) in kinds.items()
+            (publisher(self, kind, topic), mirror(self._prefix))
+            for name, (kind, topic, mirror) in kinds.items()
             if name in on
         ]
 
@@ -189,8 +185,8 @@ class MirrorNode(Node):
         self._state = (stamp, time.time_ns())
         state = self._ride.update(stamp, motion, self._servo)
         self._trail.add(state)
-        for pub, of in self._mirrors:
-            pub.publish(of(state))
+        for pub, mirror in self._mirrors:
+            pub.publish(mirror(state))
         now = time.monotonic()
         if self._car_pub and now >= self._next_picture:
             self._next_picture = now + _PICTURE_PERIOD
@@ -224,8 +220,3 @@ def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float
         return None
     simulated, real = (new - old for new, old in zip(now, before, strict=True))
     return simulated / real if real else 0.0
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until a signal stops it."""
-    return call('mirror', lambda: spin(MirrorNode, args))

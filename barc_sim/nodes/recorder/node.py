@@ -17,14 +17,12 @@ from barc_sim.bags.directory import check_space, make_directory, new_directory
 from barc_sim.bags.recording import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
-from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.recorder.type_lookup import request_definition
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.names import QOS
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.process import spin
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 
 if TYPE_CHECKING:
@@ -317,8 +315,3 @@ def _respond(
     except UserError as error:
         response.message = str(error)
     return response
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until a signal stops it."""
-    return call('bag_recorder', lambda: spin(BagRecorder, args))

@@ -13,7 +13,6 @@ from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags.cdr import leading_time
-from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.simulator.peers import PeerWatch, StartGate
 from barc_sim.ros import names
@@ -23,7 +22,6 @@ from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.fields import FieldPublisher, field_reader
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.peers import claim, living_publishers, taken
-from barc_sim.ros.process import spin
 from barc_sim.ros.warnings import RefusedInput
 from barc_sim.simulation.publishers import StatePublishers
 from barc_sim.simulation.simulator import (
@@ -252,8 +250,3 @@ class VehicleSimulator(Simulator, Node):
     def _check_peers(self) -> None:
         self._stepper.check()
         self._peers.check(self.steps, waits=not (self._deadlines or self.paused))
-
-
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until it finishes or is stopped."""
-    return call('vehicle_simulator', lambda: spin(VehicleSimulator, args))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,6 @@ from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rclpy.node import Node
 
-from barc_sim.cli.parser import call
 from barc_sim.errors import UserError
 from barc_sim.nodes.view.node_clients import NodeClients
 from barc_sim.nodes.view.state_feed import StateFeed
@@ -25,13 +23,11 @@ from barc_sim.ros.endpoints import publisher
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.polled import polled, take
-from barc_sim.ros.process import spin
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from barc_sim.simulation.laps import Laps
     from barc_sim.vehicle.road import Road
 
 
@@ -63,6 +59,8 @@ class ViewNode(Node):
     ----------
     url
         The page's address, for the user alone: it gives the right to drive.
+    page
+        The page: its `end` shows the end of the run, and its `laps` are those so far.
 
     Raises
     ------
@@ -106,7 +104,7 @@ class ViewNode(Node):
         )
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
-        self._page = page = RunPage(
+        self.page = page = RunPage(
             values['mode'], values['host'], values['port'], status, road, finish
         )
         self._is_page_released = False
@@ -118,32 +116,15 @@ class ViewNode(Node):
         page.start(feed, clients, self._drive, self._changes)
         self.get_logger().debug(f'a page of the mode {values["mode"]!r} is served')
 
-    @property
-    def seen(self) -> int:
-        """Number of states taken."""
-        return self._page.seen
-
-    @property
-    def laps(self) -> Laps:
-        """The laps of the run so far."""
-        return self._page.laps
-
-    def end(self, reason: str, bag: str = '') -> None:
-        """Show the pages the end of the run, its reason and `bag`, the bag's path.
-
-        May be called from any thread.
-        """
-        self._page.end(reason, bag)
-
     def release_page(self) -> RunPage:
         """Return the page, which has ended, so that it outlives the node."""
         self._is_page_released = True
-        return self._page
+        return self.page
 
     def destroy_node(self) -> None:
         """Close all pages and the port unless they are released, and destroy the node."""
         if not self._is_page_released:
-            self._page.close()
+            self.page.close()
         super().destroy_node()
 
     # The server's thread calls the methods below.
@@ -173,16 +154,8 @@ def _tuned(event: ParameterEvent, node: str) -> Iterator[tuple[str, str, float]]
             yield node, parameter.name, value.double_value
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node alone, until a signal stops it."""
-    return call('view', lambda: spin(_announced, args))
-
-
-def _announced() -> ViewNode:
+def announced() -> ViewNode:
+    """Return a node, whose page's address is printed."""
     node = ViewNode()
     print(f'view    {node.url}', flush=True)  # noqa: T201 (not into /rosout: it has the token)
     return node
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -15,7 +15,7 @@ from barc_sim.runs.view_options import wants_page
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from barc_sim.bags.recording import Recording
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard.terminal import Terminal
     from barc_sim.page.run_page import RunPage
-    from barc_sim.vehicle.bike_model import Model
-    from barc_sim.vehicle.plant import Observation
-    from barc_sim.vehicle.road import Road
 
 
 class LocalEngine:
@@ -107,19 +104,13 @@ class LocalEngine:
     def simulator(
         self,
         *,
-        road: Road | None,
-        on_step: Callable[[float, Observation], None],
-        model: Model,
-        given: Mapping[str, Any],
-        distance: float = 0.0,
         namespace: str = '',
         keeps_clock: bool = True,
+        **options: Any,  # noqa: ANN401 (those of LocalSimulator)
     ) -> LocalSimulator:
         """Return the node `vehicle_simulator`."""
         del namespace, keeps_clock
-        simulator = LocalSimulator(
-            self._host, road=road, distance=distance, on_step=on_step, model=model, given=given
-        )
+        simulator = LocalSimulator(self._host, **options)
         if self._controller:
             simulator.on_state = self._controller.answer
             simulator.on_reset = self._controller.reset
@@ -187,9 +178,6 @@ class LocalEngine:
         if not options.quiet:
             print(f'live page  {page.url}', flush=True)  # noqa: T201
         open_page(page.url)
-
-    def begin_recording(self) -> None:
-        """Do nothing: topics are recorded from the publishers' start."""
 
     def spin(self) -> None:
         """Run until the simulator has finished."""

@@ -47,10 +47,10 @@ class LocalSimulator(Simulator):
         host: LocalHost,
         *,
         road: Road | None,
-        distance: float,
         on_step: Callable[[float, Observation], None],
         model: Model,
         given: Mapping[str, Any],
+        distance: float = 0.0,
     ) -> None:
         """Declare the parameters; those that are `given` override the defaults.
 
@@ -144,7 +144,13 @@ class LocalSimulator(Simulator):
 
 
 class LocalController:
-    """Answers each state with a command."""
+    """Answers each state with a command.
+
+    Attributes
+    ----------
+    values
+        The parameters, by name.
+    """
 
     def __init__(
         self,
@@ -171,19 +177,10 @@ class LocalController:
             lambda sentence: node.warning(sentence(), period=1.0),
         )
         self._control.configure(node.declare(self._control.parameters(acceleration_limit), given))
+        self.values = self._control.values
         self.reset = self._control.reset
         self.reset()
         self._publishers = AnswerPublishers(node.publisher, self._control.controller)
-
-    @property
-    def acceleration_limit(self) -> float:
-        """The greatest acceleration that it commands [m/s²]."""
-        return float(self._control.values['acceleration_limit'])
-
-    @property
-    def speed_reference(self) -> float:
-        """The speed to hold [m/s]."""
-        return float(self._control.values['speed_reference'])
 
     def tune(self, name: str, value: float) -> str:
         """Set a parameter while the run goes on; return why that is refused, or ''."""

@@ -207,7 +207,7 @@ def test_closing_its_terminal_brakes_where_it_runs_alone(
         [
             sys.executable,
             '-c',
-            f'{take}from barc_sim.nodes.keyboard.node import main; sys.exit(main())',
+            f'{take}from barc_sim.__main__ import main; sys.exit(main(["node", "keyboard"]))',
         ],
         stdin=fd,
         start_new_session=True,

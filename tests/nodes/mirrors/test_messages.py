@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_sim.nodes.mirrors.messages import OdometryMirror, TransformMirror
+from barc_sim.nodes.mirrors.messages import odometry_mirror, transform_mirror
 from barc_sim.nodes.mirrors.ride import Ride
 from barc_sim.ros.conversions import to_nanoseconds
 from barc_sim.vehicle.bike_model import Motion, Vehicle
@@ -17,8 +17,8 @@ from barc_sim.vehicle.road import Road
 
 def test_transform_is_the_pose_of_odom() -> None:
     state = Ride(Road.lab(), Vehicle()).update(7, Motion(110.0, 1.0, 0.3, 8.0, 0.0, 0.0), 0.0)
-    (transform,) = TransformMirror('car2/', SimpleNamespace).of(state).transforms
-    odom = OdometryMirror('car2/').of(state)
+    (transform,) = transform_mirror('car2/', SimpleNamespace)(state).transforms
+    odom = odometry_mirror('car2/')(state)
     there, turn = transform.transform.translation, transform.transform.rotation
     position = odom.pose.pose.position
     assert (there.x, there.y, there.z) == (position.x, position.y, position.z)

@@ -72,13 +72,15 @@ class Bench(NodeBench):
         super().__init__(context, spin_until, self.simulator)
         self.times: list[int] = []
         self.stamps: list[int] = []
+        self.answers = True
         self.commands = self.peer.create_publisher(ECU, 'ecu', names.QOS)
         self.peer.create_subscription(ZDynBkMdl, 'z_vhcl', self._on_state, names.QOS)
         self.peer.create_subscription(Clock, '/clock', self._on_clock, 100)
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         self.stamps.append(to_nanoseconds(state.header.stamp))
-        self.commands.publish(ECU(header=state.header, motor=1.0))
+        if self.answers:
+            self.commands.publish(ECU(header=state.header, motor=1.0))
 
     def _on_clock(self, message: Clock) -> None:
         self.times.append(to_nanoseconds(message.clock))
@@ -159,6 +161,7 @@ def test_a_reset_without_an_answer_is_warned_of_once(
     world.until(lambda: len(world.stamps) > 3)
     silent = Node('silent', context=world.peer.context)  # serves, and is not spun
     silent.create_service(Trigger, names.RESET_RELAY, lambda _, response: response)
+    world.answers = False
     world.peer.destroy_publisher(world.commands)
     world.call(Trigger, 'vehicle_simulator/reset')
     end = time.monotonic() + 1.2

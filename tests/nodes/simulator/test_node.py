@@ -321,21 +321,14 @@ def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
 # Services
 
 
-def call(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
-    """Return the response of the simulator's service, which is to succeed."""
-    response = ask(world, service_type, name, **request)
-    assert response.success
-    return response
-
-
-def ask(world: World, service_type: Any, name: str, **request: Any) -> Any:  # noqa: ANN401
-    """Return the response of the simulator's service."""
+def reset(world: World) -> None:
+    """Reset the simulator through its service."""
     node = world.add(Node('caller', context=world.context))
-    client = node.create_client(service_type, f'vehicle_simulator/{name}')
+    client = node.create_client(Trigger, 'vehicle_simulator/reset')
     world.until(client.service_is_ready)
-    future = client.call_async(service_type.Request(**request))
+    future = client.call_async(Trigger.Request())
     world.until(future.done)
-    return future.result()
+    assert future.result().success
 
 
 def rows(states: list[ZDynBkMdl]) -> list[tuple[float, ...]]:
@@ -358,7 +351,7 @@ def test_reset_gives_the_same_states_again_with_later_stamps(world: World, facto
     )
     world.until(lambda: len(world.states) >= 30)
     for run in (2, 3, 4):
-        call(world, Trigger, 'reset')
+        reset(world)
         world.until(lambda run=run: calls.count(0.0) == run and calls[-1] > 0.6)
     world.until(lambda: len(world.states) == len(calls) == simulator.steps)
     starts = [k for k, t in enumerate(calls) if t == 0.0]
@@ -382,7 +375,7 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     controller.create_service(Trigger, '~/reset', on_reset)
     simulator = world.simulator(realtime_factor=LOCK_STEP)
     world.until(lambda: len(world.states) >= 10)
-    call(world, Trigger, 'reset')
+    reset(world)
     world.until(lambda: bool(calls))
     world.until(lambda: simulator.steps > calls[0] + 5)
     world.until(lambda: len(world.states) == simulator.steps)
@@ -398,7 +391,7 @@ def test_reset_continues_without_the_controllers_answer(world: World, capfd: Cap
     world.nodes.append(deaf)
     simulator = world.simulator(realtime_factor=LOCK_STEP)
     world.until(lambda: len(world.states) >= 5)
-    call(world, Trigger, 'reset')
+    reset(world)
     before = simulator.steps
     world.until(lambda: simulator.steps > before + 3)
     assert 'has not answered its reset' in capfd.readouterr().err

@@ -164,8 +164,8 @@ def test_every_state_reaches_the_page_with_its_messages(view: ViewNode, peer: Pe
         client.receive('status')
         for k in range(100):
             peer.step(float(k))
-            until(lambda: view.seen == k + 1)  # noqa: B023 (called at once)
-        view.end('over')
+            until(lambda: view.page.seen == k + 1)  # noqa: B023 (called at once)
+        view.page.end('over')
         client.receive('end')
     np.testing.assert_array_equal(client.column('x'), np.arange(100.0))
     np.testing.assert_allclose(client.column('t'), 0.02 * np.arange(100))
@@ -181,8 +181,8 @@ def test_invalid_states_are_left_out(view: ViewNode, peer: Peer, x: float) -> No
         client.receive('status')
         for place in (1.0, x, 2.0):
             peer.step(place)
-        until(lambda: view.seen == 2)
-        view.end('over')
+        until(lambda: view.page.seen == 2)
+        view.page.end('over')
         client.receive('end')
     np.testing.assert_array_equal(client.column('x'), [1.0, 2.0])
 
@@ -209,7 +209,7 @@ def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> Non
 
 def test_late_page_receives_the_past(view: ViewNode, peer: Peer) -> None:
     peer.step(1.0)
-    until(lambda: view.seen == 1)
+    until(lambda: view.page.seen == 1)
     with page(view) as client:
         client.receive('status')
     np.testing.assert_array_equal(client.column('x'), [1.0])
@@ -289,7 +289,7 @@ def test_missing_service_is_named(view: ViewNode) -> None:
 def test_end_is_sent_to_present_and_later_pages(view: ViewNode) -> None:
     with page(view) as client:
         client.receive('status')
-        view.end('the distance was reached', bag='bags/one')
+        view.page.end('the distance was reached', bag='bags/one')
         end = client.receive('end')
         assert (end['reason'], end['bag']) == ('the distance was reached', 'bags/one')
     with page(view) as client:
@@ -344,7 +344,7 @@ def test_slider_sets_a_parameter_on_all_pages(ros: Context) -> None:
         while not known:
             known = client.receive('facts')['tuning']
         client.request('tune', name='speed_reference', value=5.5)
-        until(lambda: controller.speed_reference == 5.5)
+        until(lambda: controller.values['speed_reference'] == 5.5)
         while other.receive('facts')['tuning'].get('speed_reference') != 5.5:
             pass
         client.request('tune', name='kp', value=-2e6)

@@ -222,7 +222,7 @@ def test_nothing_is_cut_at_any_size(ros: Context, open_: Open, mode: str) -> Non
         for width, height, touch in SIZES:
             tab.resize(width, height, touch=touch)
             cut[width, height] = [*tab.run(OVERFLOW), *tab.cut_labels()]
-        view.end('The run has ended.', bag='bags/run 1')
+        view.page.end('The run has ended.', bag='bags/run 1')
         tab.until("!document.querySelector('#end-card').hidden")
         tab.run("document.querySelector('#end-card summary').click()")
         for width, height, touch in SIZES:
@@ -366,11 +366,8 @@ def test_sliders_set_the_controllers_parameters_and_follow_them(acc: Acc, open_:
     view, _, controller = acc
     tab, other = open_(view.url), open_(view.url)
     tab.until("document.querySelector('#kp').value === '30'")
-    tab.run(
-        "(() => { const s = document.querySelector('#speed_reference-slider'); s.value = 5;"
-        "s.dispatchEvent(new Event('input')); })()"
-    )
-    wait_until(lambda: controller.speed_reference == 5.0)
+    tab.select('#speed_reference-slider', 5, 'input')
+    wait_until(lambda: controller.values['speed_reference'] == 5.0)
     wait_until(lambda: tab.number('#speed') == pytest.approx(5.0, abs=0.2))
     other.until("document.querySelector('#speed_reference-slider').value === '5'")
 
@@ -425,10 +422,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
     tab.click('#copy-command')
     command = 'barc acc --gain kp=4 --gain ki=0 --gain kd=0 --speed 8 --laps 0'
     tab.until(f"window.copied === '{command}'")
-    tab.run(
-        "(() => { const n = document.querySelector('#noise_v_x'); n.value = 0.25;"
-        "n.dispatchEvent(new Event('change')); })()"
-    )
+    tab.select('#noise_v_x', 0.25)
     wait_until(lambda: car.get_parameter('noise_v_x').value == 0.25)
     # With noise, the measured speed is another one than the speed: its line is shown.
     tab.until("document.querySelector('#speed-legend li:last-child button').ariaPressed === 'true'")
@@ -463,9 +457,9 @@ def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: O
     wait_until(lambda: 0.5 < tab.number('#position') < 5.0)
     last = "document.querySelector('[data-figure=rms] td:nth-of-type(2)').textContent"
     tab.until(f"{last} !== '\u2013'")
-    assert lap_facts(view.laps)['last']['rms'] == pytest.approx(float(tab.run(last)), abs=6e-4)
+    assert lap_facts(view.page.laps)['last']['rms'] == pytest.approx(float(tab.run(last)), abs=6e-4)
     # The lap in the chart is broken at the reset: its states have another number.
-    laps = lap_facts(view.laps)
+    laps = lap_facts(view.page.laps)
     assert laps['current']['start'] == pytest.approx(laps['last']['end'] + TS)
 
 
@@ -473,10 +467,7 @@ def test_refused_value_is_explained_and_replaced(acc: Acc, open_: Open) -> None:
     view, _, controller = acc
     tab = open_(view.url)
     tab.until("document.querySelector('#kd').value === '0.1'")
-    tab.run(
-        "(() => { const n = document.querySelector('#kd'); n.value = -2e6;"
-        "n.dispatchEvent(new Event('change')); })()"
-    )
+    tab.select('#kd', -2e6)
     tab.until("document.querySelector('#tuning-note').textContent.startsWith('kd was refused')")
     assert tab.run("document.querySelector('#kd').value") == '0.1'
     assert controller.get_parameter('kd').value == 0.1
@@ -503,7 +494,7 @@ def test_buttons_pause_and_reset(teleop: Teleop, open_: Open) -> None:
 def test_end_is_explained(teleop: Teleop, open_: Open) -> None:
     view, _ = teleop
     tab = open_(view.url)
-    view.end('The run has ended: Ctrl-C was pressed.', bag='bags/my run')
+    view.page.end('The run has ended: Ctrl-C was pressed.', bag='bags/my run')
     wait_until(lambda: tab.text('#message') == 'The run has ended: Ctrl-C was pressed.')
     tab.click('#end-card summary')
     assert "barc report 'bags/my run'" in tab.text('#end-card')
@@ -521,9 +512,9 @@ def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> 
     tab.until("document.querySelector('#kp').value === '30'")
     car.paused = True
     wait_until(lambda: tab.text('#state') == 'Paused')
-    view.end('The run has ended.', bag='bags/one')
+    view.page.end('The run has ended.', bag='bags/one')
     tab.until("!document.querySelector('#end-card').hidden")
-    laps, stretches = lap_facts(view.laps), stretch_facts(view.laps.current)
+    laps, stretches = lap_facts(view.page.laps), stretch_facts(view.page.laps.current)
     tab.click('#end-card summary')
     card = tab.text('#end-card')
     assert f'{laps["current"]["rms"]:.3f} m/s' in card
@@ -653,7 +644,7 @@ def test_page_finds_the_next_run_on_its_port(
     wait_until(lambda: tab.text('#state') == 'Reconnecting')
     with run(ros, 'teleop', port) as (view, _, _):
         wait_until(lambda: tab.text('#state') == 'Live')
-        view.end('The run has ended.')
+        view.page.end('The run has ended.')
         wait_until(lambda: tab.text('#state') == 'Ended')
     with run(ros, 'teleop', port):
         wait_until(lambda: tab.text('#message').startswith('The next run has started'))
@@ -690,7 +681,7 @@ def test_checker_finds_no_accessibility_violation(
     assert tab.violations(AXE) == []
     tab.resize(360, 760, touch=True)
     assert tab.violations(AXE) == []
-    either.end('The run has ended.', bag='bags/run 1')
+    either.page.end('The run has ended.', bag='bags/run 1')
     tab.until("!document.querySelector('#end-card').hidden")
     assert tab.violations(AXE) == []
     offer = "{ files: ['report.html', 'bag.zip'], before: 'a', again: true }"
@@ -712,7 +703,7 @@ def test_every_control_works_by_keyboard_with_a_visible_focus(
         tab.until(f"document.body.dataset.mode === '{mode}'")
         assert tab.without_keyboard() == []
         assert car.twists == []
-        view.end('The run has ended.', bag='bags/run 1')
+        view.page.end('The run has ended.', bag='bags/run 1')
         tab.until("!document.querySelector('#end-card').hidden")
         assert tab.without_keyboard() == []
 

@@ -168,7 +168,6 @@ def replay(engine: RosEngine | LocalEngine, drive: dict[float, DriverInput], bag
     simulator = engine.simulator(road=road, on_step=on_step, model=bikeFE, given=given)
     publish = publisher(engine, relay)
     engine.show(Namespace(view='none', quiet=True))
-    engine.begin_recording()
     engine.spin()
     engine.close()
     return recorder.path

@@ -175,27 +175,6 @@ def test_more_half_open_connections_than_descriptors_end_no_run(
     assert (bag / 'metadata.yaml').exists()
 
 
-@pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
-def test_browser_drives(begin: Callable[..., Any], tmp_path: Path) -> None:
-    process, url = begin('teleop')
-    with Browser() as browser:
-        tab = browser.open(url)
-        tab.until("document.querySelector('#time').textContent !== '\\u2013'")
-        tab.press('ArrowUp')
-        tab.press('ArrowLeft')
-        wait_until(lambda: tab.number('#speed') > 3.0 and tab.number('#heading') > 10.0)
-        tab.release('ArrowUp')
-        tab.release('ArrowLeft')
-        process.send_signal(signal.SIGINT)
-        tab.until("document.querySelector('#state').innerText !== 'Live'")
-        problems = tab.problems
-        tab.close()
-    process.communicate(timeout=PATIENCE)
-    assert (process.returncode, problems) == (0, [])
-    log = read_bag(next((tmp_path / 'bags').iterdir()))
-    assert log.speed.max() > 3.0
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not CHROMIUM, reason='there is no Chromium')
 def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
@@ -211,10 +190,7 @@ def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
         tab.until(f'Number({last}) > 0')
         first = tab.run(last)
         for gain in ('kp', 'ki'):
-            tab.run(
-                f"(() => {{ const n = document.querySelector('#{gain}'); n.value = 2;"
-                "n.dispatchEvent(new Event('change')); })()"
-            )
+            tab.select(f'#{gain}', 2)
         tab.until(f'{last} !== {first!r}')
         wait_until(lambda: 6.0 < tab.number('#position') < 20.0)
         tab.click('#finish')
@@ -222,10 +198,7 @@ def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
         tab.until('performance.now() - scene.at > 200')  # the last state is drawn
         now = tab.run("Number(document.querySelector('#seek').max)")
         lines, scene = tab.run('[lines, scene]')
-        tab.run(
-            "(() => { const s = document.querySelector('#seek'); s.value = 3.5;"
-            "s.dispatchEvent(new Event('input')); })()"
-        )
+        tab.select('#seek', 3.5, 'input')
         tab.until("document.querySelector('#grade').innerText === '10'")
         forces = [tab.number(f'#force-{name}') for name in FORCES]
         arrows = np.diff(np.reshape(tab.run('scene.arrows'), (-1, 2))).ravel()
