@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from math import degrees, isnan
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
@@ -21,17 +21,6 @@ if TYPE_CHECKING:
 #: [s] between two drawings of the live line, and between two plain lines.
 _LIVE_PERIOD = 0.1
 _PLAIN_PERIOD = 1.0
-
-
-class Status(Protocol):
-    """A state to be shown."""
-
-    @property
-    def distance(self) -> float:
-        """Distance driven [m]."""
-
-    def text(self) -> str:
-        """Return the line for it."""
 
 
 class CruiseStatus(NamedTuple):
@@ -93,8 +82,11 @@ class DriveStatus(NamedTuple):
         return f'{text}  held {" ".join(symbol for symbol, on in held.items() if on) or "-"}'
 
 
-class Display(Protocol):
-    """Shows the states of a run."""
+Status = CruiseStatus | DriveStatus
+
+
+class Display:
+    """Shows the states of a run; this one shows nothing."""
 
     def show(self, status: Status) -> None:
         """Take a state; the display decides whether to draw it."""
@@ -112,25 +104,12 @@ def display(*, quiet: bool, distance: float | None = None) -> Display:
     With a `distance` [m] a bar shows how far the run is; it pulses for 0, a run without an end.
     """
     if quiet:
-        return NoDisplay()
+        return Display()
     console = Console(highlight=False)
     return LiveLine(console, distance) if console.is_terminal else PlainLines()
 
 
-class NoDisplay:
-    """Shows nothing."""
-
-    def show(self, status: Status) -> None:
-        """Do nothing."""
-
-    def print_line(self, line: str) -> None:
-        """Do nothing."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class PlainLines:
+class PlainLines(Display):
     """Prints a line a second, for a pipe or a file.
 
     Examples
@@ -156,11 +135,8 @@ class PlainLines:
         """Print a line."""
         print(line)  # noqa: T201
 
-    def close(self) -> None:
-        """Do nothing."""
 
-
-class LiveLine:
+class LiveLine(Display):
     """Draws a line in place, with a bar if the run has a distance.
 
     The caller's thread draws it, right after a step, when there is most time until the next: a

@@ -18,6 +18,8 @@ from barc_sim.simulation.metrics import SpeedErrors, Stretch, Summary
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    Capture = pytest.CaptureFixture[str]
+
 HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
 END = '\x04'
 LINE = '  1.50 s    12.3 m   7.990 m/s  error +0.010 m/s  grade -10°'
@@ -68,16 +70,14 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
         yield terminal
 
 
-def test_nothing_is_shown_where_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_shown_where_quiet(capsys: Capture) -> None:
     shown = display(quiet=True, distance=180.0)
     shown.show(STATE)
     shown.close()
     assert capsys.readouterr() == ('', '')
 
 
-def test_pipe_gets_a_plain_line_a_second(
-    capsys: pytest.CaptureFixture[str], clock: Callable[[float], None]
-) -> None:
+def test_pipe_gets_a_plain_line_a_second(capsys: Capture, clock: Callable[[float], None]) -> None:
     shown = display(quiet=False, distance=180.0)
     for k in range(250):
         clock(10.0 + 0.01 * k)
@@ -163,9 +163,7 @@ def test_there_is_no_negative_zero_and_columns_stay() -> None:
     assert still.index('held') == DRIVE_LINE.index('held')
 
 
-def test_table_has_a_row_per_stretch_and_the_other_figures(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> None:
     print_summary(
         Summary(
             rms_error=0.9768,
@@ -188,7 +186,7 @@ def test_table_has_a_row_per_stretch_and_the_other_figures(
     )
 
 
-def test_table_of_a_run_without_a_state_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_of_a_run_without_a_state_has_no_nan(capsys: Capture) -> None:
     print_summary(SpeedErrors().summary(), slipped=0)
     out = capsys.readouterr().out
     assert str(nan) not in out

@@ -60,9 +60,7 @@ def test_nothing_is_shown_where_quiet(capsys: pytest.CaptureFixture[str]) -> Non
     assert capsys.readouterr().out == ''
 
 
-def test_lines_are_output_where_nothing_else_shows_them(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_lines_are_output_where_nothing_else_shows_them(capsys: pytest.CaptureFixture[str]) -> None:
     output = UserOutput()
     output('a\nb')
     output.close()
