@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from types import TracebackType
 
     from typing_extensions import Self
 
@@ -89,12 +88,7 @@ class StopSignals:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, self._taken)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Ignore the signals from now on."""
         for number in self._taken:
             signal.signal(number, signal.SIG_IGN)

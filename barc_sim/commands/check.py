@@ -65,7 +65,8 @@ def run(options: Namespace) -> int:
     UserError
         where there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.lab.check.report import print_report  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.figures import output  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.lab.check.report import print_report  # noqa: PLC0415
     from barc_sim.lab.check.worker import judge_folder  # noqa: PLC0415
     from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
 
@@ -76,18 +77,15 @@ def run(options: Namespace) -> int:
         folder = folder.parent
     rubric = load(options.rubric)
     settings = _settings(rubric.settings, options)
-    path = None if options.no_plot else _path(options, folder)
+    name = options.save or str(folder / 'check.png')
+    path = None if options.no_plot else output.target(name, FORMATS)
     report = judge_folder(folder, settings)
     print_report(report, rubric)
     composed = _composition(folder)
     if path:
         gains = f'{report.gains} · ' if report.gains else ''
-        _draw(
-            report,
-            path,
-            f'{folder.resolve().name}, beside the reference',
-            f'{gains}seed {settings.seed}',
-        )
+        title = f'{folder.resolve().name}, beside the reference'
+        _draw(report, path, title, f'{gains}seed {settings.seed}')
     judged = [finding for finding in report.findings if not finding.skipped]
     return 0 if composed and all(finding.passed for finding in judged) else NOT_PASSED
 
@@ -114,12 +112,6 @@ def _settings(settings: Settings, options: Namespace) -> Settings:
         if (value := getattr(options, name)) is not None
     }
     return replace(settings, **given)
-
-
-def _path(options: Namespace, folder: Path) -> Path:
-    from barc_sim.figures import output  # noqa: PLC0415
-
-    return output.target(options.save or str(folder / 'check.png'), FORMATS)
 
 
 def _draw(report: Report, path: Path, title: str, settings: str) -> None:

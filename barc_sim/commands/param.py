@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.ros.introspection.observer import GraphObserver
-    from barc_sim.ros.introspection.parameters import Verdict
+    from barc_sim.ros.introspection.parameters import Parameters, Verdict
 
 
 def add_arguments(parser: Parser) -> None:
@@ -27,7 +27,6 @@ def add_arguments(parser: Parser) -> None:
     verb.add_argument(
         '--include-hidden-nodes', action='store_true', help='also nodes with a _ before the name'
     )
-    verb.set_defaults(verb_run=_list)
 
     verb = verbs.add_parser('get', help='print the value of a parameter')
     _add_names(verb, 'name')
@@ -72,9 +71,13 @@ def run(options: Namespace) -> int:
         where a node, a parameter or a file does not exist, or a value is refused.
     """
     from barc_sim.ros.introspection.observer import observe  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
     with observe('param') as observer:
-        code: int | None = options.verb_run(observer, options)
+        if options.verb == 'list':
+            _list(observer, options)
+            return 0
+        code: int | None = options.verb_run(Parameters(observer, options.node), options)
         return code or 0
 
 
@@ -112,54 +115,47 @@ def _list(observer: GraphObserver, options: Namespace) -> None:
             print(f'  {name}{types.get(name, "")}')  # noqa: T201
 
 
-def _get(observer: GraphObserver, options: Namespace) -> None:
+def _get(parameters: Parameters, options: Namespace) -> None:
     from rclpy.parameter import parameter_value_to_python  # noqa: PLC0415
 
     from barc_sim.ros.introspection.parameter_text import labelled  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
-    (value,) = Parameters(observer, options.node).values([options.name])
+    (value,) = parameters.values([options.name])
     print(parameter_value_to_python(value) if options.hide_type else labelled(value))  # noqa: T201
 
 
-def _set(observer: GraphObserver, options: Namespace) -> None:
+def _set(parameters: Parameters, options: Namespace) -> None:
     from barc_sim.ros.introspection.parameter_text import parse_value  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
     value = parse_value(options.value)
-    (verdict,) = Parameters(observer, options.node).set({options.name: value})
+    (verdict,) = parameters.set({options.name: value})
     if not verdict.done:
         raise UserError(verdict.reason)
     print(f'Set parameter successful{_remark(verdict)}')  # noqa: T201
 
 
-def _describe(observer: GraphObserver, options: Namespace) -> None:
+def _describe(parameters: Parameters, options: Namespace) -> None:
     from barc_sim.ros.introspection.parameter_text import description  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
-    for descriptor in Parameters(observer, options.node).descriptors(options.names):
+    for descriptor in parameters.descriptors(options.names):
         print('\n'.join(description(descriptor)))  # noqa: T201
 
 
-def _dump(observer: GraphObserver, options: Namespace) -> None:
+def _dump(parameters: Parameters, _: Namespace) -> None:
     from rclpy.parameter import parameter_value_to_python  # noqa: PLC0415
 
     from barc_sim.ros.introspection import parameter_file  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
-    parameters = Parameters(observer, options.node)
     names = parameters.names()
     values = map(parameter_value_to_python, parameters.values(names))
     known = {name: value for name, value in zip(names, values, strict=True) if value is not None}
     print(parameter_file.text(parameters.node, known), end='')  # noqa: T201
 
 
-def _load(observer: GraphObserver, options: Namespace) -> int:
+def _load(parameters: Parameters, options: Namespace) -> int:
     from barc_sim.ros.introspection import parameter_file  # noqa: PLC0415
     from barc_sim.ros.introspection.parameter_text import to_parameter_value  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
 
-    parameters = Parameters(observer, options.node)
     values = parameter_file.read(
         options.file, parameters.node, wildcards=not options.no_use_wildcard
     )

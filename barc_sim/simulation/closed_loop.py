@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.lateral_dynamics import LateralParameters
     from barc_sim.vehicle.plant import Observation
 
+    #: Observation, command, and saturation with terms.
+    _Row = tuple[Observation, Input, tuple[float, ...]]
+
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
 
@@ -172,20 +175,20 @@ def closed_loop(
     terms = recordable(controller.terms)
     # With one name alone, an attrgetter would return no tuple.
     read = attrgetter('saturated', *terms) if terms else lambda each: (each.saturated,)
-    rows = _Rows(plant.period_ns)
+    rows: list[_Row] = []
     dt = FIRST_DT
     for k in range(steps + 1):
         seen = plant.observe()
         motor = controller.acc_calculate(speed_reference, seen.measured.v_x, dt)
         command = Input(motor, 0.0)
-        rows.add((seen, command, read(controller)))
+        rows.append((seen, command, read(controller)))
         if plant.state.x >= distance:
             break
         if progress and progress.add(k * plant.ts, seen.true.x, seen.true.v_x, speed_reference):
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    return rows.log(speed_reference, terms)
+    return _log(rows, plant.period_ns, speed_reference, terms)
 
 
 def drive(
@@ -212,7 +215,7 @@ def drive(
     plant = plant or Plant(road=Road.flat())
     driver = driver or Driver()
     waiting = deque(sorted(requests, key=lambda request: request[0]))
-    rows = _Rows(plant.period_ns)
+    rows: list[_Row] = []
     command = Input()
     period_ns, dt_ns = plant.period_ns, round(driver.dt * 1e9)
     due_ns = 0
@@ -225,40 +228,33 @@ def drive(
                 driver.receive(request, received)
             command = driver.command(t, seen.measured.v_x)
             due_ns += dt_ns
-        rows.add((seen, command, (False,)))
+        rows.append((seen, command, (False,)))
         plant.advance(command)
-    return rows.log()
+    return _log(rows, period_ns)
 
 
-class _Rows:
-    """The rows of a log in the making: observation, command, and saturation with terms."""
-
-    def __init__(self, period_ns: int) -> None:
-        """Begin without rows, for steps of `period_ns` nanoseconds."""
-        self._period_ns = period_ns
-        self._rows: list[tuple[Observation, Input, tuple[float, ...]]] = []
-        self.add = self._rows.append
-
-    def log(self, speed_reference: float = nan, terms: Sequence[str] = ()) -> Log:
-        """Return the log; its columns have the names of the records' fields, and of `terms`."""
-        seen, commands, values = zip(*self._rows, strict=True)
-        n = len(seen)
-        saturated, *columns = np.array(values, dtype=np.float64).T.copy()
-        found = dict(zip(terms, columns, strict=True))
-        return Log(
-            t=np.arange(n) * self._period_ns / 1e9,
-            **_columns([each.measured for each in seen]),
-            **_columns([each.error for each in seen], 'e_'),
-            **_columns(commands),
-            missed=np.zeros(n, np.bool_),
-            theta_deg=np.array([each.theta_deg for each in seen]),
-            elevation=np.array([each.elevation for each in seen]),
-            **_columns([each.forces for each in seen]),
-            reference=np.full(n, speed_reference),
-            saturated=saturated.astype(np.bool_),
-            **{name: found.pop(name, np.full(n, nan)) for name in PID.terms},
-            own_terms=found,
-        )
+def _log(
+    rows: Sequence[_Row], period_ns: int, speed_reference: float = nan, terms: Sequence[str] = ()
+) -> Log:
+    """Return a log of steps of `period_ns`; its columns are the records' fields, and `terms`."""
+    seen, commands, values = zip(*rows, strict=True)
+    n = len(seen)
+    saturated, *columns = np.array(values, dtype=np.float64).T.copy()
+    found = dict(zip(terms, columns, strict=True))
+    return Log(
+        t=np.arange(n) * period_ns / 1e9,
+        **_columns([each.measured for each in seen]),
+        **_columns([each.error for each in seen], 'e_'),
+        **_columns(commands),
+        missed=np.zeros(n, np.bool_),
+        theta_deg=np.array([each.theta_deg for each in seen]),
+        elevation=np.array([each.elevation for each in seen]),
+        **_columns([each.forces for each in seen]),
+        reference=np.full(n, speed_reference),
+        saturated=saturated.astype(np.bool_),
+        **{name: found.pop(name, np.full(n, nan)) for name in PID.terms},
+        own_terms=found,
+    )
 
 
 def _columns(records: Sequence[Any], prefix: str = '') -> dict[str, NDArray[np.float64]]:

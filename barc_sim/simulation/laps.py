@@ -84,7 +84,7 @@ class Laps:
         """Take a state: [s], [m], [m], [m/s], [m/s], [deg]; return the number of its lap."""
         before, state = self._before, (t, distance, across, speed)
         if _is_jump(before, state, self._longest):
-            self.finished.append(self._lap())
+            self.finished.append(self.current)
             del self.finished[:-_MOST]
             self._errors = SpeedErrors()
             self._number += 1
@@ -98,7 +98,8 @@ class Laps:
     @property
     def current(self) -> Lap:
         """The present lap."""
-        return self._lap()
+        start, end = self._start, self._before
+        return Lap(self._number, start[0], end[0], start[1], end[1], self._errors.summary())
 
     @property
     def last(self) -> Lap | None:
@@ -117,10 +118,6 @@ class Laps:
         """Yield the laps in their order, the present one last."""
         yield from self.finished
         yield self.current
-
-    def _lap(self) -> Lap:
-        start, end = self._start, self._before
-        return Lap(self._number, start[0], end[0], start[1], end[1], self._errors.summary())
 
 
 def _is_jump(before: _Place, now: _Place, longest: float) -> bool:

@@ -35,18 +35,6 @@ class ReferenceDrive(NamedTuple):
     exact: Callable[[ReferenceDrive], tuple[float, float]] | None = None  #: x and y [m] at the end
 
 
-def _flat(_: float) -> float:
-    return 0.0
-
-
-def _down(_: float) -> float:
-    return radians(-30.0)
-
-
-def _hills(x: float) -> float:
-    return radians(10.0) * sin(pi * x / 20.0)
-
-
 def _lab(x: float) -> float:
     return radians(_LAB.grade_deg(x))
 
@@ -88,7 +76,7 @@ REFERENCE_DRIVES = (
         text='15 m/s, 0.4 rad',
         start=State(v=15.0),
         held=Input(0.0, 0.4),
-        grade=_flat,
+        grade=lambda _: 0.0,
         vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
         duration=4.0,
         models=('kinematic',),
@@ -99,7 +87,7 @@ REFERENCE_DRIVES = (
         text='20 m/s, 0.05 rad',
         start=State(v=20.0),
         held=Input(0.0, 0.05),
-        grade=_flat,
+        grade=lambda _: 0.0,
         vehicle=Vehicle(),
         duration=4.0,
         models=('dynamic',),
@@ -109,7 +97,7 @@ REFERENCE_DRIVES = (
         text='30° down, strong drag',
         start=State(v=20.0),
         held=Input(),
-        grade=_down,
+        grade=lambda _: radians(-30.0),
         vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
         duration=2.0,
         exact=_descent,
@@ -119,7 +107,7 @@ REFERENCE_DRIVES = (
         text='smooth, ±10°, 0.03 rad',
         start=State(v=10.0),
         held=Input(0.5, 0.03),
-        grade=_hills,
+        grade=lambda x: radians(10.0) * sin(pi * x / 20.0),
         vehicle=Vehicle(),
         duration=6.0,
     ),

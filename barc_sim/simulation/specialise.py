@@ -74,17 +74,18 @@ def _law(function: Callable[..., object]) -> ast.FunctionDef:
     tree = _definition(function)
     returns = [each for each in ast.walk(tree) if isinstance(each, ast.Return)]
     parameters = {each.arg for each in tree.args.args}
-    stored = {
-        each.id
-        for each in ast.walk(tree)
-        if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
-    }
-    if returns != tree.body[-1:] or returns[0].value is None or parameters & stored:
+    if returns != tree.body[-1:] or returns[0].value is None or parameters & _stored(tree):
         raise TypeError(
             f'{tree.name} cannot be copied into the closed loop: let only its last line return, '
             f'and assign to none of {", ".join(sorted(parameters))}'
         )
     return tree
+
+
+def _stored(tree: ast.AST) -> set[str]:
+    """Return the names of the variables to which a tree assigns."""
+    names = (each for each in ast.walk(tree) if isinstance(each, ast.Name))
+    return {each.id for each in names if isinstance(each.ctx, ast.Store)}
 
 
 class _Renamer(ast.NodeTransformer):
@@ -112,11 +113,7 @@ class _Inliner(ast.NodeTransformer):
         *statements, last = law.body
         assert isinstance(last, ast.Return)  # noqa: S101
         assert last.value  # noqa: S101
-        stored = {
-            name.id
-            for name in ast.walk(law)
-            if isinstance(name, ast.Name) and isinstance(name.ctx, ast.Store)
-        }
+        stored = _stored(law)
         names = {local: f'{law.name}_{local}' for local in stored}
         names |= dict(zip(parameters, arguments, strict=True))
         pairs = [(target, last.value)]
@@ -160,10 +157,7 @@ class _FieldReader(ast.NodeTransformer):
         assigned = next(
             number
             for number, statement in enumerate(node.body, 1)
-            for name in ast.walk(statement)
-            if isinstance(name, ast.Name)
-            and name.id == self._record
-            and isinstance(name.ctx, ast.Store)
+            if self._record in _stored(statement)
         )
         node.body[assigned:assigned] = self._reads.values()
         return node

@@ -39,8 +39,6 @@ class LocalNode:
     ----------
     parameters
         The values of its parameters, by name.
-    changes
-        The parameters set while the run goes on, of all nodes: node, name and value.
 
     Examples
     --------
@@ -58,7 +56,6 @@ class LocalNode:
         self.name = name
         self._host = host
         self._next: dict[str, float] = {}  # [s] by warning
-        self.changes = host.changes
         self._rosout = self.publisher('/rosout', 'rcl_interfaces/msg/Log')
         self._events = self.publisher('/parameter_events', 'rcl_interfaces/msg/ParameterEvent')
         self.parameters: dict[str, Any] = {}
@@ -93,7 +90,7 @@ class LocalNode:
             self._set(checked(self.name, [declared], {name: value}), 'changed_parameters')
         except UserError as error:
             return str(error)
-        self.changes.append((self.name, name, value))
+        self._host.changes.append((self.name, name, value))
         return ''
 
     def _set(self, values: Mapping[str, Any], kind: str = 'new_parameters') -> None:
