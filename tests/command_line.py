@@ -44,6 +44,13 @@ def barc(*words: str, main: Callable[..., int] = main) -> subprocess.CompletedPr
     return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
+def printed(*words: str, code: int = 0) -> str:
+    """Run `barc COMMAND` in this process, which ends with `code`; return what it prints."""
+    done = barc(*words)
+    assert done.returncode == code, done.stderr
+    return done.stdout
+
+
 def refused(*words: str) -> str:
     """Run `barc COMMAND` in this process, which refuses in one line; return that line."""
     done = barc(*words)

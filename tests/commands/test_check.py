@@ -6,7 +6,7 @@ from io import StringIO
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import refused
+from command_line import printed, refused
 from rich.console import Console
 
 from barc_sim.__main__ import main as barc
@@ -58,11 +58,8 @@ def wrong(folder: Path) -> Path:
     return folder
 
 
-def test_all_met_is_exit_code_0_and_a_figure(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert barc(['check', str(folder)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
+    lines = printed('check', str(folder)).splitlines()
     assert lines[0] == 'model.x                   8 / 8  right in all 2,750 states'
     assert 'pid.proportional          0 / 8  there is no controller.py' in lines
     assert lines[-2:] == [
@@ -72,11 +69,8 @@ def test_all_met_is_exit_code_0_and_a_figure(
     assert (folder / 'check.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_not_all_met_is_exit_code_1_and_the_reasons(
-    wrong: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert barc(['check', str(wrong), '--no-plot', '--kp', '2']) == 1
-    out = capsys.readouterr().out
+def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
+    out = printed('check', str(wrong), '--no-plot', '--kp', '2', code=1)
     assert 'pid.integral              0 / 8  I is always 0: is ki used, and is each error' in out
     assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 gives' in out
     assert 'your code printed:\n  [red]called\n' in out
@@ -85,11 +79,10 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(
     assert not (wrong / 'check.png').exists()
 
 
-def test_a_cause_is_named_once(wrong: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cause_is_named_once(wrong: Path) -> None:
     text = MODEL.replace('0.5 * tan', '-0.5 * tan')
     (wrong / 'bike_model.py').write_text(text, encoding='utf-8')
-    assert barc(['check', str(wrong), '--no-plot']) == 1
-    out = capsys.readouterr().out
+    out = printed('check', str(wrong), '--no-plot', code=1)
     assert out.count('is the sign of beta right?') == 1
     assert '  see model.x\n' in out
 

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import refused
+from command_line import printed, refused
 from made_bags import make, parameters
 from user_files import CONTROLLER, MODEL
 
@@ -66,58 +66,49 @@ def test_an_empty_bag_is_named_so(tmp_path: Path) -> None:
     assert sentence in refused('regrade', str(path))
 
 
-def test_a_run_of_barc_sim_came_from_it(tmp_path: Path, capsys: Capture) -> None:
-    assert barc(['regrade', str(make(tmp_path / 'bag', closed_loop(distance=30.0)))]) == 0
-    out = capsys.readouterr().out
+def test_a_run_of_barc_sim_came_from_it(tmp_path: Path) -> None:
+    out = printed('regrade', str(make(tmp_path / 'bag', closed_loop(distance=30.0))))
     assert 'model of barc_sim       yes, bit for bit' in out
     assert out.endswith('The bag could have come from barc_sim.\n')
 
 
-def test_a_run_with_user_code_came_from_that(
-    tmp_path: Path, lab: UserCode, capsys: Capture
-) -> None:
-    assert barc(['regrade', str(bag_of(tmp_path, lab))]) == 0
-    out = capsys.readouterr().out
+def test_a_run_with_user_code_came_from_that(tmp_path: Path, lab: UserCode) -> None:
+    out = printed('regrade', str(bag_of(tmp_path, lab)))
     assert 'model of bike_model.py       yes, bit for bit' in out
     assert 'controller of barc_sim       no: at ' in out
     assert 'controller of controller.py  yes, bit for bit' in out
     assert out.endswith('could have come from bike_model.py and controller.py.\n')
 
 
-def test_a_changed_file_is_named(tmp_path: Path, lab: UserCode, capsys: Capture) -> None:
+def test_a_changed_file_is_named(tmp_path: Path, lab: UserCode) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.0\n')
-    assert barc(['regrade', str(bag)]) == 1
-    assert 'helpers.py: is not the file that the run had' in capsys.readouterr().out
+    assert 'helpers.py: is not the file that the run had' in printed('regrade', str(bag), code=1)
 
 
-def test_other_code_did_not_make_the_commands(
-    tmp_path: Path, lab: UserCode, capsys: Capture
-) -> None:
+def test_other_code_did_not_make_the_commands(tmp_path: Path, lab: UserCode) -> None:
     bag = bag_of(tmp_path, lab, helpers=b'def half(x):\n    return x / 2.01\n')
-    assert barc(['regrade', str(bag)]) == 1
-    out = capsys.readouterr().out
+    out = printed('regrade', str(bag), code=1)
     assert 'controller of controller.py  no: at ' in out
     assert out.endswith('could not have come from bike_model.py and controller.py.\n')
 
 
 @pytest.mark.slow
 def test_code_that_sleeps_in_each_call_ends_at_the_time_limit(
-    tmp_path: Path, lab: UserCode, capsys: Capture
+    tmp_path: Path, lab: UserCode
 ) -> None:
     sleepy = b'import time\ndef half(x):\n    time.sleep(0.3)\n    return x / 2\n'
     bag = bag_of(tmp_path, lab, helpers=sleepy)
-    assert barc(['regrade', str(bag), '--time-limit', '1']) == 1
-    assert 'used up the 1 s' in capsys.readouterr().out
+    assert 'used up the 1 s' in printed('regrade', str(bag), '--time-limit', '1', code=1)
 
 
-def test_code_that_fails_is_one_sentence(tmp_path: Path, lab: UserCode, capsys: Capture) -> None:
-    assert barc(['regrade', str(bag_of(tmp_path, lab, helpers=b'1 / 0\n'))]) == 1
-    assert 'ZeroDivisionError' in capsys.readouterr().out
+def test_code_that_fails_is_one_sentence(tmp_path: Path, lab: UserCode) -> None:
+    assert 'ZeroDivisionError' in printed(
+        'regrade', str(bag_of(tmp_path, lab, helpers=b'1 / 0\n')), code=1
+    )
 
 
-def test_what_was_found_can_be_had_as_json(tmp_path: Path, lab: UserCode, capsys: Capture) -> None:
-    assert barc(['regrade', str(bag_of(tmp_path, lab)), '--json']) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_what_was_found_can_be_had_as_json(tmp_path: Path, lab: UserCode) -> None:
+    found = json.loads(printed('regrade', str(bag_of(tmp_path, lab)), '--json'))
     assert found['possible'] is True
     assert found['claimed'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
     assert {(v['part'], v['code']) for v in found['verdicts']} == {
@@ -137,11 +128,12 @@ def test_files_of_two_folders_are_kept_apart(tmp_path: Path) -> None:
     assert barc(['regrade', str(bag)]) == 0
 
 
-def test_a_drive_by_hand_has_no_controller(tmp_path: Path, capsys: Capture) -> None:
-    printed = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
+def test_a_drive_by_hand_has_no_controller(tmp_path: Path) -> None:
+    given = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
     log = drive([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
-    assert barc(['regrade', str(make(tmp_path / 'bag', log, {'parameters': printed}))]) == 0
-    assert 'controller' not in capsys.readouterr().out
+    assert 'controller' not in printed(
+        'regrade', str(make(tmp_path / 'bag', log, {'parameters': given}))
+    )
 
 
 @pytest.mark.parametrize('text', ['', '[1]', '{a: 1}', 'a: {ros__parameters: {air_drag_coeff: x}}'])
@@ -153,10 +145,7 @@ def test_a_bag_without_its_parameters_is_refused(tmp_path: Path, text: str) -> N
 @pytest.mark.parametrize(
     'name', ['/etc/passwd', '../out.py', 'a/../../out.py', 'x' * 300, 'y/' * 50, 'bike_model.py/x']
 )
-def test_a_bag_cannot_write_elsewhere(
-    tmp_path: Path, lab: UserCode, name: str, capsys: Capture
-) -> None:
+def test_a_bag_cannot_write_elsewhere(tmp_path: Path, lab: UserCode, name: str) -> None:
     bag = bag_of(tmp_path, lab, **{name: b'x'})
     # The name ends in .py there; it leads out of the folder all the same.
-    assert barc(['regrade', str(bag)]) == 1
-    assert 'that no run attaches' in capsys.readouterr().out
+    assert 'that no run attaches' in printed('regrade', str(bag), code=1)

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from command_line import refused
+from command_line import printed, refused
 from made_bags import GRAPH, make
 
 from barc_sim.__main__ import main as barc
@@ -140,12 +140,9 @@ def test_numbers_that_no_run_reaches_are_left_out(tmp_path: Path) -> None:
     page_of(make(tmp_path / 'bag', log))
 
 
-def test_the_page_goes_where_it_is_wanted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_page_goes_where_it_is_wanted(tmp_path: Path) -> None:
     bag, path = make(tmp_path / 'bag', closed_loop(distance=1.0)), tmp_path / 'page.html'
-    assert barc(['report', str(bag), '-o', str(path)]) == 0
-    assert capsys.readouterr().out == f'{path}\n'
+    assert printed('report', str(bag), '-o', str(path)) == f'{path}\n'
     assert path.is_file()
     assert not (bag / 'report.html').exists()
 

@@ -90,15 +90,12 @@ def assert_whole(path: Path) -> None:
     [
         ('', 'acc or teleop was expected'),
         ('fly', "'fly'"),
-        ('acc --hill', '--hill'),
         ('acc --kp nan', "'nan' is not a number from -1e+06 to"),
         ('acc --ki -1e9', "'-1e9' is not a number from -1e+06 to"),
         ('acc --speed -101', "'-101' is not a number from -100 to 100"),
-        ('acc --speed 1e999', "'1e999' is not a number"),
         ('acc --distance -1', "'-1' is not a number from 0 to"),
         ('acc --realtime-factor 0', "nor 'max'"),
         ('acc --seed 9007199254740993', 'whole number'),
-        ('acc --seed -1', 'whole number'),
         ('acc --no-bag --bag-dir x', 'not allowed with'),
         ('acc --road nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
         ('acc --road {broken}', 'describes no road'),
@@ -109,12 +106,7 @@ def assert_whole(path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    run: Run,
-    here: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    command: str,
-    words: str,
+    run: Run, here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, words: str
 ) -> None:
     files = {'file': tmp_path / 'file', 'broken': tmp_path / 'broken.csv'}
     for file in files.values():
@@ -131,22 +123,6 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert words in err
     assert err.count('\n') == 1
     assert not list(here.iterdir())
-
-
-@pytest.mark.parametrize('package', ['rclpy', 'barc_interfaces'])
-def test_python_without_ros_is_one_sentence(run: Run, package: str) -> None:
-    without = f"import sys; sys.modules['{package}'] = None\n"
-    code, out, err = run('acc', '--engine', 'ros', prelude=without)
-    assert (code, out) == (2, '')
-    assert err.startswith('barc acc: error: --engine ros needs ROS 2: ')
-    assert err.count('\n') == 1
-
-
-def test_help_needs_no_ros(run: Run) -> None:
-    without = "import sys; sys.modules['rclpy'] = None\n"
-    code, out, err = run('acc', '--help', prelude=without)
-    assert (code, err) == (0, '')
-    assert '--ros-args' in out
 
 
 # Options

@@ -165,15 +165,6 @@ def test_files_that_cannot_be_used_leave_nothing(
     assert not (tmp_path / 'bags').exists()
 
 
-def test_a_line_printed_in_each_step_is_kept_by_a_pipe(start: Start, tmp_path: Path) -> None:
-    lab(tmp_path / 'lab', controller=PID.format(line="print('call', self.calls)"))
-    code, out, _ = finish(start('acc', *MAX, '--lab', 'lab', '--distance', '10'))
-    lines = [line for line in out.splitlines() if line.startswith('call ')]
-    assert code == 0
-    assert lines == [f'call {k + 1}' for k in range(len(lines))]
-    assert len(lines) > 50
-
-
 def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     start: Start, tmp_path: Path
 ) -> None:

@@ -11,7 +11,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from command_line import refused
+from command_line import printed, refused
 
 from barc_sim.__main__ import main as barc
 from barc_sim.__main__ import parse
@@ -55,19 +55,16 @@ def test_the_line_to_run_it_gives_the_cost_of_the_table(capsys: Capture) -> None
     assert float(cost[-1]) < float(cost[-2]) == pytest.approx(0.020692)
 
 
-def test_the_same_seed_gives_the_same_line(capsys: Capture) -> None:
-    lines = []
-    for seed in ('1', '1', '2'):
-        assert barc(['tune', '--distance', '60', '--seed', seed]) == 0
-        lines.append(command_of(capsys.readouterr().out))
-    assert lines[0] == lines[1]
-    assert lines[0] != lines[2]
+def test_the_same_seed_gives_the_same_line() -> None:
+    one, again, other = (
+        command_of(printed('tune', '--distance', '60', '--seed', seed)) for seed in '112'
+    )
+    assert one == again != other
 
 
-def test_the_line_names_what_is_not_the_runs_default(capsys: Capture) -> None:
+def test_the_line_names_what_is_not_the_runs_default() -> None:
     args = ['--road', 'flat', '--speed', '6', '--noise', '0.05', '--delay', '3', '--seed', '4']
-    assert barc(['tune', *QUICK, *args]) == 0
-    line = command_of(capsys.readouterr().out)
+    line = command_of(printed('tune', *QUICK, *args))
     assert line[line.index('--kd') + 2 :] == [
         *('--road', 'flat', '--speed', '6', '--distance', '30', '--seed', '4'),
         *('--ros-args', '-p', 'vehicle_simulator:noise_v_x:=0.05'),
@@ -75,11 +72,10 @@ def test_the_line_names_what_is_not_the_runs_default(capsys: Capture) -> None:
     ]
 
 
-def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path, capsys: Capture) -> None:
+def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path) -> None:
     road = tmp_path / 'my hill.csv'
     road.write_text('start_m,grade_deg\n0,0\n15,8\n')
-    assert barc(['tune', *QUICK, '--road', 'flat', str(road), '--road', 'lab']) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed('tune', *QUICK, '--road', 'flat', str(road), '--road', 'lab').splitlines()
     assert sum(line.startswith('road ') for line in lines) == 3
     commands = [shlex.split(line) for line in lines if ' acc ' in line]
     assert [line[line.index('--kd') + 2 :] for line in commands] == [
@@ -89,9 +85,8 @@ def test_of_several_roads_each_has_a_table_and_a_line(tmp_path: Path, capsys: Ca
     ]
 
 
-def test_a_range_of_one_number_holds_the_gain(capsys: Capture) -> None:
-    assert barc(['tune', *QUICK, '--kp-range', '12.5', '12.5']) == 0
-    line = command_of(capsys.readouterr().out)
+def test_a_range_of_one_number_holds_the_gain() -> None:
+    line = command_of(printed('tune', *QUICK, '--kp-range', '12.5', '12.5'))
     assert line[line.index('--kp') + 1] == '12.5'
     assert line[line.index('--kd') + 1] == '0'
 
@@ -103,7 +98,7 @@ def test_the_figure_is_saved_where_it_is_wanted(tmp_path: Path, capsys: Capture)
     assert capsys.readouterr().out.endswith(f'\n{path}\n')
 
 
-def test_an_own_controller_is_tuned(tmp_path: Path, capsys: Capture) -> None:
+def test_an_own_controller_is_tuned(tmp_path: Path) -> None:
     path = tmp_path / 'my controller.py'
     path.write_text(
         'class PID:\n'
@@ -112,8 +107,7 @@ def test_an_own_controller_is_tuned(tmp_path: Path, capsys: Capture) -> None:
     )
     figure = tmp_path / 'figure.png'
     args = ['--controller', str(path), '--road', 'flat', '--kp', '1', '--save', str(figure)]
-    assert barc(['tune', *QUICK, *args]) == 0
-    line = command_of(capsys.readouterr().out)
+    line = command_of(printed('tune', *QUICK, *args))
     assert line[-2:] == ['--controller', str(path)]
     assert figure.read_bytes().startswith(b'\x89PNG')
 
@@ -138,14 +132,11 @@ def test_what_cannot_be_done_is_one_sentence(args: list[str], complaint: str) ->
     ('args', 'complaint'),
     [
         (['--speed', '0'], "argument --speed: '0' is not a number from 0.1 to 100"),
-        (['--speed', 'nan'], "'nan' is not a number"),
         (['--distance', '9'], "'9' is not a number from 10 to"),
         (['--noise', '-1'], "'-1' is not a number from 0 to"),
         (['--delay', '1.5'], "'1.5' is not a whole number from 0 to 500"),
-        (['--seed', '-1'], "'-1' is not a whole number"),
         (['--kp-range', '1'], 'expected 2 arguments'),
         (['--ki', 'inf'], "'inf' is not a number from 0 to 1e+06"),
-        (['--fast'], 'unrecognized arguments: --fast'),
     ],
 )
 def test_a_wrong_option_is_refused_in_a_line(args: list[str], complaint: str) -> None:

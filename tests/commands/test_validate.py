@@ -7,6 +7,7 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+from command_line import printed
 
 from barc_sim.__main__ import main as barc
 from barc_sim.figures import output
@@ -37,9 +38,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_table_prints_each_error_and_order_under_its_step(capsys: Run) -> None:
-    assert barc(['validate']) == 0
-    lines = capsys.readouterr().out.splitlines()
+def test_table_prints_each_error_and_order_under_its_step() -> None:
+    lines = printed('validate').splitlines()
     heading, euler, rk4 = lines[2], lines[4], lines[5]
     assert re.findall(r'[\d.]+ ms|order', heading) == [*MILLISECONDS, 'order']
     assert lines[3] == 'circle (tight), against the closed form'
@@ -77,11 +77,10 @@ def test_figure_is_shown_where_there_is_a_display(
     assert not list(here.iterdir())
 
 
-def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Run) -> None:
-    assert barc(['validate', '--json']) == 0
-    printed = json.loads(capsys.readouterr().out)
-    assert printed['steps'] == list(STEPS)
-    assert printed['studies'][0] == {
+def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path) -> None:
+    found = json.loads(printed('validate', '--json'))
+    assert found['steps'] == list(STEPS)
+    assert found['studies'][0] == {
         'test_drive': 'circle',
         'text': 'tight',
         'reference': 'the closed form',
@@ -90,7 +89,7 @@ def test_json_is_all_that_is_printed_and_nothing_is_drawn(here: Path, capsys: Ru
         'errors': list(ERRORS),
         'order': 1.0,
     }
-    assert printed['studies'][1]['order'] is None
+    assert found['studies'][1]['order'] is None
     assert not list(here.iterdir())
 
 
@@ -99,6 +98,6 @@ def test_figure_that_cannot_be_saved_is_one_line_and_code_2(
     capsys: Run, arguments: Sequence[str]
 ) -> None:
     assert barc(['validate', *arguments]) == 2
-    printed = capsys.readouterr().err
-    assert printed.startswith('barc validate: error: cannot save ')
-    assert printed.count('\n') == 1
+    error = capsys.readouterr().err
+    assert error.startswith('barc validate: error: cannot save ')
+    assert error.count('\n') == 1

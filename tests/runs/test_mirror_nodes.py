@@ -35,9 +35,7 @@ def test_every_state_is_mirrored_and_the_run_is_the_same(tmp_path: Path) -> None
     assert bag.info(path)['lost_messages'] == '0'
 
 
-def test_those_that_are_named_stand_on_the_simulators_road_in_its_namespace(
-    tmp_path: Path,
-) -> None:
+def test_those_that_are_named_stand_on_the_simulators_road_in_its_namespace(tmp_path: Path) -> None:
     (tmp_path / 'hill.csv').write_text('start_m,grade_deg\n0,20\n')
     options = ('--realtime-factor', 'max', '--distance', '20', '--mirrors', 'odom,path')
     path = bag_of(tmp_path, *options, '--road', 'hill.csv', '--ros-args', '-r', '__ns:=/car2')

@@ -108,9 +108,7 @@ def test_a_car_may_stand_where_its_reference_became_zero() -> None:
     ],
     ids=['stood on request', 'slow on request'],
 )
-def test_a_car_has_the_time_that_its_references_allow(
-    reference: Callable[[float], float],
-) -> None:
+def test_a_car_has_the_time_that_its_references_allow(reference: Callable[[float], float]) -> None:
     xs, x = [], 0.0
     for k in range(15_000):
         xs.append(x)

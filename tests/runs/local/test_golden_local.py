@@ -31,10 +31,7 @@ NAMES = [
 
 @pytest.mark.parametrize('name', NAMES)
 def test_run_without_ros_gives_the_golden_figures(
-    golden: dict[str, Any],
-    name: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    golden: dict[str, Any], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def run(scenario: Scenario, folder: Path) -> None:
         monkeypatch.chdir(folder)
