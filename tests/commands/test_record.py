@@ -98,16 +98,21 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(['umount', '--lazy', str(folder)], check=True)  # noqa: S607 (the system's)
 
 
-def flood(talker: Node, process: subprocess.Popen[str]) -> None:
-    """Publish what no compression makes smaller until the process ends."""
-    publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
-    wait_for(lambda: publisher.get_subscription_count() == 1)
+def fill(talker: Node, directory: Path, reserve: str) -> str:
+    """Record what no compression makes smaller until `reserve` MiB are left; return the error."""
+    words = ('--output', str(directory), '--topics', 'value', '--min-free-space', reserve)
+    with started('record', *words) as process:
+        publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
+        wait_for(lambda: publisher.get_subscription_count() == 1)
 
-    def published() -> bool:
-        publisher.publish(UInt8MultiArray(data=os.urandom(50_000)))
-        return process.poll() is not None
+        def ended() -> bool:
+            publisher.publish(UInt8MultiArray(data=os.urandom(50_000)))
+            return process.poll() is not None
 
-    wait_for(published)
+        wait_for(ended)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    return str(err)
 
 
 @pytest.mark.usefixtures('ros_domain')
@@ -122,12 +127,7 @@ def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
     talker: Node, small_disk: Path
 ) -> None:
     directory = small_disk / 'mine'
-    with started(
-        'record', *('--output', str(directory), '--topics', 'value', '--min-free-space', '0')
-    ) as process:
-        flood(talker, process)
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 1
+    err = fill(talker, directory, '0')
     assert f"writing to '{directory}' failed: No space left on device" in err
     file = directory / 'mine_0.mcap'
     assert file.stat().st_size > 3_000_000
@@ -143,12 +143,7 @@ def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
 
 def test_the_reserve_leaves_room_to_finish_the_bag(talker: Node, small_disk: Path) -> None:
     directory = small_disk / 'mine'
-    with started(
-        'record', *('--output', str(directory), '--topics', 'value', '--min-free-space', '2')
-    ) as process:
-        flood(talker, process)
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 1
+    err = fill(talker, directory, '2')
     assert 'MiB are free, and 2 MiB must stay free' in err
     mcap_doctor.check(directory / 'mine_0.mcap')
     assert (directory / 'metadata.yaml').exists()

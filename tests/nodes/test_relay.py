@@ -117,10 +117,7 @@ def test_reset_clears_request_and_wheel(bench: Make) -> None:
     b = bench(stale_after=60.0)
     b.send(forward=1.0, turn=1.0)
     b.until_motor(4.0)
-    client = b.peer.create_client(Trigger, 'relay/reset')
-    b.until(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    b.until(future.done)
+    b.call(Trigger, 'relay/reset')
     b.until_motor(0.0)
     assert b.relay.driver.servo == 0.0
 

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import termios
 import time
-from functools import partial
 from itertools import groupby
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from geometry_msgs.msg import Twist
+from node_bench import NodeBench
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -30,14 +30,14 @@ from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from rclpy.context import Context
 
 UP, LEFT = DriverInput(forward=1.0), DriverInput(turn=1.0)
 
 
-class Bench:
+class Bench(NodeBench):
     """A keyboard node on a pseudo-terminal, and a node that receives from it and can be reset."""
 
     def __init__(self, context: Context, spin_until: Callable[..., None]) -> None:
@@ -45,14 +45,10 @@ class Bench:
         self.before = termios.tcgetattr(self.fd)
         self.received: list[DriverInput] = []
         self.resets = 0
-        self.peer = Node('vehicle_simulator', context=context)
-        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, names.QOS)
-        self.peer.create_service(Trigger, '~/reset', self._on_reset)
         self.keyboard = Keyboard(Terminal(self.fd), context=context)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.peer)
-        self.executor.add_node(self.keyboard)
-        self.until = partial(spin_until, self.executor)
+        super().__init__(context, spin_until, self.keyboard)
+        self.peer.create_subscription(Twist, 'cmd_vel', self._on_twist, names.QOS)
+        self.peer.create_service(Trigger, names.RESET_SIMULATOR, self._on_reset)
 
     def _on_twist(self, twist: Twist) -> None:
         self.received.append(to_driver_input(twist))
@@ -71,19 +67,15 @@ class Bench:
         return [request for request, _ in groupby(self.received)]
 
     def close(self) -> None:
-        """End the node."""
-        self.executor.shutdown()
-        self.keyboard.destroy_node()
-        self.peer.destroy_node()
+        """End the nodes, and hang up."""
+        super().close()
         os.close(self.fd)
         os.close(self.user)
 
 
 @pytest.fixture
-def bench(ros: Context, spin_until: Callable[..., None]) -> Iterator[Bench]:
-    bench = Bench(ros, spin_until)
-    yield bench
-    bench.close()
+def bench(benches: Callable[..., Bench]) -> Bench:
+    return benches(Bench)
 
 
 def spin_for(bench: Bench, seconds: float) -> None:

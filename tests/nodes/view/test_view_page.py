@@ -54,14 +54,9 @@ class Car(Node):
 
     def __init__(self, context: Context, road: str) -> None:
         super().__init__('vehicle_simulator', context=context)
-        self.declare_parameter('road', road)
-        self.declare_parameter('l_f', 1.5)
-        self.declare_parameter('l_r', 1.5)
-        self.declare_parameter('mass', Vehicle().mass)
-        self.declare_parameter('distance', 180.0)
-        self.declare_parameter('laps', 0)
-        for name in CAR:
-            self.declare_parameter(name, 0.0)
+        car = {'road': road, 'l_f': 1.5, 'l_r': 1.5, 'mass': Vehicle().mass}
+        for name, value in (car | {'distance': 180.0, 'laps': 0} | dict.fromkeys(CAR, 0.0)).items():
+            self.declare_parameter(name, value)
         self._road = Road.named(road)
         self.state = State()
         self.command = Input()
@@ -99,17 +94,7 @@ class Car(Node):
                 friction=-0.25,
             )
         )
-        self._state_pub.publish(
-            ZDynBkMdl(
-                header=header,
-                x=now.x,
-                y=now.y,
-                psi=now.psi,
-                v_x=now.v_x,
-                v_y=now.v_y,
-                psi_dot=now.psi_dot,
-            )
-        )
+        self._state_pub.publish(ZDynBkMdl(header=header, **now._asdict()))
 
     def _on_twist(self, twist: Twist) -> None:
         self.twists.append((twist.linear.x, twist.angular.z))
