@@ -1,6 +1,6 @@
 // A line chart over time or position, with ghosts of other laps, shaded slopes and a cursor.
 
-import { colours, ease, font, niceStep, reading } from './look.js';
+import { colours, ease, font, niceStep, reading, stroke } from './look.js';
 
 const EASE = 0.2; // share of the way to new limits, at each drawing
 const [LEFT, RIGHT, TOP, BOTTOM] = [40, 8, 8, 22];
@@ -70,10 +70,7 @@ export class Chart {
     if (view.cursor !== null) {
       context.strokeStyle = colours.muted;
       context.lineWidth = 1;
-      context.beginPath();
-      context.moveTo(x(view.cursor), TOP);
-      context.lineTo(x(view.cursor), height - BOTTOM);
-      context.stroke();
+      stroke(context, [x(view.cursor), TOP], [x(view.cursor), height - BOTTOM]);
     }
     context.restore();
   }
@@ -122,10 +119,7 @@ function drawAxes(context, width, height, axis, { from, to, low, high, x, y }) {
   for (let i = Math.ceil(low / step - 0.01); i * step <= high + 0.01 * step; i += 1) {
     const v = Math.round(y(i * step)) + 0.5;
     context.strokeStyle = i === 0 ? colours.muted : colours.grid;
-    context.beginPath();
-    context.moveTo(LEFT, v);
-    context.lineTo(width - RIGHT, v);
-    context.stroke();
+    stroke(context, [LEFT, v], [width - RIGHT, v]);
     context.fillText(reading(i * step, digits), LEFT - 6, v);
   }
   const tick = niceStep(to - from, Math.max(width / 90, 2));

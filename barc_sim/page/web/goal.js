@@ -1,6 +1,6 @@
 // A goal for a drive by hand: round the cones of a slalom, then stand in the box. No physics.
 
-import { colours, font, reading, show } from './look.js';
+import { circle, colours, font, reading, show, stroke } from './look.js';
 
 const CONES = [20, 32, 44, 56].map((x, k) => ({ x, y: 0, side: k % 2 ? -1 : 1 })); // [m]
 const CONE = 0.25; // [m] radius
@@ -131,8 +131,7 @@ export class Goal {
     CONES.forEach((cone, k) => {
       const [x, y] = toScreen(cone.x, cone.y);
       const touched = this.attempt?.touched.has(k);
-      context.beginPath();
-      context.arc(x, y, Math.max(CONE * scale, 4), 0, 2 * Math.PI);
+      circle(context, x, y, Math.max(CONE * scale, 4));
       context.fillStyle = touched ? colours.muted : colours.vermillion;
       context.fill();
       context.strokeStyle = colours.panel;
@@ -140,11 +139,7 @@ export class Goal {
       context.stroke();
       const [u, v] = toScreen(cone.x, cone.y + 2.2 * cone.side); // where to pass
       context.strokeStyle = this.attempt?.missed.has(k) ? colours.vermillion : colours.muted;
-      context.beginPath();
-      context.moveTo(u - 8, v - 6);
-      context.lineTo(u, v);
-      context.lineTo(u - 8, v + 6);
-      context.stroke();
+      stroke(context, [u - 8, v - 6], [u, v], [u - 8, v + 6]);
     });
   }
 }

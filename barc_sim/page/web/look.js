@@ -1,4 +1,4 @@
-// Colours, sharp canvases, and the format of numbers.
+// Colours, sharp canvases and what is drawn on them, and the format of numbers.
 
 const names = [
   'panel', 'line', 'grid', 'ink', 'muted', 'blue', 'sky', 'green', 'orange', 'purple',
@@ -69,6 +69,27 @@ export class Surface {
     this.context.clearRect(0, 0, this.width, this.height);
     return this.context;
   }
+}
+
+/** Draw a line through points. */
+export function stroke(context, ...points) {
+  context.beginPath();
+  for (const point of points) context.lineTo(...point);
+  context.stroke();
+}
+
+/** Fill the shape between points, in the present colour unless another is given. */
+export function fill(context, points, colour = context.fillStyle) {
+  context.beginPath();
+  for (const point of points) context.lineTo(...point);
+  context.fillStyle = colour;
+  context.fill();
+}
+
+/** Begin a circle, to be filled or drawn. */
+export function circle(context, x, y, radius) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
 }
 
 /** Return `value` with so many decimals; a dash if unknown, and no negative zero. */

@@ -1,7 +1,9 @@
 // The car from the side on its road, and an overview of the whole road.
 
 import { forcesOf } from './lesson.js';
-import { colours, font, niceStep, reading } from './look.js';
+import {
+  circle, colours, fill, font, niceStep, reading, stroke,
+} from './look.js';
 
 const WHEEL = 0.36; // [m] radius
 const ARCH = 0.44;
@@ -90,15 +92,9 @@ function drawForces(surface, [rear, front], scale, { forces, mass }, state) {
     const to = from + metres * scale;
     const head = Math.min(10, Math.abs(to - from));
     context.strokeStyle = context.fillStyle = colours[forces[name]];
-    context.beginPath();
-    context.moveTo(from, y);
-    context.lineTo(to - side * head * 0.8, y);
-    context.stroke();
-    context.beginPath();
-    context.moveTo(to, y);
-    context.lineTo(to - side * head, y - 0.6 * head);
-    context.lineTo(to - side * head, y + 0.6 * head);
-    context.fill();
+    const back = to - side * head;
+    stroke(context, [from, y], [to - side * head * 0.8, y]);
+    fill(context, [[to, y], [back, y - 0.6 * head], [back, y + 0.6 * head]]);
     tips.push([name, side, context.getTransform().transformPoint(new DOMPoint(to, y))]);
   }
   context.restore();
@@ -147,10 +143,7 @@ function drawPosts({ context, width, height }, road, toScreen, distance, scale) 
   for (let s = first; s < distance + span; s += POST) {
     const { h, e } = road.at(s);
     const [x, y] = toScreen([h, e]);
-    context.beginPath();
-    context.moveTo(x, y);
-    context.lineTo(x, y + 9);
-    context.stroke();
+    stroke(context, [x, y], [x, y + 9]);
     const text = `${reading(s, 0)} m`;
     const half = context.measureText(text).width / 2;
     if (x > half && x < width - half && y > -12 && y < height - 26) context.fillText(text, x, y + 12);
@@ -164,8 +157,7 @@ function drawCar(context, [rear, front], scale, axles, rolled) {
   context.translate((rear[0] + front[0]) / 2, (rear[1] + front[1]) / 2);
   context.rotate(angle);
   context.scale(base, -scale);
-  context.fillStyle = '#3a3a3a';
-  for (const x of [-1.5, 1.5]) disc(context, x, 0.1, 0.9 * ARCH);
+  for (const x of [-1.5, 1.5]) disc(context, x, 0.1, 0.9 * ARCH, '#3a3a3a');
   context.fillStyle = BODY;
   context.strokeStyle = INK;
   context.lineWidth = 1.2 / scale;
@@ -184,10 +176,8 @@ function drawWheel(context, x, y, scale, rolled) {
   context.translate(x, y);
   context.scale(scale, scale);
   context.rotate(rolled / WHEEL);
-  context.fillStyle = INK;
-  disc(context, 0, 0, WHEEL);
-  context.fillStyle = '#d5d5d5';
-  disc(context, 0, 0, 0.68 * WHEEL);
+  disc(context, 0, 0, WHEEL, INK);
+  disc(context, 0, 0, 0.68 * WHEEL, '#d5d5d5');
   context.strokeStyle = INK;
   context.lineWidth = 0.055;
   context.beginPath();
@@ -197,8 +187,7 @@ function drawWheel(context, x, y, scale, rolled) {
     context.lineTo(0.62 * WHEEL * Math.cos(angle), 0.62 * WHEEL * Math.sin(angle));
   }
   context.stroke();
-  context.fillStyle = INK;
-  disc(context, 0, 0, 0.13 * WHEEL);
+  disc(context, 0, 0, 0.13 * WHEEL, INK);
   context.restore();
 }
 
@@ -213,15 +202,8 @@ function outline() {
   return path;
 }
 
-function disc(context, x, y, radius) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.fill();
-}
-
-function fill(context, points, colour) {
-  context.beginPath();
-  for (const point of points) context.lineTo(...point);
+function disc(context, x, y, radius, colour) {
+  circle(context, x, y, radius);
   context.fillStyle = colour;
   context.fill();
 }
@@ -258,8 +240,7 @@ export function drawCourse(surface, road, state) {
   for (let s = Math.ceil(from / step) * step; s <= to; s += step) {
     context.fillText(`${reading(s, 0)} m`, Math.min(Math.max(x(s), 20), width - 24), height - 2);
   }
-  context.beginPath();
-  context.arc(x(state.x), y(road.at(state.x).e), 6, 0, 2 * Math.PI);
+  circle(context, x(state.x), y(road.at(state.x).e), 6);
   context.fillStyle = colours.blue;
   context.strokeStyle = colours.panel;
   context.lineWidth = 2;

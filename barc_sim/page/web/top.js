@@ -1,6 +1,8 @@
 // The car from above, to scale, on a grid that scrolls; x is to the right, y up, as in figures.
 
-import { colours, ease, font, niceStep, reading } from './look.js';
+import {
+  colours, ease, fill, font, niceStep, reading, stroke,
+} from './look.js';
 
 const LENGTH = 4.5; // [m]
 const WIDTH = 1.9;
@@ -53,23 +55,19 @@ function drawGrid(context, width, height, scale, state, toScreen) {
     for (let i = Math.ceil(from / step); i * step <= to; i += 1) {
       context.strokeStyle = i % 5 === 0 ? colours['ground-strong'] : colours['ground-line'];
       context.lineWidth = i === 0 ? 2 : 1;
-      context.beginPath();
       draw(i * step, i % 5 === 0);
-      context.stroke();
     }
   };
   each(state.x - alongX, state.x + alongX, (x, strong) => {
     const [u] = toScreen(x, 0);
-    context.moveTo(u, 0);
-    context.lineTo(u, height);
+    stroke(context, [u, 0], [u, height]);
     context.textAlign = 'left';
     context.textBaseline = 'top';
     if (strong && u > 240 && u < width - 60) context.fillText(`x ${reading(x, 0)} m`, u + 5, 8);
   });
   each(state.y - alongY, state.y + alongY, (y, strong) => {
     const [, v] = toScreen(0, y);
-    context.moveTo(0, v);
-    context.lineTo(width, v);
+    stroke(context, [0, v], [width, v]);
     context.textAlign = 'left';
     context.textBaseline = 'bottom';
     if (strong && v > 70) context.fillText(`y ${reading(y, 0)} m`, 8, v - 3);
@@ -136,20 +134,13 @@ function drawCar(context, axles, servo, scale) {
   context.fillStyle = BODY;
   context.fill();
   context.stroke();
-  const shape = (points, colour) => {
-    context.beginPath();
-    for (const point of points) context.lineTo(...point);
-    context.closePath();
-    context.fillStyle = colour;
-    context.fill();
-  };
-  shape([[0.95, 0.62], [0.4, 0.54], [0.4, -0.54], [0.95, -0.62], [1.08, 0]], '#dcebf4');
-  shape([[-1.55, 0.55], [-1.2, 0.5], [-1.2, -0.5], [-1.55, -0.55], [-1.62, 0]], '#dcebf4');
-  shape([[0.22, 0.6], [-1.05, 0.6], [-1.2, 0.72], [0.5, 0.74]], '#dcebf4');
-  shape([[0.22, -0.6], [-1.05, -0.6], [-1.2, -0.72], [0.5, -0.74]], '#dcebf4');
+  fill(context, [[0.95, 0.62], [0.4, 0.54], [0.4, -0.54], [0.95, -0.62], [1.08, 0]], '#dcebf4');
+  fill(context, [[-1.55, 0.55], [-1.2, 0.5], [-1.2, -0.5], [-1.55, -0.55], [-1.62, 0]], '#dcebf4');
+  fill(context, [[0.22, 0.6], [-1.05, 0.6], [-1.2, 0.72], [0.5, 0.74]], '#dcebf4');
+  fill(context, [[0.22, -0.6], [-1.05, -0.6], [-1.2, -0.72], [0.5, -0.74]], '#dcebf4');
   for (const side of [1, -1]) {
-    shape([[2.0, 0.68 * side], [2.2, 0.48 * side], [2.22, 0.3 * side], [2.05, 0.44 * side]], '#f0e442');
-    shape([[-2.2, 0.66 * side], [-2.24, 0.38 * side], [-2.14, 0.38 * side], [-2.1, 0.66 * side]], '#d55e00');
+    fill(context, [[2.0, 0.68 * side], [2.2, 0.48 * side], [2.22, 0.3 * side], [2.05, 0.44 * side]], '#f0e442');
+    fill(context, [[-2.2, 0.66 * side], [-2.24, 0.38 * side], [-2.14, 0.38 * side], [-2.1, 0.66 * side]], '#d55e00');
   }
   context.restore();
 }
@@ -163,12 +154,8 @@ function drawScaleBar(context, scale) {
   context.globalAlpha = 1;
   context.strokeStyle = colours.ink;
   context.lineWidth = 2;
-  context.beginPath();
-  context.moveTo(x, y);
-  context.lineTo(x, y + 6);
-  context.lineTo(x + metres * scale, y + 6);
-  context.lineTo(x + metres * scale, y);
-  context.stroke();
+  const right = x + metres * scale;
+  stroke(context, [x, y], [x, y + 6], [right, y + 6], [right, y]);
   context.font = font(12, 600);
   context.fillStyle = colours.ink;
   context.textAlign = 'center';
