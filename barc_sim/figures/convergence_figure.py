@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import style
@@ -69,17 +69,8 @@ def convergence_figure(studies: Sequence[Study], *, figure: Figure | None = None
 
 def _draw(axes: Axes, studies: Sequence[Study]) -> None:
     for study in studies:
-        marker, filled, size = _MARKERS[study.model]
-        colour = _COLOURS[study.integrator]
-        axes.loglog(
-            STEPS,
-            np.maximum(study.errors, np.finfo(float).tiny),
-            color=colour,
-            lw=1.4,
-            marker=marker,
-            markersize=size,
-            markerfacecolor=colour if filled else 'none',
-        )
+        errors = np.maximum(study.errors, np.finfo(float).tiny)
+        axes.loglog(STEPS, errors, **_line(study.integrator, study.model))
     for order, error in _SLOPES.items():
         line = [error * (ts / STEPS[0]) ** order for ts in STEPS]
         axes.loglog(STEPS, line, color=GREY, lw=0.9, ls=DASHES, zorder=1)
@@ -111,20 +102,18 @@ def _draw(axes: Axes, studies: Sequence[Study]) -> None:
     text.set_in_layout(False)  # a long one must not move the panels apart
 
 
+def _line(integrator: str, model: str) -> dict[str, Any]:
+    """Return the look of a line."""
+    colour, (marker, filled, size) = _COLOURS[integrator], _MARKERS[model]
+    face = colour if filled else 'none'
+    return {'c': colour, 'lw': 1.4, 'marker': marker, 'ms': size, 'mfc': face}
+
+
 def _explain(axes: Axes) -> None:
     """Draw the legend in a panel of its own."""
-    for integrator, colour in _COLOURS.items():
-        for model, (marker, filled, size) in _MARKERS.items():
-            axes.plot(
-                [],
-                [],
-                color=colour,
-                lw=1.4,
-                marker=marker,
-                markersize=size,
-                markerfacecolor=colour if filled else 'none',
-                label=f'{_NAMES[integrator]}, {model}',
-            )
+    for integrator, name in _NAMES.items():
+        for model in _MARKERS:
+            axes.plot([], [], label=f'{name}, {model}', **_line(integrator, model))
     axes.plot([], [], color=GREY, lw=0.9, ls=DASHES, label='slopes 1 and 4')
     axes.fill_between([], [], color=EARTH, alpha=0.6, lw=0.0, label='rounding')
     axes.legend(loc='center left', labelcolor=INK, labelspacing=0.9)

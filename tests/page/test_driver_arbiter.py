@@ -15,114 +15,75 @@ REST = Drive()
 BRAKE = Drive(brake=1.0)
 
 
-@pytest.fixture
-def arbiter() -> DriverArbiter:
-    return DriverArbiter()
+#: By name, what happens and what is due: (page, command, [s]), (page, 'refused', [s]) for one
+#: whose command is not taken, (page, 'closes', [s]), ('due', command, [s]), ('driver', page, [s]).
+CASES: dict[str, list[tuple[str, Drive | str | None, float]]] = {
+    'nothing is due until a page presses a key': [
+        ('a', REST, 0.0), ('due', None, 0.0), ('driver', None, 0.0),
+    ],
+    'a held key is due at once and every 50 ms': [
+        ('a', AHEAD, 10.0), ('due', AHEAD, 10.0), ('due', None, 10.04), ('due', AHEAD, 10.05),
+    ],
+    'a change is due before the 50 ms are over': [
+        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', LEFT, 0.02), ('due', LEFT, 0.02),
+    ],
+    'changes are due every 10 ms at most': [
+        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', LEFT, 0.001), ('due', None, 0.001),
+        ('due', LEFT, 0.01),
+    ],
+    'a release is due at once and only once': [
+        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', REST, 0.001), ('due', REST, 0.001),
+        ('due', None, 1.0),
+    ],
+    'a page that closes with a key held brakes': [
+        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('a', 'closes', 0.0), ('due', BRAKE, 0.001),
+        ('due', None, 1.0), ('driver', None, 1.0),
+    ],
+    'a watching page changes nothing when it closes': [
+        ('a', AHEAD, 0.0), ('b', 'closes', 0.0), ('driver', 'a', 0.0), ('due', AHEAD, 0.0),
+    ],
+    'a page that closes with no key held changes nothing': [
+        ('a', AHEAD, 0.0), ('a', REST, 0.1), ('due', None, 0.1), ('a', 'closes', 0.1),
+        ('due', None, 0.2),
+    ],
+    'a silent page brakes': [
+        ('a', AHEAD, 0.0), ('due', AHEAD, 0.0), ('due', AHEAD, STALE),
+        ('due', BRAKE, STALE + 0.001), ('due', None, 10.0),
+    ],
+    'the first page drives and others are refused': [
+        ('a', AHEAD, 0.0), ('b', 'refused', 0.1), ('driver', 'a', 0.1), ('due', AHEAD, 0.1),
+    ],
+    'another page drives when the driver has closed': [
+        ('a', AHEAD, 0.0), ('a', 'closes', 0.0), ('b', LEFT, 0.1), ('driver', 'b', 0.1),
+    ],
+    'another page drives only after the driver was idle': [
+        ('a', AHEAD, 0.0), ('a', REST, 1.0), ('due', None, 1.0), ('b', 'refused', 1.0 + IDLE),
+        ('b', LEFT, 1.001 + IDLE),
+    ],
+    'nobody drives after the driver was idle': [
+        ('a', AHEAD, 0.0), ('a', REST, 1.0), ('due', None, 1.0), ('due', None, 1.001 + IDLE),
+        ('driver', None, 1.001 + IDLE),
+    ],
+    'messages without a key do not keep the driver': [
+        ('a', AHEAD, 0.0), *(('a', REST, 1.0 + 0.1 * k) for k in range(100)), ('b', LEFT, 11.0),
+    ],
+}  # fmt: skip
 
 
-def test_nothing_is_due_until_a_page_presses_a_key(arbiter: DriverArbiter) -> None:
-    assert arbiter.request('a', REST, 0.0)
-    assert arbiter.due(0.0) is None
-    assert arbiter.driver is None
-
-
-def test_held_key_is_due_at_once_and_every_50_ms(arbiter: DriverArbiter) -> None:
-    assert arbiter.request('a', AHEAD, 10.0)
-    assert arbiter.due(10.0) == AHEAD
-    assert arbiter.due(10.04) is None
-    assert arbiter.due(10.05) == AHEAD
-
-
-def test_a_change_is_due_before_the_50_ms_are_over(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.due(0.0)
-    arbiter.request('a', LEFT, 0.02)
-    assert arbiter.due(0.02) == LEFT
-
-
-def test_changes_are_due_every_10_ms_at_most(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.due(0.0)
-    arbiter.request('a', LEFT, 0.001)
-    assert arbiter.due(0.001) is None
-    assert arbiter.due(0.01) == LEFT
-
-
-def test_release_is_due_at_once_and_only_once(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.due(0.0)
-    arbiter.request('a', REST, 0.001)
-    assert arbiter.due(0.001) == REST
-    assert arbiter.due(1.0) is None
-
-
-def test_page_that_closes_with_a_key_held_brakes(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.due(0.0)
-    arbiter.leave('a')
-    assert arbiter.due(0.001) == BRAKE
-    assert arbiter.due(1.0) is None
-    assert arbiter.driver is None
-
-
-def test_watching_page_changes_nothing_when_it_closes(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.leave('b')
-    assert arbiter.driver == 'a'
-    assert arbiter.due(0.0) == AHEAD
-
-
-def test_page_that_closes_with_no_key_held_changes_nothing(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.request('a', REST, 0.1)
-    assert arbiter.due(0.1) is None
-    arbiter.leave('a')
-    assert arbiter.due(0.2) is None
-
-
-def test_silent_page_brakes(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.due(0.0)
-    assert arbiter.due(STALE) == AHEAD
-    assert arbiter.due(STALE + 0.001) == BRAKE
-    assert arbiter.due(10.0) is None
-
-
-def test_first_page_drives_and_others_are_refused(arbiter: DriverArbiter) -> None:
-    assert arbiter.request('a', AHEAD, 0.0)
-    assert not arbiter.request('b', LEFT, 0.1)
-    assert arbiter.driver == 'a'
-    assert arbiter.due(0.1) == AHEAD
-
-
-def test_another_page_drives_when_the_driver_has_closed(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.leave('a')
-    assert arbiter.request('b', LEFT, 0.1)
-    assert arbiter.driver == 'b'
-
-
-def test_another_page_drives_only_after_the_driver_was_idle(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.request('a', REST, 1.0)
-    arbiter.due(1.0)
-    assert not arbiter.request('b', LEFT, 1.0 + IDLE)
-    assert arbiter.request('b', LEFT, 1.001 + IDLE)
-
-
-def test_nobody_drives_after_the_driver_was_idle(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    arbiter.request('a', REST, 1.0)
-    arbiter.due(1.0)
-    arbiter.due(1.001 + IDLE)
-    assert arbiter.driver is None
-
-
-def test_messages_without_a_key_do_not_keep_the_driver(arbiter: DriverArbiter) -> None:
-    arbiter.request('a', AHEAD, 0.0)
-    for k in range(100):
-        arbiter.request('a', REST, 1.0 + 0.1 * k)
-    assert arbiter.request('b', LEFT, 11.0)
+@pytest.mark.parametrize('steps', CASES.values(), ids=CASES)
+def test_who_drives_and_what_is_due(steps: list[tuple[str, Drive | str | None, float]]) -> None:
+    arbiter = DriverArbiter()
+    for who, what, t in steps:
+        if who == 'due':
+            assert arbiter.due(t) == what, t
+        elif who == 'driver':
+            assert arbiter.driver == what
+        elif what == 'closes':
+            arbiter.leave(who)
+        elif isinstance(what, Drive):
+            assert arbiter.request(who, what, t)
+        else:
+            assert not arbiter.request(who, LEFT, t)
 
 
 @given(
