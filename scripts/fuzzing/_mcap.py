@@ -17,64 +17,32 @@ if TYPE_CHECKING:
 MAGIC = b'\x89MCAP0\r\n'
 #: The fields of each kind of record: numbers as in `struct`, and by the size of their length
 #: `s` a string, `m` a map and `a` an array (4 bytes), `d` data (4), `D` data (8), `r` the rest.
+_FIELDS = {
+    Opcode.HEADER: 'profile s, library s',
+    Opcode.FOOTER: 'summary start Q, summary offset start Q, summary crc I',
+    Opcode.SCHEMA: 'id H, name s, encoding s, definition d',
+    Opcode.CHANNEL: 'id H, schema H, topic s, encoding s, metadata m',
+    Opcode.MESSAGE: 'channel H, sequence I, log time Q, time Q, data r',
+    Opcode.CHUNK: 'start Q, end Q, size Q, crc I, compression s, records D',
+    Opcode.MESSAGE_INDEX: 'channel H, entries a',
+    Opcode.CHUNK_INDEX: (
+        'start Q, end Q, offset Q, length Q, indexes a, index length Q, compression s, '
+        'packed size Q, size Q'
+    ),
+    Opcode.ATTACHMENT: 'log time Q, time Q, name s, media type s, data D, crc I',
+    Opcode.ATTACHMENT_INDEX: 'offset Q, length Q, log time Q, time Q, size Q, name s, media type s',
+    Opcode.STATISTICS: (
+        'messages Q, schemas H, channels I, attachments I, metadata I, chunks I, start Q, '
+        'end Q, by channel a'
+    ),
+    Opcode.METADATA: 'name s, entries m',
+    Opcode.METADATA_INDEX: 'offset Q, length Q, name s',
+    Opcode.SUMMARY_OFFSET: 'kind B, start Q, length Q',
+    Opcode.DATA_END: 'crc I',
+}
 FIELDS: dict[int, dict[str, str]] = {
-    Opcode.HEADER: {'profile': 's', 'library': 's'},
-    Opcode.FOOTER: {'summary start': 'Q', 'summary offset start': 'Q', 'summary crc': 'I'},
-    Opcode.SCHEMA: {'id': 'H', 'name': 's', 'encoding': 's', 'definition': 'd'},
-    Opcode.CHANNEL: {'id': 'H', 'schema': 'H', 'topic': 's', 'encoding': 's', 'metadata': 'm'},
-    Opcode.MESSAGE: {'channel': 'H', 'sequence': 'I', 'log time': 'Q', 'time': 'Q', 'data': 'r'},
-    Opcode.CHUNK: {
-        'start': 'Q',
-        'end': 'Q',
-        'size': 'Q',
-        'crc': 'I',
-        'compression': 's',
-        'records': 'D',
-    },
-    Opcode.MESSAGE_INDEX: {'channel': 'H', 'entries': 'a'},
-    Opcode.CHUNK_INDEX: {
-        'start': 'Q',
-        'end': 'Q',
-        'offset': 'Q',
-        'length': 'Q',
-        'indexes': 'a',
-        'index length': 'Q',
-        'compression': 's',
-        'packed size': 'Q',
-        'size': 'Q',
-    },
-    Opcode.ATTACHMENT: {
-        'log time': 'Q',
-        'time': 'Q',
-        'name': 's',
-        'media type': 's',
-        'data': 'D',
-        'crc': 'I',
-    },
-    Opcode.ATTACHMENT_INDEX: {
-        'offset': 'Q',
-        'length': 'Q',
-        'log time': 'Q',
-        'time': 'Q',
-        'size': 'Q',
-        'name': 's',
-        'media type': 's',
-    },
-    Opcode.STATISTICS: {
-        'messages': 'Q',
-        'schemas': 'H',
-        'channels': 'I',
-        'attachments': 'I',
-        'metadata': 'I',
-        'chunks': 'I',
-        'start': 'Q',
-        'end': 'Q',
-        'by channel': 'a',
-    },
-    Opcode.METADATA: {'name': 's', 'entries': 'm'},
-    Opcode.METADATA_INDEX: {'offset': 'Q', 'length': 'Q', 'name': 's'},
-    Opcode.SUMMARY_OFFSET: {'kind': 'B', 'start': 'Q', 'length': 'Q'},
-    Opcode.DATA_END: {'crc': 'I'},
+    kind: {name: code for name, _, code in (each.rpartition(' ') for each in text.split(', '))}
+    for kind, text in _FIELDS.items()
 }
 _LENGTHS = {'s': 'I', 'm': 'I', 'a': 'I', 'd': 'I', 'D': 'Q'}
 

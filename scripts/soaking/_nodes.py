@@ -36,17 +36,10 @@ class Nodes:
 
     def start(self, name: str) -> None:
         """Start a node."""
+        command = [sys.executable, '-m', 'barc_sim', 'node', name, '--ros-args']
         with (self._folder / f'{name}.log').open('ab') as log:
             self._running[name] = subprocess.Popen(  # noqa: S603 (our own)
-                [
-                    sys.executable,
-                    '-m',
-                    'barc_sim',
-                    'node',
-                    name,
-                    '--ros-args',
-                    *_PARAMETERS.get(name, ()),
-                ],
+                [*command, *_PARAMETERS.get(name, ())],
                 cwd=self._folder,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
