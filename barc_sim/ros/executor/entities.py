@@ -131,20 +131,25 @@ def take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return entry.entity.execute, (taken,)
 
 
-def take_action(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    """Take what has arrived for an action client or server, at most one of each kind."""
+def action_is_ready(entry: Entry) -> bool:
+    """Return whether something has arrived for an action client or server, or has expired."""
     action, context = entry.entity, entry.node.context
-    entry.pending = 0
     with entry.handle, context.handle:
         if entry.status is None:
             entry.status = _rclpy.WaitSet(*numbers_of(action), context.handle)
         entry.status.clear_entities()
         action.add_to_wait_set(entry.status)
         entry.status.wait(0)
-        if not action.is_ready(entry.status):
-            return None
-        entry.pending = 1  # there may be more
-        return _call(executor._take_waitable(action))
+        return bool(action.is_ready(entry.status))
+
+
+def take_action(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+    """Take what has arrived for an action client or server, at most one of each kind."""
+    entry.pending = 0
+    if not action_is_ready(entry):
+        return None
+    entry.pending = 1  # there may be more
+    return _call(executor._take_waitable(entry.entity))
 
 
 def numbers_of(waitable: Any) -> list[int]:  # noqa: ANN401

@@ -21,7 +21,14 @@ from rclpy.waitable import Waitable
 
 from barc_sim.ros.executor.callback_groups import PolledCallbackGroup, QuickCallbackGroup
 from barc_sim.ros.executor.descriptors import Descriptors, eventfd
-from barc_sim.ros.executor.entities import KINDS, Entity, Entry, take_of, take_waitable
+from barc_sim.ros.executor.entities import (
+    KINDS,
+    Entity,
+    Entry,
+    action_is_ready,
+    take_of,
+    take_waitable,
+)
 from barc_sim.ros.executor.rclpy_private import (
     handle_of,
     notify_of_triggers,
@@ -108,8 +115,9 @@ class Events:
             self._next_check = now + _CHECK_PERIOD
             self.woken = True
             for entry in self._entries.values():
-                if isinstance(entry.entity, ActionServer):
-                    self.queue(entry)
+                with suppress(InvalidHandle):  # destroyed just now
+                    if isinstance(entry.entity, ActionServer) and action_is_ready(entry):
+                        self.queue(entry)
         return now
 
     def _sort(self) -> None:

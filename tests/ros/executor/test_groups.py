@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.action import ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from std_srvs.srv import Empty
 
@@ -390,3 +391,15 @@ def test_a_timer_that_waits_for_its_group_claims_it_once(
         executor.spin_once(timeout_sec=0)
 
     assert group.claims == 1
+
+
+def test_an_idle_action_server_does_not_claim_its_group(
+    node: Node, executor: QuickExecutor
+) -> None:
+    group = CountingGroup()
+    fibonacci = pytest.importorskip('test_msgs.action').Fibonacci
+    server = ActionServer(node, fibonacci, 'fibonacci', print, callback_group=group)
+    executor.spin_once(timeout_sec=0.25)  # results might expire
+    server.destroy()
+
+    assert group.claims == 0
