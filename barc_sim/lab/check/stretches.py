@@ -131,10 +131,14 @@ class _Part:
 
     def _cause(self) -> str:
         if (time := len(self.limited) * TS) > _LONG_LIMIT:
-            return (
-                f'the output was at its limit of {self.limit:g} m/s² for {time:.1f} s, '
-                f'{self._limit_cause()}'
-            )
+            why = 'the motor cannot give more'
+            if self.against > _AGAINST * len(self.limited):
+                why = (
+                    f'{self.against * TS:.1f} s of it against the error: the integral has wound up'
+                )
+            elif self.kp <= 0.0:
+                why = 'with kp = 0 the integral alone swings: use kp'
+            return f'the output was at its limit of {self.limit:g} m/s² for {time:.1f} s, {why}'
         if (swings := self._swings()) >= _SWINGS:
             return f'the speed swings {swings} times: ki or kd is large for this kp'
         if self.kp <= 0.0:
@@ -150,13 +154,6 @@ class _Part:
             f'{alone}, the integral removes the error in {self._settled():.1f} s: more kp makes '
             'the error smaller, more ki makes it shorter'
         )
-
-    def _limit_cause(self) -> str:
-        if self.against > _AGAINST * len(self.limited):
-            return f'{self.against * TS:.1f} s of it against the error: the integral has wound up'
-        if self.kp <= 0.0:
-            return 'with kp = 0 the integral alone swings: use kp'
-        return 'the motor cannot give more'
 
     def _left(self, rest: float) -> str:
         if self.ki <= 0.0:

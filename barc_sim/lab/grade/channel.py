@@ -11,7 +11,11 @@ _CHUNK = 65_536
 
 
 class Channel:
-    """Sends bytes to a process and receives its replies and its printed output."""
+    """Sends bytes to a process and receives its replies and its printed output.
+
+    Where the process does neither before a deadline, of `time.monotonic`, that is a TimeoutError;
+    where it has closed the pipe, an EOFError.
+    """
 
     def __init__(self, requests: int, replies: int, output: int, *, keep: int) -> None:
         """Own the descriptors of this end of the pipes."""
@@ -29,15 +33,7 @@ class Channel:
             os.set_blocking(descriptor, False)
 
     def send(self, data: bytes, deadline: float) -> None:
-        """Send `data` before `deadline`, of `time.monotonic`.
-
-        Raises
-        ------
-        TimeoutError
-            if the process does not read it by then.
-        EOFError
-            if the process has closed the pipe.
-        """
+        """Send `data` before `deadline`."""
         while data:
             self._wait(self._sending, self._requests, deadline)
             with suppress(BlockingIOError):
@@ -47,15 +43,7 @@ class Channel:
                     raise EOFError from None
 
     def receive(self, deadline: float) -> bytes:
-        """Return at least one byte of what the process sends.
-
-        Raises
-        ------
-        TimeoutError
-            if nothing arrives before `deadline`, of `time.monotonic`.
-        EOFError
-            if the process has closed the pipe.
-        """
+        """Return at least one byte of what the process sends before `deadline`."""
         self._wait(self._receiving, self._replies, deadline)
         data = os.read(self._replies, _CHUNK)
         if not data:

@@ -2,7 +2,7 @@
 
 Landlock is the kernel's own sandbox. Its calls are written by hand because the one library for it
 (landlock) has had only development releases since 2022, and supports neither networks nor signals.
-They have the same numbers on all architectures.
+They have the same numbers on all architectures. What the kernel lacks or refuses is an OSError.
 """
 
 from __future__ import annotations
@@ -48,11 +48,6 @@ def create_ruleset(
         Folders whose list of names may be read, but not their files.
     writable
         Files that may be written to, and read.
-
-    Raises
-    ------
-    OSError
-        if the kernel has no Landlock.
     """
     version = abi()
     attributes = pack(
@@ -76,13 +71,7 @@ def create_ruleset(
 
 
 def abi() -> int:
-    """Return the version of the kernel's Landlock, from 1 on.
-
-    Raises
-    ------
-    OSError
-        if the kernel has none.
-    """
+    """Return the version of the kernel's Landlock, from 1 on."""
     return _landlock(_CREATE_RULESET, None, 0, _VERSION)
 
 
@@ -110,13 +99,7 @@ def limit_resources(memory: int, cpu: int, parent: int) -> None:
 
 
 def confine(ruleset: int, program: bytes) -> None:
-    """Allow only the files of a Landlock `ruleset`, and the system calls of a seccomp `program`.
-
-    Raises
-    ------
-    OSError
-        if the kernel cannot do that.
-    """
+    """Allow only the files of a Landlock `ruleset`, and the system calls of a seccomp `program`."""
     _prctl(_SET_NO_NEW_PRIVS, 1)
     _landlock(_RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)

@@ -32,7 +32,7 @@ _ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
 
 
 class Calls:
-    """Calls of one function of a user's."""
+    """Calls of one function of a user's; what fails is a UserCodeError."""
 
     def __init__(
         self, folder: Folder, function: Callable[..., Any], budget: float | None, expected: str
@@ -45,13 +45,7 @@ class Calls:
         self._budget = budget
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401 (a user's)
-        """Return what the function returns.
-
-        Raises
-        ------
-        UserCodeError
-            if it raises, or does not return within its time.
-        """
+        """Return what the function returns within its time."""
         try:
             return self._call(self.function, *args, **kwargs)
         except (Exception, SystemExit, OutOfTime) as error:
@@ -69,13 +63,7 @@ class Calls:
         return found
 
     def attribute(self, instance: object, name: str) -> Any:  # noqa: ANN401 (a user's)
-        """Return a method of what the function has returned.
-
-        Raises
-        ------
-        UserCodeError
-            if there is none.
-        """
+        """Return a method of what the function has returned."""
         found = self.attempt(getattr, instance, name)
         if found is None:
             raise UserCodeError(

@@ -30,7 +30,8 @@ class Folder:
 
     They are in `sys.modules` only during an import, so that two folders can each have a
     `helpers.py`. No bytecode is written or read. A file never hides a module of the standard
-    library. A module that is not here, such as those of ROS 1, is an `Absent`.
+    library. A module that is not here, such as those of ROS 1, is an `Absent`. A file that cannot
+    be read or compiled is a UserCodeError.
     """
 
     def __init__(
@@ -68,13 +69,7 @@ class Folder:
         return Folder(self.path, self._output, self._prefix, packages=self._packages)
 
     def load(self, file: Path) -> ModuleType:
-        """Import `file`, once; its exceptions are passed on.
-
-        Raises
-        ------
-        UserCodeError
-            if it can't be read or compiled.
-        """
+        """Import `file`, once; its exceptions are passed on."""
         name = file.stem if file.stem in self._names else f'user_code_{file.stem}'
         path = str(file.absolute())
         if name not in self._modules:
@@ -105,13 +100,7 @@ class Folder:
         exec(result.code, vars(module))  # noqa: S102 (running it is the purpose)
 
     def parse(self, file: Path) -> ast.Module:
-        """Return the syntax tree of `file`, which is not run.
-
-        Raises
-        ------
-        UserCodeError
-            if it can't be read or compiled.
-        """
+        """Return the syntax tree of `file`, which is not run."""
         path = file.absolute()
         self.trees[str(path)] = compiled(self._read(path)).tree
         return self.trees[str(path)]

@@ -1,4 +1,4 @@
-"""Reads a user's file, and finds errors in it before it runs."""
+"""Reads a user's file, and finds errors in it before it runs: each is a UserCodeError."""
 
 from __future__ import annotations
 
@@ -47,13 +47,7 @@ class Source(NamedTuple):
 
 
 def read(path: Path, name: str) -> Source:
-    """Read the file at `path`.
-
-    Raises
-    ------
-    UserCodeError
-        if it can't be read, or is no text in UTF-8.
-    """
+    """Read the file at `path`; an error if it can't be read, or is no text in UTF-8."""
     try:
         with path.open('rb') as file:
             data = file.read(_MAX_BYTES + 1)
@@ -81,13 +75,7 @@ class Compiled(NamedTuple):
 
 
 def compiled(source: Source) -> Compiled:
-    """Compile the source; tabs are as wide as in Python 2, up to the next multiple of 8.
-
-    Raises
-    ------
-    UserCodeError
-        if it is not Python 3.
-    """
+    """Compile the source, which must be Python 3; a tab goes to the next multiple of 8."""
     try:
         return _compiled(source, source.text)
     except TabError:
