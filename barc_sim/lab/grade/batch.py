@@ -116,20 +116,15 @@ def run(
             if not pending:
                 return
             for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                yield pending.pop(future), _outcome(future)
+                error = future.exception()
+                failure = Failure(f'{type(error).__name__}: {error}') if error else None
+                yield pending.pop(future), failure or future.result()
 
     try:
         yield outcomes()
     finally:
         for future in pending:
             future.cancel()
-
-
-def _outcome(future: Future[Report]) -> Report | Failure:
-    error = future.exception()
-    if error is None:
-        return future.result()
-    return Failure(f'{type(error).__name__}: {error}')
 
 
 class _Stopped(BaseException):

@@ -64,11 +64,6 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
     )
 
 
-def _remarks(grade: Grade) -> list[str]:
-    gains = [f'gains: {grade.gains}'] if grade.gains else []
-    return gains + ([f'tolerated: {"; ".join(grade.tolerated)}'] if grade.tolerated else [])
-
-
 def page(grade: Grade, figures: bytes) -> str:
     """Return the HTML report; `figures` is a PNG, or empty."""
     return render(
@@ -98,9 +93,12 @@ def gradescope(grade: Grade) -> str:
         }
         for item in grade.items
     ]
+    remarks = {'gains': grade.gains, 'tolerated': '; '.join(grade.tolerated)}
     content = {
         'score': grade.score,
-        'output': '\n'.join([*grade.notes, *_remarks(grade)]),
+        'output': '\n'.join(
+            [*grade.notes, *(f'{name}: {text}' for name, text in remarks.items() if text)]
+        ),
         'output_format': 'text',
         'visibility': grade.visibility,
         'stdout_visibility': 'hidden',
