@@ -41,8 +41,6 @@ class Arrivals:
     >>> [message.data for message, _ in take(subscription, 1)]
     [8.0]
     >>> arrivals.listen([])
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self) -> None:
@@ -102,8 +100,6 @@ def polled(
     ...     publisher.publish(Float64(data=speed))
     >>> [message.data for message, _ in take(newest, limit=10)]
     [8.0, 8.1]
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     return endpoints.subscription(
         node, message_type, topic, lambda _: None, group, qos=qos, raw=raw
@@ -125,8 +121,6 @@ def take(subscription: Subscription, limit: int) -> Iterator[tuple[Any, dict[str
     >>> [(message, about)] = take(subscription, limit=10)
     >>> message.data, 0 < about['source_timestamp'] <= about['received_timestamp']
     (8.0, True)
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
     for _ in range(limit):
         with subscription.handle:

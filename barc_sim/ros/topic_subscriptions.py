@@ -63,9 +63,6 @@ class TopicSubscriptions:
     >>> [message.topic.name for message in topics.take()]
     ['/speed']
     >>> topics.close()
-    >>> car.destroy_node()
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self, node: Node, wants: Callable[[str], bool], depth: int = 10_000) -> None:

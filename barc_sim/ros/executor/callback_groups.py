@@ -31,8 +31,6 @@ class QuickCallbackGroup(MutuallyExclusiveCallbackGroup):
     tick
     >>> executor.shutdown()
     True
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def __init__(self) -> None:
@@ -72,8 +70,6 @@ class PolledCallbackGroup(CallbackGroup):
     >>> rclpy.spin_once(node, timeout_sec=0.01)
     >>> speeds.handle.take_message(Float64, False)[0].data
     8.0
-    >>> node.destroy_node()
-    >>> rclpy.shutdown()
     """
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)

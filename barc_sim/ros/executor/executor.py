@@ -60,7 +60,6 @@ class QuickExecutor(MultiThreadedExecutor):
     tick
     >>> executor.shutdown()
     True
-    >>> rclpy.shutdown()
     """
 
     def __init__(
