@@ -70,7 +70,7 @@ WATCH = """import('./chart.js').then(({ Chart }) => {
   watch('fillText', (text, x) => {
     if (/^\\d+ m$/.test(text)) scene.posts.push([parseFloat(text), x]);
   });
-  watch('moveTo', (x) => context.lineWidth === 4 && scene.arrows.push(x));
+  watch('lineTo', (x) => context.lineWidth === 4 && scene.arrows.push(x));
 })"""
 
 
@@ -201,7 +201,7 @@ def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
         tab.select('#seek', 3.5, 'input')
         tab.until("document.querySelector('#grade').innerText === '10'")
         forces = [tab.number(f'#force-{name}') for name in FORCES]
-        arrows = np.diff(np.reshape(tab.run('scene.arrows'), (-1, 2))).ravel()
+        shafts = np.reshape(tab.run('scene.arrows'), (-1, 5))  # a line, and a head of three points
         terms = [tab.number(f'#term-{name}') for name in ('motor', *PID.terms)]
         tab.close()
     process.communicate(timeout=PATIENCE)
@@ -230,6 +230,7 @@ def test_ghosts_forces_and_terms_drawn_are_those_of_the_bag(
     assert forces[0] == round(motor)
     assert forces[1] == round(log.gravity[k])
     assert forces[2:] == [round(log.drag[k], 2), round(log.friction[k], 2)]
+    arrows = shafts[:, 2] - shafts[:, 0]
     assert arrows[1] / arrows[0] == pytest.approx(log.gravity[k] / motor, abs=1e-3)
 
 
