@@ -6,8 +6,9 @@ from argparse import REMAINDER
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import call
+from barc_sim.cli.parser import ROS_ARGS, call
 from barc_sim.commands import NODES
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -25,7 +26,18 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(options: Namespace) -> int:
-    """Run the node, and return the exit code."""
+    """Run the node, and return the exit code.
+
+    Raises
+    ------
+    UserError
+        where an argument is not ROS's.
+    """
+    if options.arguments and options.arguments[0] != ROS_ARGS:
+        raise UserError(
+            f'a node takes no {options.arguments[0]!r}: give its parameters to ROS, as in '
+            f'{ROS_ARGS} -p kp:=20.0'
+        )
     module, create = NODES[options.name]
     node = getattr(import_module(f'barc_sim.nodes.{module}'), create)
     from barc_sim.ros.process import spin  # noqa: PLC0415 (slow: not for --help)

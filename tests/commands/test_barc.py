@@ -55,6 +55,7 @@ def test_every_module_of_a_command_is_listed() -> None:
         (['topics', '--hz=0'], "barc topics: error: argument --hz: '0' is not a number from 0.001"),
         (['echo', 'ecu', '-n', '0'], "barc echo: error: argument -n: '0' is not a whole number of"),
         (['plot', '--ros-args'], 'barc plot: error: unrecognized arguments: --ros-args'),
+        (['node', 'controller', '--kp', '3'], "barc node: error: a node takes no '--kp': give"),
         (['node', 'pilot'], "barc node: error: argument NAME: invalid choice: 'pilot'"),
     ],
 )
