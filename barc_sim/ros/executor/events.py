@@ -115,9 +115,10 @@ class Events:
             self._next_check = now + _CHECK_PERIOD
             self.woken = True
             for entry in self._entries.values():
-                with suppress(InvalidHandle):  # destroyed just now
-                    if isinstance(entry.entity, ActionServer) and action_is_ready(entry):
-                        self.queue(entry)
+                if isinstance(entry.entity, ActionServer):
+                    with suppress(InvalidHandle):  # destroyed just now
+                        if action_is_ready(entry):
+                            self.queue(entry)
         return now
 
     def _sort(self) -> None:
