@@ -157,11 +157,11 @@ class BagFile:
 
     def end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
-        if self._chunk.counts:
+        if in_chunk := self._in_chunk:
             data, index = self._chunk.build(self.size)
             self._put(data)
             self._list(index)
-            self._in_pieces += self._in_chunk
+            self._in_pieces += in_chunk
             self._chunk = ChunkBuilder()
 
     def commit(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -26,7 +27,7 @@ class Recovered:
 
     spans: dict[str, Span] = field(default_factory=dict)  #: by the files' names
     topics: dict[str, Topic] = field(default_factory=dict)
-    counts: dict[str, int] = field(default_factory=dict)  #: of messages, by topic
+    counts: Counter[str] = field(default_factory=Counter)  #: of messages, by topic
     metadata: dict[str, str] = field(default_factory=dict)  #: the run's own
     damages: dict[str, Damage] = field(default_factory=dict)  #: by the damaged files' names
     kept: list[Path] = field(default_factory=list)  #: damaged files as they were
@@ -85,6 +86,9 @@ def _recover_file(file: Path, found: Recovered) -> None:
         for record in records(file, damage=damage):
             copy.add(record)
         found.spans[file.name] = copy.file.span
+        found.counts.update(copy.file.counts)
+        for topic in copy.file.topics.values():
+            found.topics.setdefault(topic.name, topic)
         if not damage:
             return
         found.damages[file.name] = damage
@@ -128,8 +132,6 @@ class _Copy:
             self.file.attach(record.name, record.media_type, record.data, record.create_time)
         elif isinstance(record, Message) and record.channel_id in self._topics:
             topic = self._topics[record.channel_id]
-            self._found.topics.setdefault(topic.name, topic)
-            self._found.counts[topic.name] = self._found.counts.get(topic.name, 0) + 1
             if self.file.add(
                 topic, record.data, record.log_time, record.publish_time, record.sequence
             ):
