@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import IO
 
-
 _HEADER = Struct('<BQ')  # of a record: opcode, length
 _OPCODES = frozenset(Opcode)
 _logger = logging.getLogger(__name__)

@@ -85,7 +85,8 @@ def polled(
 ) -> Subscription:
     """Return a subscription that keeps messages until `take` takes them.
 
-    Without a QoS profile, the newest ones, as many as `qos` says; with `raw`, serialized.
+    Where `qos` is a number, that is the length of the queue, which keeps the newest messages. With
+    `raw`, messages stay serialized.
 
     Examples
     --------

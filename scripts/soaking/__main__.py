@@ -15,7 +15,7 @@ from _figures import table
 
 from barc_sim.cli.parser import Parser, call
 
-#: Modules of this folder: `SHORT` says what --short leaves, `soak` does the work, and
+#: Modules of this folder: `SHORT` is the help of --short, `soak` does the work, and
 #: `add_arguments`, where there is one, declares more options.
 _NAMES = sorted(
     file.stem for file in Path(__file__).parent.glob('*.py') if not file.stem.startswith('_')

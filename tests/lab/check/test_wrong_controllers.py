@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     Lab = Callable[..., LocalCode]
 
-#: What is replaced, by what; the criteria that are not met then; of which the first says this. More
-#: are in `student_code`.
+#: What is replaced, by what; the criteria that are not met then; a part of the first one's message.
+#: More are in `student_code`.
 WRONG = {
     'no proportional': ('self.kp * e + ', '', 'proportional', 'P is always 0'),
     'own kp': ('self.kp * e', '2.0 * e', 'proportional integral derivative', 'kp has no effect'),
