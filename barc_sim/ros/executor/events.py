@@ -175,7 +175,7 @@ class Events:
                     self._add(entity, kind, node)
 
     def _add(self, entity: Entity, kind: str, node: Node) -> None:
-        handle, take = handle_of(entity), take_of(entity)
+        handle = handle_of(entity)
         handle.__enter__()
         group = entity.callback_group
         entry = Entry(
@@ -183,7 +183,7 @@ class Events:
             kind,
             node,
             handle,
-            take,
+            take_of(entity),
             isinstance(group, QuickCallbackGroup),
             partial(group.beginning_execution, entity),
             partial(group.ending_execution, entity),

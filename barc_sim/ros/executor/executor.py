@@ -28,12 +28,10 @@ from barc_sim.ros.executor.rclpy_private import differing, notify_of_triggers
 from barc_sim.ros.executor.thread_pool import TaskStepper, ThreadPool
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rclpy.context import Context
     from rclpy.task import Future
 
-    from barc_sim.ros.executor.entities import Entry
+    from barc_sim.ros.executor.entities import Call, Entry
 
 #: In debug mode, a quick callback that takes longer is warned of [s].
 QUICK_LIMIT = 2e-3
@@ -241,19 +239,20 @@ class QuickExecutor(MultiThreadedExecutor):
             return False
         if not entry.quick:
             entry.handed_off = True
-            self._pool.submit(partial(self._call, entry, *call), entry.drop)
+            self._pool.submit(partial(self._call, entry, call), entry.drop)
         elif self._debug:
-            self._call_timed(entry, *call)
+            self._call_timed(entry, call)
         else:
-            self._call(entry, *call)
+            self._call(entry, call)
         return True
 
-    def _call(self, entry: Entry, callback: Callable[..., Any], args: tuple[Any, ...]) -> None:
+    def _call(self, entry: Entry, call: Call) -> None:
         """Call a callback whose group is claimed."""
         if entry.handed_off:
             entry.handed_off = False
             if entry.pending:
                 self._events.wake()  # another thread may take the next, too
+        callback, args = call
         claimed = True
         try:
             result = callback(*args)
@@ -267,9 +266,9 @@ class QuickExecutor(MultiThreadedExecutor):
             if claimed:
                 entry.end()
 
-    def _call_timed(self, entry: Entry, *call: Any) -> None:  # noqa: ANN401
+    def _call_timed(self, entry: Entry, call: Call) -> None:
         begun = time.perf_counter()
-        self._call(entry, *call)
+        self._call(entry, call)
         took = time.perf_counter() - begun
         if took > QUICK_LIMIT:
             entry.node.get_logger().warning(

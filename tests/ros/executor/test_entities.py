@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
+from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterValue
 from rcl_interfaces.srv import ListParameters
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -32,6 +33,40 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.timeout(120)
 DEADLINE = 20.0
 GROUPS = pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+
+
+@GROUPS
+def test_messages_whose_sequences_grow_and_shrink_arrive_as_they_were(
+    node: Node, until: Until, group_type: type[CallbackGroup]
+) -> None:
+    received: list[ParameterEvent] = []
+    group = group_type()
+    node.create_subscription(ParameterEvent, 'a', received.append, 10, callback_group=group)
+    publisher = node.create_publisher(ParameterEvent, 'a', 10)
+    lengths = (0, 3, 50, 2, 0, 1)
+    published = [
+        ParameterEvent(
+            node='n' * length,
+            new_parameters=[
+                Parameter(
+                    name=f'{number}' * length,
+                    value=ParameterValue(
+                        string_array_value=['s' * other for other in range(number)],
+                        double_array_value=[0.5 * length] * number,
+                        byte_array_value=[b'b'] * length,
+                    ),
+                )
+                for number in range(length)
+            ],
+        )
+        for length in lengths
+    ]
+
+    for message in published:
+        publisher.publish(message)
+    until(lambda: len(received) == len(published))
+
+    assert received == published  # each of them its own, whatever was taken afterwards
 
 
 @GROUPS

@@ -14,16 +14,17 @@ from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor, entities
+from barc_sim.ros.executor.rclpy_private import message_taker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.context import Context
+    from rclpy.subscription import Subscription
 
     Until = Callable[[Callable[[], object]], None]
 
@@ -237,13 +238,18 @@ def test_a_message_that_cannot_be_read_is_warned_of_and_dropped(
     received: list[str] = []
     group = QuickCallbackGroup() if quick else None
 
-    def take_or_fail(entry: entities.Entry, executor: QuickExecutor) -> object:
-        call = entities.take_subscription(entry, executor)
-        if call and call[1][0].frame_id == 'wrong':
-            raise ValueError
-        return call
+    def failing_taker(subscription: Subscription) -> Callable[[], Header | None]:
+        take = message_taker(subscription)
 
-    monkeypatch.setitem(entities._TAKES, Subscription, take_or_fail)  # noqa: SLF001
+        def take_or_fail() -> Header | None:
+            message = take()
+            if message and message.frame_id == 'wrong':
+                raise ValueError
+            return message
+
+        return take_or_fail
+
+    monkeypatch.setattr(entities, 'message_taker', failing_taker)
     node.create_subscription(
         Header, 'a', lambda m: received.append(m.frame_id), 10, callback_group=group
     )

@@ -94,6 +94,12 @@ def test_a_private_name_that_behaves_differently_is_found(
     assert differing() == ['_take_guard_condition as in Jazzy']
 
 
+def test_messages_that_cannot_be_converted_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(Time), '_CONVERT_TO_PY', None)
+
+    assert differing() == ['_CONVERT_TO_PY as in Jazzy']
+
+
 def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
     ros: Context, monkeypatch: pytest.MonkeyPatch
 ) -> None:
