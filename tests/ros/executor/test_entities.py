@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
+from resource import getpagesize
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,6 +17,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
 from rclpy.waitable import NumberOfEntities, Waitable
+from std_msgs.msg import String
 
 from barc_sim.ros.executor import QuickCallbackGroup
 
@@ -67,6 +70,23 @@ def test_messages_whose_sequences_grow_and_shrink_arrive_as_they_were(
     until(lambda: len(received) == len(published))
 
     assert received == published  # each of them its own, whatever was taken afterwards
+
+
+def test_a_destroyed_subscription_leaves_no_message_in_memory(node: Node, until: Until) -> None:
+    size = 8_000_000  # bytes
+    publisher = node.create_publisher(String, 'a', 1)
+    used = []
+    for _ in range(12):
+        received: list[String] = []
+        subscription = node.create_subscription(String, 'a', received.append, 1)
+        until(lambda: publisher.get_subscription_count() == 1)
+        publisher.publish(String(data='s' * size))
+        until(lambda received=received: received)
+        node.destroy_subscription(subscription)
+        until(lambda: publisher.get_subscription_count() == 0)
+        used.append(int(Path('/proc/self/statm').read_text().split()[1]) * getpagesize())
+
+    assert used[-1] - used[1] < 5 * size
 
 
 @GROUPS
