@@ -16,7 +16,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
-GROUPS = ('run', 'ros', 'test', 'testwheels', 'sourced')
+GROUPS = ('run', 'ros', 'test', 'testwheels', 'lint', 'docs', 'sourced')
 PYTHONS = ('3.10', '3.11', '3.12', '3.13')
 
 pytestmark = pytest.mark.skipif(sys.version_info < (3, 11), reason='needs tomllib')
