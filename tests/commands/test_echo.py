@@ -85,8 +85,7 @@ def test_reader_that_goes_away_ends_it_silently() -> None:
         assert process.stderr
         process.stdout.readline()
         process.stdout.close()
-        assert process.wait(timeout=20) == 0
-        assert process.stderr.read() == ''
+        assert (process.wait(timeout=20), process.stderr.read()) == (0, '')
 
 
 def test_signal_while_it_waits_for_the_topic_is_silent(

@@ -84,7 +84,7 @@ def test_a_destroyed_subscription_leaves_no_message_in_memory(node: Node, until:
         until(lambda received=received: received)
         node.destroy_subscription(subscription)
         until(lambda: publisher.get_subscription_count() == 0)
-        used.append(int(Path('/proc/self/statm').read_text().split()[1]) * getpagesize())
+        used.append(int(Path('/proc/self/statm').read_bytes().split()[1]) * getpagesize())
 
     assert used[-1] - used[1] < 5 * size
 
