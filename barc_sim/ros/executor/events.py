@@ -175,7 +175,7 @@ class Events:
                     self._add(entity, kind, node)
 
     def _add(self, entity: Entity, kind: str, node: Node) -> None:
-        handle = handle_of(entity)
+        handle, take = handle_of(entity), take_of(entity)
         handle.__enter__()
         group = entity.callback_group
         entry = Entry(
@@ -183,7 +183,7 @@ class Events:
             kind,
             node,
             handle,
-            take_of(entity),
+            take,
             isinstance(group, QuickCallbackGroup),
             partial(group.beginning_execution, entity),
             partial(group.ending_execution, entity),
@@ -238,7 +238,7 @@ class Events:
             self._descriptors.remove(entry.descriptor)
             os.close(entry.descriptor)
         entry.pending = 0
-        entry.status = None
+        entry.kept = None
         entry.handle.__exit__(None, None, None)
 
     def close(self) -> None:
