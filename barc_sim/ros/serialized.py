@@ -12,12 +12,12 @@ from ctypes import c_void_p
 from struct import Struct
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.ros.executor.rclpy_private import NOTHING_THERE, TAKEN
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from rclpy.subscription import Subscription
-
-_TAKEN, _NOTHING_THERE = 0, 401
 
 
 class Taken(NamedTuple):
@@ -89,11 +89,11 @@ class Taker:
         unpack_info, unpack_array = _INFO.unpack_from, _ARRAY.unpack_from
         with subscription.handle:
             pointer = subscription.handle.pointer
-            while (result := take(pointer, *self._addresses, None)) == _TAKEN:
+            while (result := take(pointer, *self._addresses, None)) == TAKEN:
                 published, received, number, _, _, publisher = unpack_info(info)
                 buffer, length, _ = unpack_array(array)
                 yield Taken(string_at(buffer, length), published, received, number, publisher)
-        if result != _NOTHING_THERE:
+        if result != NOTHING_THERE:
             raise RuntimeError(
                 f'rcl_take_serialized_message returned {result} on {subscription.topic_name}'
             )

@@ -52,7 +52,8 @@ LISTENERS: dict[type[Any], tuple[str, tuple[str, ...]]] = {
     ),
 }
 
-_TAKEN, _NOTHING_THERE = 0, 401  # what rcl_take returns
+#: What rcl's functions return that take a message.
+TAKEN, NOTHING_THERE = 0, 401
 _name_of = ctypes.PYFUNCTYPE(c_char_p, py_object)(('PyCapsule_GetName', ctypes.pythonapi))
 _pointer_in = ctypes.PYFUNCTYPE(c_void_p, py_object, c_char_p)(
     ('PyCapsule_GetPointer', ctypes.pythonapi)
@@ -131,11 +132,11 @@ def _setter(name: str) -> Any:  # noqa: ANN401
 
 
 def message_taker(subscription: Subscription) -> Callable[[], Any]:
-    """Return a function that takes a subscription's next message; None where there is none.
+    """Return a function that takes the next message of a subscription, or returns None.
 
-    It keeps one message of C for all of them, where rclpy makes one for each, and a dictionary of
-    its times. It is for one thread at a time, and only while the subscription's handle is in use.
-    The function raises RuntimeError where rcl fails.
+    rcl writes all messages into one message of C, which is kept. rclpy makes a new one for each,
+    and a dictionary of its times. The function is for one thread at a time, while the handle of the
+    subscription is in use. It raises RuntimeError where rcl fails.
     """
     pointer = c_void_p(subscription.handle.pointer)
     kept, convert = _kept_message(subscription.msg_type)
@@ -143,9 +144,9 @@ def message_taker(subscription: Subscription) -> Callable[[], Any]:
 
     def take_message() -> Any:  # noqa: ANN401 - of the subscription's type
         result = take(pointer, kept, None, None)
-        if result == _TAKEN:
+        if result == TAKEN:
             return convert(kept)
-        if result != _NOTHING_THERE:
+        if result != NOTHING_THERE:
             ctypes.PyDLL('librcutils.so').rcutils_reset_error()
             raise RuntimeError(f'rcl_take returned {result}')
         return None
