@@ -406,7 +406,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
     tab.run('navigator.clipboard.writeText = async (text) => { window.copied = text; }')
 
     def is_copied(command: str) -> bool:
-        tab.click('#copy-command')  # again, as a slider may still show an answer of before
+        tab.click('#copy-command')  # again, as a slider may still show an older answer
         return bool(tab.run(f"window.copied === '{command}'"))
 
     command = 'barc acc --gain kp=4 --gain ki=0 --gain kd=0 --speed 8 --laps 0'

@@ -69,7 +69,7 @@ def test_messages_whose_sequences_grow_and_shrink_arrive_as_they_were(
         publisher.publish(message)
     until(lambda: len(received) == len(published))
 
-    assert received == published  # each of them its own, whatever was taken afterwards
+    assert received == published  # a later message does not change an earlier one
 
 
 def test_a_destroyed_subscription_leaves_no_message_in_memory(node: Node, until: Until) -> None:
