@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -30,6 +31,11 @@ if has_ros():
 
     # Fast DDS reads its profiles once in a process, before the first node: all have a run's.
     use_profiles()
+
+# In an activated environment, commands print shorter lines.
+_programs = str(Path(sys.executable).parent)
+_folders = os.environ['PATH'].split(os.pathsep)
+os.environ['PATH'] = os.pathsep.join(each for each in _folders if each != _programs)
 
 # How long an example takes is the machine's affair.
 settings.register_profile('any machine', deadline=None)
