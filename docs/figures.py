@@ -30,7 +30,7 @@ from barc_sim.figures.top_view import TopView
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.convergence import studies
 from barc_sim.simulation.log import COLUMNS, Log
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, motion, slip_angle, step
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, slip_angle, step
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.road import Road
@@ -263,7 +263,7 @@ def kinematic_and_dynamic() -> Figure:
     def driven(bicycle: KinematicBicycle | DynamicBicycle, v: float, steps: int) -> list[Any]:
         state, states = State(v=v), []
         for _ in range(steps):
-            state = bicycle.step(state, Input(0.0, steering), lambda _: 0.0, vehicle, 0.005)
+            state = bicycle.step(state, Command(0.0, steering), lambda _: 0.0, vehicle, 0.005)
             states.append(bicycle.motion(state, steering, vehicle))
         return states
 
@@ -379,7 +379,7 @@ def draw_missing() -> None:
 def eight_by_hand(ts: float = 0.02) -> Log:
     """Return the log of a figure of eight, driven with the arrow keys."""
     vehicle, driver, state = Vehicle(), Driver(), State()
-    command, called, rows = Input(), -1.0, []
+    command, called, rows = Command(), -1.0, []
     for k in range(round(16.0 / ts)):
         t = k * ts
         if t - called > driver.dt - 1e-9:

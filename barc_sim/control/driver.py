@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import copysign, inf, isfinite
 from typing import NamedTuple
 
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
 RATE = 20.0  #: [Hz] commands per second; the lab's template has dt = 0.05
 STALE_AFTER = 0.5  #: [s] An older Twist is ignored.
@@ -80,7 +80,7 @@ class Driver:
     >>> driver = Driver()
     >>> driver.receive(DriverInput(forward=0.5), t=0.0)
     >>> driver.command(t=0.1, speed=3.0)
-    Input(motor=2.0, servo=0.0)
+    Command(motor=2.0, servo=0.0)
     """
 
     def __init__(
@@ -122,12 +122,12 @@ class Driver:
         )
         self._received = t
 
-    def command(self, t: float, speed: float) -> Input:
+    def command(self, t: float, speed: float) -> Command:
         """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
         stale = t - self._received > self.stale_after
         self.request = request = COAST if stale and not self._latest.brake else self._latest
         self._steer(request)
-        return Input(motor=self._acceleration(request, speed), servo=self.servo)
+        return Command(motor=self._acceleration(request, speed), servo=self.servo)
 
     def _steer(self, request: DriverInput) -> None:
         limits, turned = self.limits, self.limits.steering_rate * self.dt

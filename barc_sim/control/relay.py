@@ -14,7 +14,7 @@ from barc_sim.vehicle.parameters import Parameter
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from barc_sim.vehicle.bike_model import Input
+    from barc_sim.vehicle.bike_model import Command
 
 #: What a Twist means, by the value of the parameter `input`.
 INPUTS: dict[str, type[Driver]] = {'pedal': Driver, 'velocity': VelocityDriver}
@@ -70,7 +70,7 @@ class RelayControl:
     >>> relay.receive(DriverInput(forward=0.5))
     True
     >>> relay.command()
-    Input(motor=2.0, servo=0.0)
+    Command(motor=2.0, servo=0.0)
     """
 
     def __init__(self, driver: Driver | None, values: Mapping[str, Any]) -> None:
@@ -114,7 +114,7 @@ class RelayControl:
             self.driver.receive(scaled, time.monotonic())
         return scaled.usable
 
-    def command(self) -> Input:
+    def command(self) -> Command:
         """Return the command from now on."""
         return self.driver.command(time.monotonic(), self.speed)
 

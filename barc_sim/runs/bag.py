@@ -60,7 +60,7 @@ class RunBag:
     def end(self, simulators: Sequence[Simulator]) -> None:
         """Add the results; to be called while the nodes still exist."""
         results = {
-            'steps': sum(simulator.steps for simulator in simulators),
+            'steps': sum(simulator.states for simulator in simulators),
             'missed_deadlines': sum(simulator.missed for simulator in simulators),
             'slipped_periods': sum(simulator.slipped for simulator in simulators),
         }

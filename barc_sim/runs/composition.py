@@ -98,7 +98,7 @@ class Run(ABC):
     @property
     def has_begun(self) -> bool:
         """Whether a state has been published."""
-        return any(simulator.steps for simulator in self.simulators)
+        return any(simulator.states for simulator in self.simulators)
 
     @property
     def slipped(self) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from barc_sim.nodes.mirrors.diagnosis import Facts
 from barc_sim.nodes.mirrors.kinds import MIRRORS
 from barc_sim.runs.view_options import wanted_mirrors
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -55,14 +55,14 @@ def _mirror(
     shared = ('road', 'l_f', 'l_r', 'realtime_factor')
     values = {name: simulator.get_parameter(name).value for name in shared}
     factor = values.pop('realtime_factor')
-    noise = Deviation(
-        *(simulator.get_parameter(f'noise_{name}').value for name in Deviation._fields)
+    noise = NoiseLevels(
+        *(simulator.get_parameter(f'noise_{name}').value for name in NoiseLevels._fields)
     )
 
     def facts() -> Facts:
         known = Facts(simulator.missed, simulator.slipped, simulator.paused, factor, noise)
         if factor == 1.0:
-            known = known._replace(behind=simulator.behind)
+            known = known._replace(stamp_lag=simulator.stamp_lag)
         if not recorder:
             return known
         return known._replace(

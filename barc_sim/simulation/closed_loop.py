@@ -27,10 +27,10 @@ from barc_sim.errors import UserError
 from barc_sim.simulation import straight_loop
 from barc_sim.simulation.log import Log, recordable
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Input, bikeFE
+from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
 
     #: Observation, command, and saturation with terms.
-    _Row = tuple[Observation, Input, tuple[float, ...]]
+    _Row = tuple[Observation, Command, tuple[float, ...]]
 
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
@@ -59,7 +59,7 @@ def simulate(
     *,
     road: Road | str | PathLike[str] = 'lab',
     vehicle: Vehicle | None = None,
-    noise: float | Deviation = 0.0,
+    noise: float | NoiseLevels = 0.0,
     delay: float = 0.0,
     controller: object | None = None,
     model: Model = bikeFE,
@@ -124,7 +124,7 @@ def simulate(
         road=road if isinstance(road, Road) else Road.named(str(road)),
         vehicle=vehicle,
         ts=ts,
-        noise=noise if isinstance(noise, Deviation) else Deviation(v_x=noise),
+        noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
         seed=seed,
         model=model if model is bikeFE else _with_options(model),
         motor=Actuator(delay=delay),
@@ -180,7 +180,7 @@ def closed_loop(
     for k in range(steps + 1):
         seen = plant.observe()
         motor = controller.acc_calculate(speed_reference, seen.measured.v_x, dt)
-        command = Input(motor, 0.0)
+        command = Command(motor, 0.0)
         rows.append((seen, command, read(controller)))
         if plant.state.x >= distance:
             break
@@ -216,7 +216,7 @@ def drive(
     driver = driver or Driver()
     waiting = deque(sorted(requests, key=lambda request: request[0]))
     rows: list[_Row] = []
-    command = Input()
+    command = Command()
     period_ns, dt_ns = plant.period_ns, round(driver.dt * 1e9)
     due_ns = 0
     for k in range(round(duration / plant.ts) + 1):

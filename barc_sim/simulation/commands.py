@@ -6,7 +6,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from barc_sim.vehicle.bike_model import Input
+    from barc_sim.vehicle.bike_model import Command
 
 _NANOSECONDS = 1e9
 
@@ -29,9 +29,9 @@ class Commands:
 
     Examples
     --------
-    >>> from barc_sim.vehicle.bike_model import Input
+    >>> from barc_sim.vehicle.bike_model import Command
     >>> commands = Commands()
-    >>> commands.store(Input(motor=1.0), stamp=20, present=20, t=0.0)
+    >>> commands.store(Command(motor=1.0), stamp=20, present=20, t=0.0)
     >>> commands.answered
     True
     >>> commands.accepts(stamp=40, present=20)
@@ -45,30 +45,30 @@ class Commands:
         until one arrives with exactly its stamp.
         """
         self.timeout = timeout or inf
-        self.latest: Input | None = None
+        self.latest: Command | None = None
         self.answered = self._unsynchronised = bool(timeout)
-        self._exact = False  # answered by a command with the present state's stamp
-        self._order = 0  # [ns] stamp of the state that `latest` belongs to
+        self._answered_by_stamp = False  # answered by a command with the present state's stamp
+        self._latest_state = 0  # [ns] stamp of the state that `latest` belongs to
         self._received = -inf
 
     def accepts(self, stamp: int, present: int) -> bool:
         """Return whether a command stamped `stamp` [ns] may hold in the state stamped `present`."""
-        if self._exact and stamp not in (0, present):
+        if self._answered_by_stamp and stamp not in (0, present):
             return False
-        return _order(stamp, present) >= self._order
+        return _state_stamp(stamp, present) >= self._latest_state
 
-    def store(self, command: Input, stamp: int, present: int, t: float) -> None:
+    def store(self, command: Command, stamp: int, present: int, t: float) -> None:
         """Let an accepted `command` hold from now on; it arrived at `t` [s]."""
-        self.latest, self._order, self._received = command, _order(stamp, present), t
-        self._exact = stamp == present
-        if self._exact or stamp == 0:
+        self.latest, self._latest_state, self._received = command, _state_stamp(stamp, present), t
+        self._answered_by_stamp = stamp == present
+        if self._answered_by_stamp or stamp == 0:
             self._unsynchronised = stamp == 0
-        self.answered = self._unsynchronised or self._exact
+        self.answered = self._unsynchronised or self._answered_by_stamp
 
     def next_step(self) -> None:
         """Wait for the answer to the next state."""
         self.answered = self._unsynchronised
-        self._exact = False
+        self._answered_by_stamp = False
 
     def start_timeout(self, t: float) -> None:
         """Measure the timeout from `t` [s], unless a command arrived later."""
@@ -91,6 +91,6 @@ def out_of_order(stamp: int, present: int) -> str:
     return f'a command stamped {away:+g} s from the present state: a newer one or its answer holds'
 
 
-def _order(stamp: int, present: int) -> int:
+def _state_stamp(stamp: int, present: int) -> int:
     """Return the stamp [ns] of the state that a command belongs to; at most the present one."""
     return min(stamp, present) if stamp else present

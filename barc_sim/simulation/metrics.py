@@ -17,7 +17,7 @@ SETTLING_BAND = 0.02
 
 
 @dataclass(frozen=True)
-class Stretch:
+class SegmentErrors:
     """The speed error over consecutive states on the same grade.
 
     Examples
@@ -53,7 +53,7 @@ class Summary:
     overshoot: float  #: share of the reference by which the first stretch's speed passes it
     settling_time: float  #: [s] until the speed stays within `SETTLING_BAND` on the first stretch
     missed_deadlines: int
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[SegmentErrors, ...]
 
 
 class SpeedErrors:
@@ -116,7 +116,7 @@ class SpeedErrors:
             settling_time=nan if isnan(self._peak) else self._settled_at - self._start,
             missed_deadlines=missed_deadlines,
             stretches=tuple(
-                Stretch(part.first, part.last, part.theta_deg, part.rms, part.greatest)
+                SegmentErrors(part.first, part.last, part.theta_deg, part.rms, part.greatest)
                 for part in self._stretches
             ),
         )

@@ -5,9 +5,9 @@ from __future__ import annotations
 from math import inf, isfinite
 
 #: [s] of simulated time without progress, after which the run ends.
-PATIENCE = 20.0
+STALL_TIMEOUT = 20.0
 #: The run ends once a car at the speed to hold would have driven the distance so many times.
-TIMES = 10.0
+MAX_DISTANCE_FACTOR = 10.0
 _ADVANCE = 0.01  #: [m] that counts as progress
 _STANDS = 0.05  #: [m/s] below which a car stands
 _JUMP = 1.0  #: [m] in one step, beyond what its speed explains: the car was put elsewhere
@@ -67,10 +67,10 @@ class Progress:
         self.failure = ''
         if self._distance == inf or x >= self._distance:
             return False
-        if t - self._since > PATIENCE:
-            end = f'it got no further for {PATIENCE:g} s'
-        elif self._expected > TIMES * self._distance:
-            end = f'at the speed to hold it would have driven {TIMES:g} times the way'
+        if t - self._since > STALL_TIMEOUT:
+            end = f'it got no further for {STALL_TIMEOUT:g} s'
+        elif self._expected > MAX_DISTANCE_FACTOR * self._distance:
+            end = f'at the speed to hold it would have driven {MAX_DISTANCE_FACTOR:g} times the way'
         else:
             return False
         self.failure = f'the car {self._does(moved=moved)}; {end}'

@@ -15,7 +15,7 @@ from barc_sim.simulation.log import (
     STATE,
     STATE_ERROR,
 )
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -109,9 +109,9 @@ class AnswerPublishers:
         topic = PID_STATE if self._is_pid else CONTROLLER_STATE
         self._command, self._state = (make(name, MESSAGE_TYPES[name]) for name in (COMMAND, topic))
 
-    def publish(self, stamp: int, answer: Answer) -> Input:
+    def publish(self, stamp: int, answer: Answer) -> Command:
         """Publish and return the command that answers the state stamped `stamp` [ns]."""
-        command = Input(motor=answer.acceleration)
+        command = Command(motor=answer.acceleration)
         if self._command.wanted:
             self._command.publish(stamp, command._asdict())
         if self._state.wanted:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import atanh, cos, inf, log, pi, radians, sin, sinh, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, slip_angle
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ class ReferenceDrive(NamedTuple):
     name: str
     text: str
     start: State
-    held: Input
+    held: Command
     grade: Callable[[float], float]  #: distance along the road [m] to incline [rad]
     vehicle: Vehicle
     duration: float  #: [s]
@@ -75,7 +75,7 @@ REFERENCE_DRIVES = (
         name='circle',
         text='15 m/s, 0.4 rad',
         start=State(v=15.0),
-        held=Input(0.0, 0.4),
+        held=Command(0.0, 0.4),
         grade=lambda _: 0.0,
         vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
         duration=4.0,
@@ -86,7 +86,7 @@ REFERENCE_DRIVES = (
         name='step steer',
         text='20 m/s, 0.05 rad',
         start=State(v=20.0),
-        held=Input(0.0, 0.05),
+        held=Command(0.0, 0.05),
         grade=lambda _: 0.0,
         vehicle=Vehicle(),
         duration=4.0,
@@ -96,7 +96,7 @@ REFERENCE_DRIVES = (
         name='descent',
         text='30° down, strong drag',
         start=State(v=20.0),
-        held=Input(),
+        held=Command(),
         grade=lambda _: radians(-30.0),
         vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
         duration=2.0,
@@ -106,7 +106,7 @@ REFERENCE_DRIVES = (
         name='hills',
         text='smooth, ±10°, 0.03 rad',
         start=State(v=10.0),
-        held=Input(0.5, 0.03),
+        held=Command(0.5, 0.03),
         grade=lambda x: radians(10.0) * sin(pi * x / 20.0),
         vehicle=Vehicle(),
         duration=6.0,
@@ -115,7 +115,7 @@ REFERENCE_DRIVES = (
         name="lab's road",
         text='its grade jumps',
         start=State(v=8.0),
-        held=Input(3.0),
+        held=Command(3.0),
         grade=_lab,
         vehicle=Vehicle(air_drag_coeff=0.0),
         duration=8.0,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.errors import UserError
 from barc_sim.simulation.stepper import Stepper
 from barc_sim.simulation.stepper_interface import Outputs, Settings
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.parameters import LIVE, PARAMETERS, Parameter, plant, retune
 from barc_sim.vehicle.road import Road
 
@@ -57,9 +57,9 @@ class Simulator(Outputs):
         return self._stepper.paused
 
     @property
-    def steps(self) -> int:
+    def states(self) -> int:
         """States published."""
-        return self._stepper.steps
+        return self._stepper.states
 
     @property
     def missed(self) -> int:
@@ -72,9 +72,9 @@ class Simulator(Outputs):
         return self._stepper.slipped
 
     @property
-    def behind(self) -> float:
+    def stamp_lag(self) -> float:
         """Time [s] by which stamps in real time are behind the wall clock; 0 at other paces."""
-        return self._stepper.behind
+        return self._stepper.stamp_lag
 
     @property
     def keeps_clock(self) -> bool:
@@ -138,7 +138,7 @@ def _settings(values: Mapping[str, Any]) -> Settings:
         laps=values['laps'],
         command_timeout=values['command_timeout'],
         timeout_braking=values['timeout_braking'],
-        greatest=Input(values['refuse_motor_above'], values['refuse_servo_above']),
+        max_command=Command(values['refuse_motor_above'], values['refuse_servo_above']),
     )
 
 

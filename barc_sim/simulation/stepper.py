@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.simulation.stepper_interface import Outputs
-    from barc_sim.vehicle.bike_model import Input, State
+    from barc_sim.vehicle.bike_model import Command, State
     from barc_sim.vehicle.plant import Plant
 
 RESET = 'reset: the car is back at the start'
@@ -68,16 +68,16 @@ class Stepper:
     or a place is stored for the next step.
 
     Stamps begin with the wall clock, and grow by one period a step, also over a reset. In real time
-    (`realtime_factor` 1) a pause or a slip thus leaves them `behind`; a reset sets them to the wall
-    clock again.
+    (`realtime_factor` 1) a pause or a slip thus leaves them behind by `stamp_lag`; a reset sets
+    them to the wall clock again.
 
     Attributes
     ----------
-    steps
+    states
         States published.
     missed
         Commands that had not arrived when they were due.
-    behind
+    stamp_lag
         Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
     laps
         Laps driven to their end; those that a reset has cut short do not count.
@@ -106,10 +106,10 @@ class Stepper:
         self._commands = Commands(self._settings.command_timeout)
         self.phase = Phase.STARTING
         self.paused = False
-        self.steps = self.missed = self.laps = 0
-        self.behind = 0.0
+        self.states = self.missed = self.laps = 0
+        self.stamp_lag = 0.0
         self._warned = False  # that stamps are behind, since the start or the latest reset
-        self._first_step = self._stamp = 0
+        self._first_state = self._stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._place: State | None = None
         self._ends = False
@@ -141,13 +141,13 @@ class Stepper:
         accepted = self._commands.accepts(stamp, self._stamp)
         return None if accepted else out_of_order(stamp, self._stamp)
 
-    def take_command(self, command: Input, stamp: int) -> str | None:
+    def take_command(self, command: Command, stamp: int) -> str | None:
         """Store a command, or return why it is refused; take the step that waits for it."""
-        greatest = self._settings.greatest
+        limit = self._settings.max_command
         # Written so that NaN is out of range, too.
-        if not (abs(command.motor) <= greatest.motor and abs(command.servo) <= greatest.servo):
+        if not (abs(command.motor) <= limit.motor and abs(command.servo) <= limit.servo):
             return (
-                f'a command beyond ±{greatest.motor:g} m/s² or ±{greatest.servo:g} rad: '
+                f'a command beyond ±{limit.motor:g} m/s² or ±{limit.servo:g} rad: '
                 f'{command.motor}, {command.servo}'
             )
         self._commands.store(command, stamp, self._stamp, self._clock())
@@ -172,7 +172,7 @@ class Stepper:
                 self._pace.slipped += 1
                 return
             self.missed += 1
-            self._outputs.warn_missed(self.steps - 1, self.missed)
+            self._outputs.warn_missed(self.states - 1, self.missed)
         self._step()
 
     def pause(self, *, on: bool) -> bool:
@@ -194,8 +194,8 @@ class Stepper:
         """Take one step while paused; return whether that is possible, and a sentence."""
         if self.phase is Phase.PAUSED:
             if self._step_when_answered():
-                return True, f'state {self.steps - 1}'
-            return True, f'state {self.steps - 1} is not answered yet: the step follows'
+                return True, f'state {self.states - 1}'
+            return True, f'state {self.states - 1} is not answered yet: the step follows'
         return False, {
             Phase.STARTING: 'not begun yet',
             Phase.RUNNING: 'time runs: pause it first',
@@ -272,13 +272,13 @@ class Stepper:
 
     def _publish(self) -> None:
         if self._settings.realtime_factor == 1.0:
-            self.behind = max((self._wall_clock() - self._stamp) / _NANOSECONDS, 0.0)
-            if self.behind > TOLERATED and not self._warned:
+            self.stamp_lag = max((self._wall_clock() - self._stamp) / _NANOSECONDS, 0.0)
+            if self.stamp_lag > TOLERATED and not self._warned:
                 self._warned = True
-                self._outputs.warn_behind(self.behind)
-        t = (self.steps - self._first_step) * self._plant.ts
+                self._outputs.warn_behind(self.stamp_lag)
+        t = (self.states - self._first_state) * self._plant.ts
         self._outputs.publish_state(t, self._plant.observe(), self._stamp)
-        self.steps += 1
+        self.states += 1
 
     def _restart(self, why: str = RESET) -> None:
         if self.phase is Phase.FINISHED:
@@ -289,7 +289,7 @@ class Stepper:
         self._outputs.stop_deadlines()
         self._plant = self._new_plant()
         self._commands = Commands(self._settings.command_timeout)
-        self._first_step = self.steps
+        self._first_state = self.states
         self._outputs.prepare_start(why)
 
     def _start_deadlines(self) -> None:

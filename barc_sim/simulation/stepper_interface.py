@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation
@@ -25,7 +25,7 @@ class Settings(NamedTuple):
     laps: int = 1  #: the run ends after so many; 0: it goes on
     command_timeout: float = 0.0  #: [s] without a command, after which the car brakes; 0: never
     timeout_braking: float = 8.0  #: [m/s²] deceleration then
-    greatest: Input = Input(100.0, 1.5)  #: a command beyond is refused
+    max_command: Command = Command(100.0, 1.5)  #: a command beyond is refused
 
 
 class Outputs:

@@ -18,8 +18,8 @@ import numpy as np
 from barc_sim.control.pid import FIRST_DT, pid_step
 from barc_sim.simulation.log import Log
 from barc_sim.simulation.specialise import specialised
-from barc_sim.vehicle.bike_model import Input, State, forces, motion, next_speed, resistance
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.bike_model import Command, State, forces, motion, next_speed, resistance
+from barc_sim.vehicle.sensor import MeasurementError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -236,7 +236,7 @@ def log_of(
     return Log(
         t=np.arange(n) * plant.period_ns / 1e9,
         **motion(states, 0.0, vehicle)._asdict(),
-        **{f'e_{name}': zero for name in Deviation._fields},
+        **{f'e_{name}': zero for name in MeasurementError._fields},
         motor=motor,
         servo=zero,
         missed=np.zeros(n, np.bool_),
@@ -262,4 +262,4 @@ def _catch_up(plant: Plant, pid: PID, setting: Setting, columns: tuple[array[flo
     step = last - 1 if arrived else last
     if step >= 0:
         plant.place(plant.state._replace(x=x[step], v=v[step]))
-        plant.advance(Input(motor[step], 0.0))
+        plant.advance(Command(motor[step], 0.0))

@@ -15,7 +15,7 @@ from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Motion, Vehicle
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation, Sensor
+from barc_sim.vehicle.sensor import NoiseLevels, Sensor
 
 if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
@@ -61,7 +61,7 @@ class Course:
             road=self.road,
             vehicle=self.vehicle,
             ts=self.ts,
-            noise=Deviation(v_x=self.noise),
+            noise=NoiseLevels(v_x=self.noise),
             seed=self.seed,
             motor=Actuator(delay=self.delay * self.ts),
         )
@@ -104,6 +104,6 @@ class Course:
         """The measurement error [m/s] of each state's speed: the same for all loops."""
         if not self.noise:
             return (0.0,) * (self.steps + 1)
-        sensor = Sensor(Deviation(v_x=self.noise), self.seed)
+        sensor = Sensor(NoiseLevels(v_x=self.noise), self.seed)
         still = Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         return tuple(sensor.measure(still)[1].v_x for _ in range(self.steps + 1))

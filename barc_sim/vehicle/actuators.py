@@ -6,7 +6,7 @@ from collections import deque
 from math import copysign, expm1, inf
 from typing import NamedTuple
 
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
 #: Share of a step within which a delay counts as whole steps.
 _WHOLE = 1e-6
@@ -126,25 +126,25 @@ class Actuators:
 
     Examples
     --------
-    >>> from barc_sim.vehicle.bike_model import Input
+    >>> from barc_sim.vehicle.bike_model import Command
     >>> actuators = Actuators(Actuator(limit=4.0), Actuator(), ts=0.02)
-    >>> actuators.advance(Input(motor=6.0, servo=0.1))
-    Input(motor=4.0, servo=0.1)
+    >>> actuators.advance(Command(motor=6.0, servo=0.1))
+    Command(motor=4.0, servo=0.1)
     """
 
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
         self._motor, self._servo = Channel(motor, ts), Channel(servo, ts)
         self.obey = motor == servo == Actuator()
-        self.now = Input()
+        self.now = Command()
 
-    def advance(self, command: Input) -> Input:
+    def advance(self, command: Command) -> Command:
         """Go one step after `command`; return the mean acceleration and steering over it."""
         if self.obey:
             self.now = command
             return command
-        mean = Input(self._motor.advance(command.motor), self._servo.advance(command.servo))
-        self.now = Input(self._motor.value, self._servo.value)
+        mean = Command(self._motor.advance(command.motor), self._servo.advance(command.servo))
+        self.now = Command(self._motor.value, self._servo.value)
         return mean
 
     def replace(self, motor: Actuator, servo: Actuator) -> None:
@@ -160,9 +160,9 @@ class Actuators:
         """Set both to zero, and drop the waiting commands."""
         self._motor.hold(0.0)
         self._servo.hold(0.0)
-        self.now = Input()
+        self.now = Command()
 
-    def brake(self, command: Input) -> Input:
+    def brake(self, command: Command) -> Command:
         """Go one step with the acceleration of `command` in force at once.
 
         The brakes have no delay, lag or limit. The motor is cut off meanwhile, and begins anew
@@ -170,5 +170,5 @@ class Actuators:
         """
         self._motor.hold(0.0)
         servo = self._servo.advance(command.servo)
-        self.now = Input(command.motor, self._servo.value)
-        return Input(command.motor, servo)
+        self.now = Command(command.motor, self._servo.value)
+        return Command(command.motor, servo)

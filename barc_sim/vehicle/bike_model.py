@@ -55,13 +55,13 @@ class State(NamedTuple):
     v: float = 0.0  #: [m/s] speed in the direction psi + beta
 
 
-class Input(NamedTuple):
+class Command(NamedTuple):
     """The command to the actuators.
 
     Examples
     --------
-    >>> Input(motor=2.0)
-    Input(motor=2.0, servo=0.0)
+    >>> Command(motor=2.0)
+    Command(motor=2.0, servo=0.0)
     """
 
     motor: float = 0.0  #: [m/s²] acceleration
@@ -224,17 +224,17 @@ def bikeFE(  # noqa: N802 (the lab's name)
     [0.16, 0.0, 0.0, 8.02]
     """
     vehicle = Vehicle(m, a0, Ff, l_f, l_r, g)
-    return [*step(State(x, y, psi, v), Input(a, d_f), theta, vehicle, ts)]
+    return [*step(State(x, y, psi, v), Command(a, d_f), theta, vehicle, ts)]
 
 
-def step(state: State, command: Input, theta: float, vehicle: Vehicle, ts: float) -> State:
+def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: float) -> State:
     """Return the state one forward-Euler step later, on an incline of `theta` [rad].
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
 
     Examples
     --------
-    >>> step(State(v=8.0), Input(motor=1.0), 0.0, Vehicle(friction=0.0, air_drag_coeff=0.0), 0.02)
+    >>> step(State(v=8.0), Command(motor=1.0), 0.0, Vehicle(friction=0.0, air_drag_coeff=0.0), 0.02)
     State(x=0.16, y=0.0, psi=0.0, v=8.02)
     """
     x, y, psi, v = state
@@ -249,7 +249,7 @@ def step(state: State, command: Input, theta: float, vehicle: Vehicle, ts: float
 
 
 def step_by(
-    model: Model, state: State, command: Input, theta: float, vehicle: Vehicle, ts: float
+    model: Model, state: State, command: Command, theta: float, vehicle: Vehicle, ts: float
 ) -> State:
     """Return the state that `model`, a function like `bikeFE`, gives in the place of `step`."""
     x, y, psi, v = model(

@@ -20,7 +20,7 @@ from math import atan2, cos, hypot, sin
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Input, Motion, State, Vehicle, slip_angle
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, slip_angle
 from barc_sim.vehicle.integrators import integrator as named
 from barc_sim.vehicle.kinematic_bicycle import (
     KinematicBicycle,
@@ -42,7 +42,7 @@ class DynamicBicycle:
 
     Examples
     --------
-    >>> road, turn, car = (lambda x: 0.0), Input(servo=0.3), DynamicBicycle(integrator='rk4')
+    >>> road, turn, car = (lambda x: 0.0), Command(servo=0.3), DynamicBicycle(integrator='rk4')
     >>> after = car.step(State(v=8.0), turn, road, Vehicle(), 0.02)
     >>> round(after.psi, 4)
     0.0023
@@ -77,7 +77,7 @@ class DynamicBicycle:
                     'dynamic_above'
                 )
 
-    def step(self, state: State, held: Input, grade: Grade, vehicle: Vehicle, ts: float) -> State:
+    def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""
         if not self._dynamic(state):
             after = self._slow.step(state, held, grade, vehicle, ts)
@@ -123,7 +123,11 @@ class DynamicBicycle:
 
 
 def rates(
-    held: Input, grade: Grade, vehicle: Vehicle, lateral: LateralParameters, direction: float = 1.0
+    held: Command,
+    grade: Grade,
+    vehicle: Vehicle,
+    lateral: LateralParameters,
+    direction: float = 1.0,
 ) -> Callable[[Vector], Vector]:
     """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
 
@@ -131,7 +135,7 @@ def rates(
 
     Examples
     --------
-    >>> flat, held = (lambda x: 0.0), Input(motor=2.0)
+    >>> flat, held = (lambda x: 0.0), Command(motor=2.0)
     >>> derivative = rates(held, flat, Vehicle(), LateralParameters())
     >>> round(derivative((0.0, 0.0, 0.0, 8.0, 0.0, 0.0))[3], 2)
     2.0

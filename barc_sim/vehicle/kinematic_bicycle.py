@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import (
-    Input,
+    Command,
     Model,
     State,
     Vehicle,
@@ -75,7 +75,7 @@ class KinematicBicycle:
 
     Examples
     --------
-    >>> road, turn = (lambda x: 0.0), Input(servo=0.3)
+    >>> road, turn = (lambda x: 0.0), Command(servo=0.3)
     >>> after = KinematicBicycle('rk4').step(State(v=8.0), turn, road, Vehicle(), 0.02)
     >>> round(after.psi, 4)
     0.0163
@@ -102,7 +102,7 @@ class KinematicBicycle:
         """Whether `bikeFE` makes the steps."""
         return self._model is bikeFE
 
-    def step(self, state: State, held: Input, grade: Grade, vehicle: Vehicle, ts: float) -> State:
+    def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""
         if self.is_lab:
             return step(state, held, grade(state.x), vehicle, ts)
@@ -124,7 +124,7 @@ class KinematicBicycle:
 
 
 def _rates(
-    held: Input, grade: Grade, vehicle: Vehicle, direction: float
+    held: Command, grade: Grade, vehicle: Vehicle, direction: float
 ) -> Callable[[Vector], Vector]:
     """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step."""
     beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)

@@ -14,7 +14,7 @@ from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import SIGNALS, Deviation
+from barc_sim.vehicle.sensor import SIGNALS, NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -158,19 +158,19 @@ def retune(values: Mapping[str, Any], plant: Plant) -> None:
 
     Examples
     --------
-    >>> from barc_sim.vehicle.bike_model import Input
+    >>> from barc_sim.vehicle.bike_model import Command
     >>> values = {each.name: each.default for each in PARAMETERS}
     >>> car = plant(values)
     >>> retune(values | {'motor_limit': 4.0}, car)
-    >>> car.advance(Input(motor=8.0))
+    >>> car.advance(Command(motor=8.0))
     >>> round(car.state.v, 2)
     0.08
     """
     plant.retune(_noise(values), _actuator(values, 'motor'), _actuator(values, 'servo'))
 
 
-def _noise(values: Mapping[str, Any]) -> Deviation:
-    return Deviation(*(values[f'noise_{name}'] for name in Deviation._fields))
+def _noise(values: Mapping[str, Any]) -> NoiseLevels:
+    return NoiseLevels(*(values[f'noise_{name}'] for name in NoiseLevels._fields))
 
 
 def _actuator(values: Mapping[str, Any], name: str) -> Actuator:

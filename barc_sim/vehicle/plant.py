@@ -7,11 +7,20 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.actuators import Actuator, Actuators
-from barc_sim.vehicle.bike_model import Forces, Input, Model, Motion, State, Vehicle, bikeFE, forces
+from barc_sim.vehicle.bike_model import (
+    Command,
+    Forces,
+    Model,
+    Motion,
+    State,
+    Vehicle,
+    bikeFE,
+    forces,
+)
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation, Sensor
+from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.lateral_dynamics import LateralParameters
@@ -28,11 +37,11 @@ class Observation(NamedTuple):
 
     true: Motion
     measured: Motion
-    error: Deviation  #: measured minus true
+    error: MeasurementError  #: measured minus true
     theta_deg: float  #: [deg] incline
     elevation: float  #: [m]
     forces: Forces
-    acting: Input  #: what the actuators do at this instant
+    acting: Command  #: what the actuators do at this instant
 
 
 class Plant:
@@ -42,7 +51,7 @@ class Plant:
     --------
     >>> plant = Plant()
     >>> for _ in range(50):
-    ...     plant.advance(Input(motor=2.0))
+    ...     plant.advance(Command(motor=2.0))
     >>> round(plant.state.v, 2)
     2.0
     """
@@ -53,7 +62,7 @@ class Plant:
         road: Road | None = None,
         vehicle: Vehicle | None = None,
         ts: float = 0.02,
-        noise: Deviation | None = None,
+        noise: NoiseLevels | None = None,
         seed: int = 0,
         model: Model = bikeFE,
         motor: Actuator | None = None,
@@ -85,7 +94,7 @@ class Plant:
         self.vehicle = vehicle or Vehicle()
         self.ts = ts
         self.state = State()
-        self._held = Input()
+        self._held = Command()
         self._sensor = Sensor(noise, seed)
         self._actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self._bicycle: KinematicBicycle | DynamicBicycle
@@ -128,21 +137,21 @@ class Plant:
         acting_forces = forces(state.v, sin(radians(theta_deg)), self.vehicle)
         return Observation(true, measured, error, theta_deg, elevation, acting_forces, acting)
 
-    def advance(self, command: Input | None = None) -> None:
+    def advance(self, command: Command | None = None) -> None:
         """Go one step with `command`; without one, the last holds."""
         if command is not None:
             self._held = command
         self._step(self._actuators.advance(self._held))
 
-    def retune(self, noise: Deviation, motor: Actuator, servo: Actuator) -> None:
+    def retune(self, noise: NoiseLevels, motor: Actuator, servo: Actuator) -> None:
         """Replace noise and actuators; commands on their way stay on it."""
-        self._sensor.deviation = noise
+        self._sensor.noise = noise
         self._actuators.replace(motor, servo)
 
     def place(self, state: State) -> None:
         """Put the car there, with no command held or on its way."""
         self.state = state
-        self._held = Input()
+        self._held = Command()
         self._actuators.stop()
         self._bicycle.forget()
 
@@ -161,5 +170,5 @@ class Plant:
         """Return the incline [rad] at `x`."""
         return radians(self.road.grade_deg(x))
 
-    def _step(self, held: Input) -> None:
+    def _step(self, held: Command) -> None:
         self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)

@@ -9,14 +9,19 @@ from typing import NamedTuple
 from barc_sim.vehicle.bike_model import Motion
 
 
-class Deviation(NamedTuple):
-    """A value per measured signal, in the vehicle's frame: a standard deviation or an error.
+class NoiseLevels(NamedTuple):
+    """The standard deviation of each measured signal, in the vehicle's true frame."""
 
-    Examples
-    --------
-    >>> Deviation(v_x=0.05)
-    Deviation(s=0.0, ey=0.0, epsi=0.0, v_x=0.05, v_y=0.0, psi_dot=0.0)
-    """
+    s: float = 0.0  #: [m] position along
+    ey: float = 0.0  #: [m] position across
+    epsi: float = 0.0  #: [rad] heading
+    v_x: float = 0.0  #: [m/s]
+    v_y: float = 0.0  #: [m/s]
+    psi_dot: float = 0.0  #: [rad/s] yaw rate
+
+
+class MeasurementError(NamedTuple):
+    """Measured minus true, of each signal of `NoiseLevels`."""
 
     s: float = 0.0
     ey: float = 0.0
@@ -26,7 +31,7 @@ class Deviation(NamedTuple):
     psi_dot: float = 0.0
 
 
-#: What the fields of `Deviation` belong to, in the vehicle's true frame.
+#: The signals by the names of their fields in `NoiseLevels` and `MeasurementError`.
 SIGNALS = {
     's': 'position along [m]',
     'ey': 'position across [m]',
@@ -35,6 +40,7 @@ SIGNALS = {
     'v_y': 'v_y [m/s]',
     'psi_dot': 'yaw rate [rad/s]',
 }
+_NO_ERROR = MeasurementError()
 
 
 class Sensor:
@@ -46,33 +52,33 @@ class Sensor:
 
     Attributes
     ----------
-    deviation
+    noise
         The standard deviations.
 
     Examples
     --------
     >>> true = Motion(x=0.0, y=0.0, psi=0.0, v_x=8.0, v_y=0.0, psi_dot=0.0)
-    >>> measured, error = Sensor(Deviation(v_x=0.05), seed=1).measure(true)
+    >>> measured, error = Sensor(NoiseLevels(v_x=0.05), seed=1).measure(true)
     >>> measured.v_x - error.v_x == true.v_x
     True
     """
 
-    def __init__(self, deviation: Deviation | None = None, seed: int = 0) -> None:
-        """Measure with standard deviations `deviation`, zero unless given."""
-        self.deviation = deviation or Deviation()
+    def __init__(self, noise: NoiseLevels | None = None, seed: int = 0) -> None:
+        """Measure with these standard deviations, zero unless given."""
+        self.noise = noise or NoiseLevels()
         self._random = Random(seed)  # noqa: S311 (a simulation, not a secret)
 
     @property
     def is_noisy(self) -> bool:
         """Whether any signal has noise."""
-        return any(self.deviation)
+        return any(self.noise)
 
-    def measure(self, true: Motion) -> tuple[Motion, Deviation]:
+    def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
         """Return the motion as measured, and its error: measured minus true."""
-        if not any(self.deviation):
-            return true, self.deviation
+        if not any(self.noise):
+            return true, _NO_ERROR
         gauss = self._random.gauss
-        error = Deviation(*[sigma * gauss(0.0, 1.0) for sigma in self.deviation])
+        error = MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
         cos_psi, sin_psi = cos(true.psi), sin(true.psi)
         x = true.x + error.s * cos_psi + error.ey * -sin_psi
         y = true.y + error.s * sin_psi + error.ey * cos_psi

@@ -13,7 +13,7 @@ from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits
 from barc_sim.control.relay import PARAMETERS, RelayControl
 from barc_sim.control.velocity import VelocityDriver
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
@@ -39,7 +39,7 @@ def drive(
     """Drive on one grade; each command takes effect one step later. Return each step's state."""
     driver = driver or VelocityDriver()
     plant = Plant(road=Road((0.0,), (grade_deg,), name='one grade'))
-    command = following = Input()
+    command = following = Command()
     seen = []
     for k in range(round(seconds * STEPS_PER_SECOND)):
         t = k / STEPS_PER_SECOND

@@ -18,7 +18,7 @@ from barc_sim.figures.run_figures import speed_figure
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,7 +88,7 @@ def test_the_error_after_the_run_up_has_an_axis_of_its_own(log: Log) -> None:
 
 
 def test_measurements_are_drawn_where_they_differ_from_the_truth() -> None:
-    noisy = closed_loop(Plant(noise=Deviation(v_x=0.1)), distance=30.0)
+    noisy = closed_loop(Plant(noise=NoiseLevels(v_x=0.1)), distance=30.0)
     drawn = lines(speed_figure(noisy).axes[0])
     assert set(drawn) == {'measured', 'speed', 'reference'}
     assert np.array_equal(drawn['measured'][:, 1], noisy.v_x)
@@ -130,7 +130,7 @@ def test_a_figure_that_is_given_is_drawn_on(log: Log) -> None:
         first_state,
         lambda log: with_misses(log, 3, 700),
         lambda _: closed_loop(Plant(road=Road.flat()), distance=30.0),
-        lambda _: closed_loop(Plant(noise=Deviation(s=0.1, v_x=0.3)), distance=30.0),
+        lambda _: closed_loop(Plant(noise=NoiseLevels(s=0.1, v_x=0.3)), distance=30.0),
     ],
     ids=['lab', 'no controller', 'backwards', 'one state', 'misses', 'flat', 'noise'],
 )

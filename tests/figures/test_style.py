@@ -10,7 +10,7 @@ import pytest
 from barc_sim.figures.style import limits, reading, use_measurement
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_a_reading_is_rounded_with_its_unit(value: float, text: str) -> None:
 
 
 def test_the_measurement_stands_for_a_truth_that_is_unknown() -> None:
-    log = closed_loop(Plant(noise=Deviation(s=0.1, v_x=0.1)), distance=1.0)
+    log = closed_loop(Plant(noise=NoiseLevels(s=0.1, v_x=0.1)), distance=1.0)
     e_s, e_v_x = log.e_s.copy(), log.e_v_x.copy()
     e_s[-1] = e_v_x[-1] = np.nan
     shown = use_measurement(replace(log, e_s=e_s, e_v_x=e_v_x))

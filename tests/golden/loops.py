@@ -14,7 +14,7 @@ from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -41,7 +41,7 @@ _INPUTS = [
     (9.3, 1.0, -2.0, 0.0),
     (9.7, 0.0, 0.0, 0.0),
 ]
-_NOISE = Deviation(0.1, 0.05, 0.01, 0.05, 0.02, 0.01)
+_NOISE = NoiseLevels(0.1, 0.05, 0.01, 0.05, 0.02, 0.01)
 _MOTOR = Actuator(delay=0.03, lag=0.08, rate=60.0, limit=6.5)
 _SERVO = Actuator(delay=0.05, lag=0.1, rate=0.5, limit=0.125)
 _HILLS = Road((-5.0, 7.5, 31.0, 33.0, 70.0), (2.5, -4.0, 12.25, 0.125, -20.0))

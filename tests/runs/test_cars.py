@@ -18,7 +18,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import COLUMNS
 from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ def path(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path: 
 def test_each_car_drives_as_if_it_were_alone_with_noise_of_its_own(path: Path) -> None:
     for number in CARS:
         log = bag.read(path, f'/car{number}')
-        alone = closed_loop(Plant(noise=Deviation(v_x=0.1), seed=6 + number), distance=20.0)
+        alone = closed_loop(Plant(noise=NoiseLevels(v_x=0.1), seed=6 + number), distance=20.0)
         for column in set(COLUMNS) - {'missed'}:
             np.testing.assert_array_equal(getattr(log, column), getattr(alone, column), column)
 

@@ -15,7 +15,7 @@ from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
@@ -86,7 +86,7 @@ def test_log_has_road_forces_and_terms_of_each_state(lab_run: Log) -> None:
 
 
 def test_controller_sees_what_the_sensor_measures() -> None:
-    log = closed_loop(Plant(noise=Deviation(v_x=0.5)), PID(1.0, 0.0, 0.0), distance=20.0)
+    log = closed_loop(Plant(noise=NoiseLevels(v_x=0.5)), PID(1.0, 0.0, 0.0), distance=20.0)
     assert log.e_v_x.any()
     assert log.motor == pytest.approx(8.0 - log.v_x)
 
@@ -107,7 +107,7 @@ def test_state_exactly_at_the_distance_is_the_last() -> None:
 
 
 def test_true_position_ends_the_run() -> None:
-    plant = Plant(noise=Deviation(s=5.0), seed=1)
+    plant = Plant(noise=NoiseLevels(s=5.0), seed=1)
     log = closed_loop(plant, distance=30.0)
     assert plant.state.x >= 30.0
     assert log.distance[-2] < 30.0 < log.x[:-1].max()

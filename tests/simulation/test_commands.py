@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from barc_sim.simulation.commands import Commands
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
-GO, STOP = Input(motor=1.0), Input(motor=-1.0)
+GO, STOP = Command(motor=1.0), Command(motor=-1.0)
 
 
 def test_a_command_answers_the_state_of_its_stamp_only() -> None:

@@ -25,10 +25,10 @@ from barc_sim.simulation.log import (
     columns_of,
 )
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.bike_model import Input, State
+from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 MSG = Path(barc_sim.__file__).parents[1] / 'barc_interfaces/msg'
 
@@ -65,14 +65,14 @@ def test_log_is_not_changed_but_replaced(log: Log) -> None:
 @pytest.mark.parametrize('psi', [0.0, 0.5, 2.0, -3.0])
 def test_distance_and_speed_are_the_true_ones_behind_the_noise(log: Log, psi: float) -> None:
     plant = Plant(
-        road=Road.flat(), noise=Deviation(s=2.0, ey=3.0, epsi=0.4, v_x=0.5, v_y=1.0, psi_dot=1.0)
+        road=Road.flat(), noise=NoiseLevels(s=2.0, ey=3.0, epsi=0.4, v_x=0.5, v_y=1.0, psi_dot=1.0)
     )
     plant.state = State(x=3.0, y=-4.0, psi=psi, v=5.0)
     true, seen = [], []
     for _ in range(len(log)):
         true.append(plant.state)
         seen.append(plant.observe())
-        plant.advance(Input(1.0))
+        plant.advance(Command(1.0))
     measured = np.array([observation.measured for observation in seen]).T
     errors = np.array([observation.error for observation in seen]).T
     noisy = replace(

@@ -8,7 +8,7 @@ import pytest
 
 from barc_sim.simulation.convergence import drive
 from barc_sim.simulation.reference_drives import REFERENCE_DRIVES, ReferenceDrive
-from barc_sim.vehicle.bike_model import Input, State
+from barc_sim.vehicle.bike_model import Command, State
 
 EXACT = [test_drive for test_drive in REFERENCE_DRIVES if test_drive.exact]
 
@@ -29,7 +29,7 @@ def test_closed_form_is_where_a_fine_solution_goes(
 def test_car_on_the_labs_road_is_where_its_stretches_take_it() -> None:
     (lab,) = (test_drive for test_drive in REFERENCE_DRIVES if test_drive.name == "lab's road")
     assert lab.exact
-    unresisted = lab._replace(start=State(v=10.0), held=Input(0.01711 / 2000.0))
+    unresisted = lab._replace(start=State(v=10.0), held=Command(0.01711 / 2000.0))
     assert lab.exact(unresisted._replace(duration=1.5)) == pytest.approx((15.0, 0.0))
     climbed = 10.0 - 0.5 * 9.8 * sin(radians(10.0))
     assert lab.exact(unresisted._replace(duration=3.0)) == pytest.approx((20.0 + climbed, 0.0))

@@ -14,7 +14,7 @@ from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,7 @@ def test_keywords_make_plant_and_controller() -> None:
     plant = Plant(
         road=Road.flat(),
         vehicle=vehicle,
-        noise=Deviation(v_x=0.1),
+        noise=NoiseLevels(v_x=0.1),
         seed=3,
         motor=Actuator(delay=0.04),
         integrator='rk4',

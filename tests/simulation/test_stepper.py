@@ -13,10 +13,10 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 from barc_sim.simulation.stepper import Phase, Stepper
 from barc_sim.simulation.stepper_interface import Settings
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Input, State
+from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.plant import Observation, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 START = 10**18  #: [ns]
 PERIOD = 20_000_000  #: [ns]
@@ -34,7 +34,7 @@ class Engine:
         self.starts = self.ends = 0
         self.warnings: list[str] = []
         self.log: list[str] = []
-        self.late: list[tuple[Input, int]] = []  #: commands that are delivered on request only
+        self.late: list[tuple[Command, int]] = []  #: commands that are delivered on request only
         self.stepper = Stepper(
             lambda: Plant(road=Road.flat()),
             self,
@@ -83,7 +83,7 @@ class Engine:
     def answer(self, motor: float = 1.0) -> None:
         """Answer the present state."""
         assert self.stepper.refusal(self.stamp) is None
-        assert self.stepper.take_command(Input(motor), self.stamp) is None
+        assert self.stepper.take_command(Command(motor), self.stamp) is None
 
     def deadline(self, late: float = 0.0) -> None:
         """Let the next deadline pass, `late` [s]."""
@@ -107,7 +107,7 @@ def lock_step(**settings: float) -> Engine:
 
 def test_nothing_is_published_before_the_start() -> None:
     engine = Engine()
-    engine.stepper.take_command(Input(1.0), 0)
+    engine.stepper.take_command(Command(1.0), 0)
     engine.stepper.pass_deadline()
     engine.stepper.check()
     assert engine.stepper.phase is Phase.STARTING
@@ -129,7 +129,7 @@ def test_lock_step_has_no_deadlines() -> None:
     assert engine.stepper.deadline_period is None
     assert not engine.deadlines
     engine.stepper.pass_deadline()
-    assert engine.stepper.steps == 1
+    assert engine.stepper.states == 1
 
 
 def test_start_while_paused_publishes_the_first_state_and_stays_paused() -> None:
@@ -138,7 +138,7 @@ def test_start_while_paused_publishes_the_first_state_and_stays_paused() -> None
     assert engine.stepper.phase is Phase.STARTING
     engine.stepper.start()
     assert engine.stepper.phase is Phase.PAUSED
-    assert engine.stepper.steps == 1
+    assert engine.stepper.states == 1
     assert not engine.deadlines
 
 
@@ -148,10 +148,10 @@ def test_start_while_paused_publishes_the_first_state_and_stays_paused() -> None
 def test_lock_step_steps_on_the_answer_to_the_present_state_only() -> None:
     engine = lock_step()
     for stamp in (START - PERIOD, START - 1, START + PERIOD):
-        engine.stepper.take_command(Input(5.0), stamp)
-        assert engine.stepper.steps == 1
+        engine.stepper.take_command(Command(5.0), stamp)
+        assert engine.stepper.states == 1
     engine.answer(1.0)
-    assert engine.stepper.steps == 2
+    assert engine.stepper.states == 2
     assert engine.speed == pytest.approx(0.02, rel=1e-3)
     assert engine.stamp == START + PERIOD
 
@@ -159,9 +159,9 @@ def test_lock_step_steps_on_the_answer_to_the_present_state_only() -> None:
 def test_in_real_time_the_answered_state_is_stepped_at_the_deadline() -> None:
     engine = started()
     engine.answer(1.0)
-    assert engine.stepper.steps == 1
+    assert engine.stepper.states == 1
     engine.deadline()
-    assert engine.stepper.steps == 2
+    assert engine.stepper.states == 2
     assert engine.speed == pytest.approx(0.02, rel=1e-3)
     assert (engine.stepper.missed, engine.stepper.slipped) == (0, 0)
 
@@ -171,7 +171,7 @@ def test_missed_command_is_counted_and_the_last_one_holds() -> None:
     engine.answer(1.0)
     engine.deadline()
     engine.deadline()
-    assert engine.stepper.steps == 3
+    assert engine.stepper.states == 3
     assert engine.speed == pytest.approx(0.04, rel=1e-3)
     assert engine.stepper.missed == 1
     assert engine.warnings == ['state 1, missed 1']
@@ -180,18 +180,18 @@ def test_missed_command_is_counted_and_the_last_one_holds() -> None:
 def test_late_deadline_slips_and_the_state_can_still_be_answered() -> None:
     engine = started()
     engine.deadline(LATE)
-    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (1, 0, 1)
+    assert (engine.stepper.states, engine.stepper.missed, engine.stepper.slipped) == (1, 0, 1)
     assert not engine.warnings
     engine.answer(1.0)
     engine.deadline()
-    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 1)
+    assert (engine.stepper.states, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 1)
 
 
 def test_late_deadline_of_an_answered_state_is_a_step_and_no_slip() -> None:
     engine = started()
     engine.answer()
     engine.deadline(LATE)
-    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
+    assert (engine.stepper.states, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
 
 
 def test_whole_periods_that_were_lost_are_counted() -> None:
@@ -205,31 +205,31 @@ def test_whole_periods_that_were_lost_are_counted() -> None:
 
 def test_answer_that_waits_for_its_delivery_is_not_missed() -> None:
     engine = started()
-    engine.late.append((Input(1.0), START))
+    engine.late.append((Command(1.0), START))
     engine.deadline()
-    assert (engine.stepper.steps, engine.stepper.missed) == (2, 0)
+    assert (engine.stepper.states, engine.stepper.missed) == (2, 0)
     assert engine.speed > 0.0
 
 
 def test_step_of_an_answered_state_takes_no_later_command() -> None:
     engine = started()
     engine.answer(1.0)
-    engine.late.append((Input(9.0), 0))
+    engine.late.append((Command(9.0), 0))
     engine.deadline()
     assert engine.late
     assert engine.speed == pytest.approx(0.02, rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    'command', [Input(nan), Input(-inf), Input(0.0, nan), Input(101.0), Input(1.0, -1.6)]
+    'command', [Command(nan), Command(-inf), Command(0.0, nan), Command(101.0), Command(1.0, -1.6)]
 )
-def test_command_that_is_not_finite_or_out_of_range_is_refused(command: Input) -> None:
+def test_command_that_is_not_finite_or_out_of_range_is_refused(command: Command) -> None:
     engine = lock_step()
     why = engine.stepper.take_command(command, START)
     assert why == (
         f'a command beyond ±100 m/s² or ±1.5 rad: {float(command.motor)}, {float(command.servo)}'
     )
-    assert engine.stepper.steps == 1
+    assert engine.stepper.states == 1
 
 
 def test_command_out_of_order_is_refused() -> None:
@@ -249,10 +249,10 @@ def test_run_ends_with_the_answer_to_the_first_state_beyond_the_distance() -> No
     assert engine.ends == 1
     xs = [seen.true.x for _, seen, _ in engine.published]
     assert xs[-2] < 0.001 <= xs[-1]
-    engine.stepper.take_command(Input(8.0), 0)
+    engine.stepper.take_command(Command(8.0), 0)
     engine.stepper.pass_deadline()
     assert engine.stepper.single_step() == (False, 'the run has ended')
-    assert engine.stepper.steps == len(xs)
+    assert engine.stepper.states == len(xs)
 
 
 @pytest.mark.parametrize('reset_first', [False, True])
@@ -301,7 +301,7 @@ def test_laps_go_on_until_the_run_is_stopped_and_a_reset_of_an_ended_run_counts_
 def test_change_of_the_plant_takes_effect_with_the_next_step() -> None:
     engine = lock_step()
     delay = Actuator(delay=2 * PERIOD / 1e9)
-    engine.stepper.change(lambda plant: plant.retune(Deviation(), delay, Actuator()))
+    engine.stepper.change(lambda plant: plant.retune(NoiseLevels(), delay, Actuator()))
     for _ in range(4):
         engine.answer(5.0)
     speeds = [seen.true.v_x for _, seen, _ in engine.published]
@@ -313,7 +313,7 @@ def test_car_without_commands_brakes_after_the_timeout() -> None:
     engine = started(command_timeout=0.5)
     engine.deadline()
     assert not engine.warnings  # the timeout counts from the start
-    engine.stepper.take_command(Input(4.0), 0)
+    engine.stepper.take_command(Command(4.0), 0)
     for _ in range(25):
         engine.deadline()
     top = engine.speed
@@ -324,7 +324,7 @@ def test_car_without_commands_brakes_after_the_timeout() -> None:
     assert top > 1.5
     assert engine.speed == pytest.approx(0.0, abs=1e-9)
     assert engine.stepper.missed == 0
-    engine.stepper.take_command(Input(4.0), 0)
+    engine.stepper.take_command(Command(4.0), 0)
     engine.deadline()
     assert engine.speed > 0.0
 
@@ -341,10 +341,10 @@ def test_time_stands_still_while_paused(factor: float) -> None:
     engine.answer()
     engine.stepper.pass_deadline()
     assert engine.stepper.phase is Phase.PAUSED
-    assert engine.stepper.steps == 1
+    assert engine.stepper.states == 1
     assert engine.stepper.pause(on=False)
     assert engine.stepper.phase is Phase.RUNNING
-    assert engine.stepper.steps == (1 if factor else 2)  # lock-step: the answer is there
+    assert engine.stepper.states == (1 if factor else 2)  # lock-step: the answer is there
     assert engine.deadlines == bool(factor)
 
 
@@ -355,7 +355,7 @@ def test_pause_is_no_lost_time() -> None:
     engine.stepper.pause(on=False)
     engine.answer()
     engine.deadline()
-    assert (engine.stepper.steps, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
+    assert (engine.stepper.states, engine.stepper.missed, engine.stepper.slipped) == (2, 0, 0)
 
 
 def test_stamps_that_a_pause_left_behind_are_warned_of_once_until_a_reset() -> None:
@@ -368,14 +368,14 @@ def test_stamps_that_a_pause_left_behind_are_warned_of_once_until_a_reset() -> N
         engine.wall += PERIOD
         engine.deadline()
     assert engine.warnings == ['6.05 s behind']
-    assert engine.stepper.behind == 12.05
+    assert engine.stepper.stamp_lag == 12.05
 
     engine.answer()
     engine.stepper.reset()
     engine.stepper.start()
 
     assert engine.stamp == engine.wall
-    assert engine.stepper.behind == 0.0
+    assert engine.stepper.stamp_lag == 0.0
 
 
 @pytest.mark.parametrize('factor', [0.0, 0.5, 4.0])
@@ -390,7 +390,7 @@ def test_stamps_at_another_pace_continue_whatever_the_wall_clock_says(factor: fl
     before = engine.stamp
     engine.stepper.start()
     assert engine.stamp == before + PERIOD
-    assert (engine.stepper.behind, engine.warnings) == (0.0, [])
+    assert (engine.stepper.stamp_lag, engine.warnings) == (0.0, [])
 
 
 def test_single_step_while_paused() -> None:
@@ -399,11 +399,11 @@ def test_single_step_while_paused() -> None:
     engine.answer()
     assert engine.stepper.single_step() == (True, 'state 1')
     assert engine.stepper.single_step() == (True, 'state 1 is not answered yet: the step follows')
-    assert engine.stepper.steps == 2
+    assert engine.stepper.states == 2
     engine.answer()
-    assert engine.stepper.steps == 3
+    assert engine.stepper.states == 3
     engine.answer()
-    assert engine.stepper.steps == 3
+    assert engine.stepper.states == 3
     assert engine.stepper.phase is Phase.PAUSED
 
 
@@ -413,7 +413,7 @@ def test_step_that_was_not_taken_is_forgotten_when_time_runs_again() -> None:
     engine.stepper.single_step()
     engine.stepper.pause(on=False)
     engine.answer()
-    assert engine.stepper.steps == 1
+    assert engine.stepper.states == 1
 
 
 def test_single_step_is_refused_while_time_runs() -> None:
@@ -475,7 +475,7 @@ def test_reset_of_an_answered_state_starts_again_with_later_stamps(factor: float
     engine.stepper.start()
     t, seen, stamp = engine.published[-1]
     assert (t, seen.true.x, stamp) == (0.0, 0.0, before + PERIOD)
-    assert engine.stepper.steps == 7
+    assert engine.stepper.states == 7
 
 
 @pytest.mark.parametrize('how', ['answer', 'deadline', 'late deadline', 'delivery', 'check'])
@@ -493,12 +493,12 @@ def test_reset_of_a_state_that_is_not_answered_waits(how: str) -> None:
         assert engine.stepper.phase is Phase.RUNNING
         engine.deadline()
     elif how == 'delivery':
-        engine.late.append((Input(1.0), START))
+        engine.late.append((Command(1.0), START))
         engine.deadline()
     else:
         engine.stepper.check()
     assert engine.stepper.phase is Phase.STARTING
-    assert engine.stepper.steps == engine.starts == 1
+    assert engine.stepper.states == engine.starts == 1
     engine.stepper.start()
     engine.answer()
     engine.deadline()
@@ -547,14 +547,14 @@ class AnyEvents(RuleBasedStateMachine):
     def command(self, motor: float, age: int) -> None:
         stamp = (self.engine.stamp if self.engine.published else START) + age * PERIOD
         if self.stepper.refusal(stamp) is None:
-            self.stepper.take_command(Input(motor), stamp)
+            self.stepper.take_command(Command(motor), stamp)
 
     @precondition(lambda self: self.engine.deadlines)
     @rule(late=st.floats(0.0, 0.1))
     def deadline(self, late: float) -> None:
-        before = self.stepper.steps, self.stepper.missed, self.stepper.slipped
+        before = self.stepper.states, self.stepper.missed, self.stepper.slipped
         self.engine.deadline(late)
-        steps, missed, slipped = self.stepper.steps, self.stepper.missed, self.stepper.slipped
+        steps, missed, slipped = self.stepper.states, self.stepper.missed, self.stepper.slipped
         assert steps - before[0] in {0, 1}
         assert missed - before[1] <= (slipped == before[2])
 
@@ -564,9 +564,9 @@ class AnyEvents(RuleBasedStateMachine):
 
     @rule()
     def single_step(self) -> None:
-        before = self.stepper.steps
+        before = self.stepper.states
         done, _ = self.stepper.single_step()
-        assert self.stepper.steps <= before + done
+        assert self.stepper.states <= before + done
 
     @rule(x=st.floats(-1.0, 1.0))
     def place(self, x: float) -> None:
@@ -587,7 +587,7 @@ class AnyEvents(RuleBasedStateMachine):
             assert self.stepper.paused == (self.stepper.phase is Phase.PAUSED)
         stamps = [stamp for *_, stamp in self.engine.published]
         assert stamps == [START + k * PERIOD for k in range(len(stamps))]
-        assert len(stamps) == self.stepper.steps
+        assert len(stamps) == self.stepper.states
 
 
 TestAnyEvents = AnyEvents.TestCase

@@ -11,7 +11,7 @@ from barc_sim.control.pid import speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.tuning.course import Course
 from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 
 def test_the_default_course_is_the_run() -> None:
@@ -22,7 +22,7 @@ def test_the_default_course_is_the_run() -> None:
 
 def test_the_noise_is_that_of_a_run_with_the_seed() -> None:
     course = Course(noise=0.2, seed=7)
-    run = closed_loop(Plant(noise=Deviation(v_x=0.2), seed=7))
+    run = closed_loop(Plant(noise=NoiseLevels(v_x=0.2), seed=7))
     assert run.e_v_x.tolist() == list(course.errors[: len(run)])
 
 

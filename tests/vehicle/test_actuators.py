@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.vehicle.actuators import Actuator, Actuators, Channel
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
 TS = 0.02
 properties = settings(deadline=None, derandomize=True)
@@ -32,7 +32,7 @@ def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tup
 @given(motor=values, servo=values)
 def test_actuators_that_are_off_do_what_is_commanded(motor: float, servo: float) -> None:
     actuators = Actuators(Actuator(), Actuator(), TS)
-    command = Input(motor, servo)
+    command = Command(motor, servo)
     # The very command: not even the sign of a zero may change.
     assert actuators.advance(command) is command
     assert actuators.now is command
@@ -43,7 +43,7 @@ def test_actuators_that_are_off_do_what_is_commanded(motor: float, servo: float)
 def test_one_actuator_leaves_the_other_alone(commands: list[float], lag: float) -> None:
     actuators = Actuators(Actuator(), Actuator(lag=lag), TS)
     for command in commands:
-        assert actuators.advance(Input(command, 1.0)).motor == command == actuators.now.motor
+        assert actuators.advance(Command(command, 1.0)).motor == command == actuators.now.motor
         assert 0.0 < actuators.now.servo < 1.0
 
 
@@ -157,13 +157,13 @@ def test_brakes_act_at_once_and_the_motor_begins_anew() -> None:
     slow = Actuator(delay=0.1, lag=0.2, rate=1.0, limit=2.0)
     actuators = Actuators(slow, slow, TS)
     for _ in range(20):
-        actuators.advance(Input(2.0, 0.3))
+        actuators.advance(Command(2.0, 0.3))
     steered = actuators.now.servo
-    assert actuators.brake(Input(-8.0, 0.3)).motor == -8.0
+    assert actuators.brake(Command(-8.0, 0.3)).motor == -8.0
     assert actuators.now.motor == -8.0
     assert actuators.now.servo > steered
-    assert [actuators.advance(Input(2.0, 0.3)).motor for _ in range(5)] == [0.0] * 5
-    assert actuators.advance(Input(2.0, 0.3)).motor > 0.0
+    assert [actuators.advance(Command(2.0, 0.3)).motor for _ in range(5)] == [0.0] * 5
+    assert actuators.advance(Command(2.0, 0.3)).motor > 0.0
 
 
 # Replaced while it works
@@ -173,9 +173,9 @@ def test_brakes_act_at_once_and_the_motor_begins_anew() -> None:
 def test_replaced_delay_counts_from_the_next_command(before: int, after: int) -> None:
     actuators = Actuators(Actuator(delay=before * TS), Actuator(), TS)
     for k in range(1, 11):
-        actuators.advance(Input(float(k)))
+        actuators.advance(Command(float(k)))
     actuators.replace(Actuator(delay=after * TS), Actuator())
-    acted = [actuators.advance(Input(float(k))).motor for k in range(11, 21)]
+    acted = [actuators.advance(Command(float(k))).motor for k in range(11, 21)]
     # Where the delay grew, the command that acts now acts meanwhile.
     assert acted == [max(k - after, 10.0 - before) for k in range(11, 21)]
 
@@ -183,6 +183,6 @@ def test_replaced_delay_counts_from_the_next_command(before: int, after: int) ->
 def test_replaced_limit_cuts_what_is_on_its_way() -> None:
     actuators = Actuators(Actuator(delay=2 * TS), Actuator(), TS)
     for _ in range(5):
-        actuators.advance(Input(6.0))
+        actuators.advance(Command(6.0))
     actuators.replace(Actuator(delay=2 * TS, limit=4.0), Actuator())
-    assert actuators.advance(Input(6.0)).motor == 4.0
+    assert actuators.advance(Command(6.0)).motor == 4.0

@@ -10,8 +10,8 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from barc_sim.vehicle.bike_model import (
+    Command,
     Forces,
-    Input,
     State,
     Vehicle,
     bikeFE,
@@ -51,7 +51,7 @@ def drive(
 ) -> State:
     state = State(v=v)
     for _ in range(round(duration / ts)):
-        state = step(state, Input(a, d_f), theta, vehicle, ts)
+        state = step(state, Command(a, d_f), theta, vehicle, ts)
     return state
 
 
@@ -186,16 +186,16 @@ def test_circle_has_radius_l_r_over_sin_beta_at_first_order(d_f: float, v: float
 def test_left_is_the_mirror_of_right(
     y: float, psi: float, v: float, a: float, d_f: float, theta: float
 ) -> None:
-    left = step(State(1.0, y, psi, v), Input(a, d_f), theta, ODD_VEHICLE, TS)
-    right = step(State(1.0, -y, -psi, v), Input(a, -d_f), theta, ODD_VEHICLE, TS)
+    left = step(State(1.0, y, psi, v), Command(a, d_f), theta, ODD_VEHICLE, TS)
+    right = step(State(1.0, -y, -psi, v), Command(a, -d_f), theta, ODD_VEHICLE, TS)
     assert right == State(left.x, -left.y, -left.psi, left.v)
 
 
 @properties
 @given(v=speeds, a=accelerations, d_f=steerings, theta=inclines)
 def test_reverse_is_the_mirror_of_forward(v: float, a: float, d_f: float, theta: float) -> None:
-    forward = step(State(v=v), Input(a, d_f), theta, ODD_VEHICLE, TS)
-    reverse = step(State(v=-v), Input(-a, d_f), -theta, ODD_VEHICLE, TS)
+    forward = step(State(v=v), Command(a, d_f), theta, ODD_VEHICLE, TS)
+    reverse = step(State(v=-v), Command(-a, d_f), -theta, ODD_VEHICLE, TS)
     assert reverse == State(*(-value for value in forward))
 
 
@@ -204,8 +204,8 @@ def test_reverse_is_the_mirror_of_forward(v: float, a: float, d_f: float, theta:
 def test_motion_does_not_depend_on_place(
     x: float, y: float, psi: float, v: float, a: float, d_f: float
 ) -> None:
-    here = step(State(0.0, 0.0, psi, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
-    there = step(State(x, y, psi, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
+    here = step(State(0.0, 0.0, psi, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
+    there = step(State(x, y, psi, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
     assert (there.x - x, there.y - y) == pytest.approx((here.x, here.y), abs=1e-9)
     assert (there.psi, there.v) == (here.psi, here.v)
 
@@ -215,8 +215,8 @@ def test_motion_does_not_depend_on_place(
 def test_motion_turns_with_the_heading(
     turn: float, psi: float, v: float, a: float, d_f: float
 ) -> None:
-    before = step(State(0.0, 0.0, psi, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
-    after = step(State(0.0, 0.0, psi + turn, v), Input(a, d_f), 0.1, ODD_VEHICLE, TS)
+    before = step(State(0.0, 0.0, psi, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
+    after = step(State(0.0, 0.0, psi + turn, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
     assert after.x == pytest.approx(before.x * cos(turn) - before.y * sin(turn), abs=1e-9)
     assert after.y == pytest.approx(before.x * sin(turn) + before.y * cos(turn), abs=1e-9)
     assert after.psi == pytest.approx(before.psi + turn, abs=1e-9)
@@ -228,7 +228,7 @@ def test_motion_turns_with_the_heading(
 
 def test_step_is_bike_fe_with_the_vehicles_parameters() -> None:
     car = {'a0': 0.7, 'm': 1700.0, 'Ff': 90.0, 'l_f': 1.1, 'l_r': 1.9, 'g': 3.7}
-    stepped = step(State(1.0, 2.0, 0.3, 4.0), Input(0.5, 0.2), 0.1, ODD_VEHICLE, TS)
+    stepped = step(State(1.0, 2.0, 0.3, 4.0), Command(0.5, 0.2), 0.1, ODD_VEHICLE, TS)
     assert [*stepped] == bikeFE(1.0, 2.0, 0.3, 4.0, 0.5, 0.2, theta=0.1, ts=TS, **car)
 
 
@@ -239,7 +239,7 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
 ) -> None:
     state = State(1.0, 2.0, psi, v)
     seen = motion(state, d_f, ODD_VEHICLE)
-    after = step(state, Input(0.0, d_f), 0.0, ODD_VEHICLE, 1.0)
+    after = step(state, Command(0.0, d_f), 0.0, ODD_VEHICLE, 1.0)
     d_x, d_y = after.x - state.x, after.y - state.y
     assert seen[:3] == state[:3]
     assert seen.v_x == pytest.approx(d_x * cos(psi) + d_y * sin(psi), abs=1e-9)
@@ -251,7 +251,7 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
 @given(v=speeds, theta=inclines)
 def test_forces_sum_to_what_accelerates_the_vehicle(v: float, theta: float) -> None:
     assume(abs(v) > 1.0)
-    after = step(State(v=v), Input(), theta, ODD_VEHICLE, TS)
+    after = step(State(v=v), Command(), theta, ODD_VEHICLE, TS)
     total = sum(forces(v, sin(theta), ODD_VEHICLE))
     assert total / ODD_VEHICLE.mass == pytest.approx((after.v - v) / TS, abs=1e-9)
 

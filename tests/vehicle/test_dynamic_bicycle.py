@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Input, Motion, State, Vehicle, motion
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle, rates
 from barc_sim.vehicle.integrators import rk4
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
@@ -45,12 +45,12 @@ def at_speed(bicycle: DynamicBicycle, vehicle: Vehicle, v: float, servo: float, 
     """Return the motion after `t` seconds of constant steering, its speed held at `v`."""
     state = State(v=v)
     for _ in range(round(t / TS)):
-        state = bicycle.step(state, Input(0.0, servo), flat, vehicle, TS)._replace(v=v)
+        state = bicycle.step(state, Command(0.0, servo), flat, vehicle, TS)._replace(v=v)
     return bicycle.motion(state, servo, vehicle)
 
 
 def lateral_rates(v: float, v_y: float, psi_dot: float, servo: float = 0.0) -> tuple[float, float]:
-    derivative = rates(Input(0.0, servo), flat, ODD, OVERSTEERING)
+    derivative = rates(Command(0.0, servo), flat, ODD, OVERSTEERING)
     return derivative((0.0, 0.0, 0.0, v, v_y, psi_dot))[4:]  # type: ignore[return-value]
 
 
@@ -78,10 +78,10 @@ def test_oversteering_car_is_stable_up_to_its_critical_speed(share: float, *, gr
     v = share * critical_speed()
     bicycle = DynamicBicycle(OVERSTEERING, 'rk4')
     state = State(v=v)
-    disturbed = Input(0.0, 1e-7)
+    disturbed = Command(0.0, 1e-7)
     yaw_rates = []
     for k in range(4000):
-        held = disturbed if k < 20 else Input()
+        held = disturbed if k < 20 else Command()
         state = bicycle.step(state, held, flat, CAR, TS)._replace(v=v)
         yaw_rates.append(bicycle.motion(state, 0.0, CAR).psi_dot)
     rate = eigenvalues(CAR, OVERSTEERING, v)[0].real
@@ -105,7 +105,7 @@ def test_free_response_turns_and_decays_with_the_eigenvalues() -> None:
     v = 40.0
     (rate, _) = eigenvalues(CAR, UNDERSTEERING, v)
     assert rate.imag > 0.0
-    derivative = rates(Input(), flat, CAR, UNDERSTEERING)
+    derivative = rates(Command(), flat, CAR, UNDERSTEERING)
     (a, b), _ = lateral_matrix(CAR, UNDERSTEERING, v)
     # The real part of an eigenvector's motion: half a turn later it is the negative, decayed.
     begin = (1e-6, 1e-6 * ((rate - a) / b).real)
@@ -121,7 +121,7 @@ def test_free_response_turns_and_decays_with_the_eigenvalues() -> None:
 
 
 def test_straight_car_is_the_kinematic_one() -> None:
-    vehicle, held = Vehicle(), Input(1.0, 0.0)
+    vehicle, held = Vehicle(), Command(1.0, 0.0)
     bicycle, kinematic = DynamicBicycle(integrator='rk4'), KinematicBicycle('rk4')
     state = other = State(v=2.0)
     for _ in range(1000):
@@ -138,8 +138,10 @@ def test_straight_car_is_the_kinematic_one() -> None:
     servo=st.floats(-0.3, 0.3),
 )
 def test_left_is_the_mirror_of_right(v: float, v_y: float, psi_dot: float, servo: float) -> None:
-    left = rates(Input(1.0, servo), flat, ODD, OVERSTEERING)((0.0, 0.0, 0.3, v, v_y, psi_dot))
-    right = rates(Input(1.0, -servo), flat, ODD, OVERSTEERING)((0.0, 0.0, -0.3, v, -v_y, -psi_dot))
+    left = rates(Command(1.0, servo), flat, ODD, OVERSTEERING)((0.0, 0.0, 0.3, v, v_y, psi_dot))
+    right = rates(Command(1.0, -servo), flat, ODD, OVERSTEERING)(
+        (0.0, 0.0, -0.3, v, -v_y, -psi_dot)
+    )
     assert right == (left[0], -left[1], -left[2], left[3], -left[4], -left[5])
 
 
@@ -153,7 +155,7 @@ def test_left_is_the_mirror_of_right(v: float, v_y: float, psi_dot: float, servo
 def test_energy_changes_by_the_power_of_the_tyres_alone(
     v: float, v_y: float, psi_dot: float, servo: float
 ) -> None:
-    slopes = rates(Input(0.0, servo), flat, ODD, OVERSTEERING)((0, 0, 0, v, v_y, psi_dot))
+    slopes = rates(Command(0.0, servo), flat, ODD, OVERSTEERING)((0, 0, 0, v, v_y, psi_dot))
     gain = ODD.mass * (v * slopes[3] + v_y * slopes[4]) + 4000.0 * psi_dot * slopes[5]
     front_y, rear_y = v_y + 1.1 * psi_dot, v_y - 1.58 * psi_dot
     front = 160e3 * (servo - atan2(front_y, v))
@@ -167,7 +169,7 @@ def test_energy_changes_by_the_power_of_the_tyres_alone(
 def test_grade_resistance_and_command_act_along_the_car() -> None:
     vehicle = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0)
     theta = radians(7.0)
-    slopes = rates(Input(1.5), lambda _: theta, vehicle, LateralParameters())(
+    slopes = rates(Command(1.5), lambda _: theta, vehicle, LateralParameters())(
         (0, 0, 1.0, 10.0, 0.0, 0.0)
     )
     assert slopes[3] == pytest.approx(1.5 - 9.8 * sin(theta) - (2.0 * 100.0 + 30.0) / 1000.0)
@@ -177,7 +179,7 @@ def test_grade_resistance_and_command_act_along_the_car() -> None:
 def test_state_is_the_speed_of_the_centre_of_mass() -> None:
     bicycle, state = DynamicBicycle(integrator='rk4'), State(v=20.0)
     for _ in range(200):
-        state = bicycle.step(state, Input(0.0, 0.05), flat, CAR, TS)
+        state = bicycle.step(state, Command(0.0, 0.05), flat, CAR, TS)
     seen = bicycle.motion(state, 0.05, CAR)
     assert state.v == pytest.approx(sqrt(seen.v_x**2 + seen.v_y**2))
     assert (seen.x, seen.y, seen.psi) == state[:3]
@@ -194,7 +196,7 @@ def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float
     bicycle, state = DynamicBicycle(OVERSTEERING, integrator), State(v=30.0)
     for command in commands:
         for _ in range(25):
-            state = bicycle.step(state, Input(*command), flat, Vehicle(), 0.02)
+            state = bicycle.step(state, Command(*command), flat, Vehicle(), 0.02)
             assert all(map(isfinite, bicycle.motion(state, command[1], Vehicle())))
 
 
@@ -205,7 +207,7 @@ def test_car_that_spins_stays_finite(integrator: str, commands: list[tuple[float
 @pytest.mark.parametrize('v', [-8.0, -1.0, 0.0, 2.0])
 def test_slow_or_reversing_car_is_the_kinematic_one(integrator: str, v: float) -> None:
     bicycle, kinematic = DynamicBicycle(integrator=integrator), KinematicBicycle(integrator)
-    held, state = Input(-0.5, 0.3), State(1.0, 2.0, 0.3, v)
+    held, state = Command(-0.5, 0.3), State(1.0, 2.0, 0.3, v)
     found = bicycle.step(state, held, flat, ODD, TS)
     assert found == kinematic.step(state, held, flat, ODD, TS)
     assert bicycle.motion(found, 0.3, ODD) == motion(found, 0.3, ODD)
@@ -215,7 +217,7 @@ def test_car_that_speeds_up_goes_over_without_a_jump() -> None:
     bicycle, state = DynamicBicycle(integrator='rk4'), State(v=2.9)
     seen = []
     for _ in range(200):
-        state = bicycle.step(state, Input(1.0, 0.1), flat, CAR, TS)
+        state = bicycle.step(state, Command(1.0, 0.1), flat, CAR, TS)
         seen.append(bicycle.motion(state, 0.1, CAR)[3:])
     assert seen[0][0] < 3.0 < seen[-1][0]
     jumps = [max(abs(b - a) for a, b in zip(*pair, strict=True)) for pair in pairwise(seen)]
@@ -226,7 +228,7 @@ def test_car_that_slows_down_ends_at_rest() -> None:
     bicycle, state = DynamicBicycle(), State(v=12.0)
     vehicle = Vehicle(friction=4000.0)
     for _ in range(3000):
-        state = bicycle.step(state, Input(0.0, 0.1), flat, vehicle, TS)
+        state = bicycle.step(state, Command(0.0, 0.1), flat, vehicle, TS)
         assert state.v >= 0.0
     assert state.v == 0.0
     assert bicycle.motion(state, 0.1, vehicle)[3:] == (0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, slip_angle, step
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle, step
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 
 TS = 0.02
@@ -18,7 +18,7 @@ speeds = st.floats(-30.0, 30.0)
 properties = settings(deadline=None, derandomize=True)
 
 
-def drive(state: State, held: Input, vehicle: Vehicle, steps: int, theta: float = 0.0) -> State:
+def drive(state: State, held: Command, vehicle: Vehicle, steps: int, theta: float = 0.0) -> State:
     bicycle = KinematicBicycle('rk4')
     for _ in range(steps):
         state = bicycle.step(state, held, lambda _: theta, vehicle, TS)
@@ -28,7 +28,7 @@ def drive(state: State, held: Input, vehicle: Vehicle, steps: int, theta: float 
 @properties
 @given(v=speeds, motor=st.floats(-8.0, 8.0), servo=st.floats(-0.6, 0.6))
 def test_euler_is_the_labs_step_to_the_last_bit(v: float, motor: float, servo: float) -> None:
-    state, held = State(3.0, -1.0, 0.4, v), Input(motor, servo)
+    state, held = State(3.0, -1.0, 0.4, v), Command(motor, servo)
     found = KinematicBicycle().step(state, held, lambda x: 0.1 * x, ODD_VEHICLE, TS)
     assert found == step(state, held, 0.1 * 3.0, ODD_VEHICLE, TS)
 
@@ -37,7 +37,7 @@ def test_rk4_takes_a_circle_round() -> None:
     radius = 1.5 / sin(slip_angle(0.3))
     angle = 8.0 * 2.0 / radius
     beta = slip_angle(0.3)
-    state = drive(State(v=8.0), Input(0.0, 0.3), FREE, 100)
+    state = drive(State(v=8.0), Command(0.0, 0.3), FREE, 100)
     assert state.psi == pytest.approx(angle)
     centre = (-radius * sin(beta), radius * sqrt(1.0 - sin(beta) ** 2))
     distance = sqrt((state.x - centre[0]) ** 2 + (state.y - centre[1]) ** 2)
@@ -49,7 +49,7 @@ def test_rk4_rolls_downhill_against_drag_as_the_closed_form_has_it() -> None:
     pull = 1000.0 * 9.8 * sin(radians(10.0)) - 50.0
     terminal, rate = sqrt(pull / 20.0), sqrt(pull * 20.0) / 1000.0
     phase = atanh(3.0 / terminal)
-    state = drive(State(v=3.0), Input(), vehicle, 200, radians(-10.0))
+    state = drive(State(v=3.0), Command(), vehicle, 200, radians(-10.0))
     assert state.v == pytest.approx(terminal * tanh(phase + rate * 4.0), rel=1e-10)
     way = terminal / rate * log(cosh(phase + rate * 4.0) / cosh(phase))
     assert state.x == pytest.approx(way, rel=1e-10)
@@ -62,7 +62,7 @@ def test_rk4_reads_the_grade_along_the_step() -> None:
         seen.append(x)
         return 0.0
 
-    KinematicBicycle('rk4').step(State(5.0, v=10.0), Input(), grade, FREE, TS)
+    KinematicBicycle('rk4').step(State(5.0, v=10.0), Command(), grade, FREE, TS)
     assert seen == pytest.approx([5.0, 5.1, 5.1, 5.2])
 
 
@@ -70,5 +70,5 @@ def test_rk4_reads_the_grade_along_the_step() -> None:
 @given(v=st.floats(-1.0, 1.0), friction=st.floats(0.0, 1e6), a0=st.floats(0.0, 1e3))
 def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, a0: float) -> None:
     vehicle = Vehicle(mass=2000.0, air_drag_coeff=a0, friction=friction)
-    found = drive(State(v=v), Input(), vehicle, 1).v
+    found = drive(State(v=v), Command(), vehicle, 1).v
     assert 0.0 <= found <= v or v <= found <= 0.0

@@ -9,13 +9,13 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.actuators import Actuator, Channel
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, bikeFE, forces, motion, step
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE, forces, motion, step
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation, Sensor
+from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
 VEHICLE = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0, l_f=1.1, l_r=1.9, gravity=9.0)
@@ -31,7 +31,7 @@ ALL_ON: dict[str, Any] = {
 }
 
 
-def plant_at(state: State, *, noise: Deviation | None = None, seed: int = 0) -> Plant:
+def plant_at(state: State, *, noise: NoiseLevels | None = None, seed: int = 0) -> Plant:
     plant = Plant(road=HILL, vehicle=VEHICLE, ts=0.05, noise=noise, seed=seed)
     plant.state = state
     return plant
@@ -45,7 +45,7 @@ def test_observation_has_road_and_forces_where_the_vehicle_is() -> None:
 
 
 def test_each_observation_draws_new_noise_from_the_seed() -> None:
-    noise = Deviation(s=1.0, v_x=0.5)
+    noise = NoiseLevels(s=1.0, v_x=0.5)
     plant, sensor = plant_at(STATE, noise=noise, seed=4), Sensor(noise, 4)
     for _ in range(3):
         seen = plant.observe()
@@ -56,19 +56,19 @@ def test_each_observation_draws_new_noise_from_the_seed() -> None:
 def test_step_is_taken_on_the_grade_where_it_begins(x: float, grade_deg: float) -> None:
     begin = STATE._replace(x=x)
     plant = plant_at(begin)
-    plant.advance(Input(2.0, 0.1))
-    assert plant.state == step(begin, Input(2.0, 0.1), radians(grade_deg), VEHICLE, 0.05)
+    plant.advance(Command(2.0, 0.1))
+    assert plant.state == step(begin, Command(2.0, 0.1), radians(grade_deg), VEHICLE, 0.05)
 
 
 def test_last_command_holds_until_the_next() -> None:
     held, repeated = plant_at(STATE), plant_at(STATE)
-    held.advance(Input(2.0, 0.1))
+    held.advance(Command(2.0, 0.1))
     held.advance()
-    repeated.advance(Input(2.0, 0.1))
-    repeated.advance(Input(2.0, 0.1))
+    repeated.advance(Command(2.0, 0.1))
+    repeated.advance(Command(2.0, 0.1))
     assert held.state == repeated.state
-    held.advance(Input(0.0, 0.0))
-    repeated.advance(Input(0.0, 0.0))
+    held.advance(Command(0.0, 0.0))
+    repeated.advance(Command(0.0, 0.0))
     assert held.state == repeated.state
 
 
@@ -76,16 +76,16 @@ def test_replaced_vehicle_counts_from_the_next_step() -> None:
     plant = plant_at(STATE)
     plant.vehicle = Vehicle()
     assert plant.observe().forces == forces(6.0, sin(radians(-7.0)), Vehicle())
-    plant.advance(Input(1.0))
-    assert plant.state == step(STATE, Input(1.0), radians(-7.0), Vehicle(), 0.05)
+    plant.advance(Command(1.0))
+    assert plant.state == step(STATE, Command(1.0), radians(-7.0), Vehicle(), 0.05)
 
 
 def test_brake_decelerates_at_its_limit_and_keeps_the_wheel() -> None:
     plant = plant_at(State(v=6.0))
-    plant.advance(Input(servo=0.2))
+    plant.advance(Command(servo=0.2))
     plant.state = State(v=6.0)
     plant.brake(3.0)
-    assert plant.state == step(State(v=6.0), Input(-3.0, 0.2), radians(5.0), VEHICLE, 0.05)
+    assert plant.state == step(State(v=6.0), Command(-3.0, 0.2), radians(5.0), VEHICLE, 0.05)
 
 
 def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
@@ -111,8 +111,8 @@ def test_step_holds_the_mean_of_what_the_actuators_do(integrator: str) -> None:
     motor, servo, bicycle = Channel(SLOW, 0.05), Channel(SLOW, 0.05), KinematicBicycle(integrator)
     state = plant.state = STATE
     for k in range(30):
-        command = Input(4.0 - k / 5.0, 0.01 * k)
-        held = Input(motor.advance(command.motor), servo.advance(command.servo))
+        command = Command(4.0 - k / 5.0, 0.01 * k)
+        held = Command(motor.advance(command.motor), servo.advance(command.servo))
         state = bicycle.step(state, held, lambda x: radians(HILL.grade_deg(x)), VEHICLE, 0.05)
         plant.advance(command)
         assert plant.state == state
@@ -123,7 +123,7 @@ def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_comm
     plant.state = State(v=6.0)
     told = []
     for _ in range(3):
-        plant.advance(Input(0.0, 0.3))
+        plant.advance(Command(0.0, 0.3))
         seen = plant.observe()
         assert seen.true == motion(plant.state, seen.acting.servo, plant.vehicle)
         told.append(seen.acting.servo)
@@ -132,21 +132,21 @@ def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_comm
 
 def test_without_actuators_the_command_acts() -> None:
     plant = Plant()
-    assert plant.observe().acting == Input()
-    plant.advance(Input(1.5, 0.2))
-    assert plant.observe().acting == Input(1.5, 0.2)
+    assert plant.observe().acting == Command()
+    plant.advance(Command(1.5, 0.2))
+    assert plant.observe().acting == Command(1.5, 0.2)
 
 
 def test_placed_car_has_no_command_on_its_way() -> None:
     plant, fresh = Plant(**ALL_ON), Plant(**ALL_ON)
     for _ in range(50):
-        plant.advance(Input(4.0, 0.2))
+        plant.advance(Command(4.0, 0.2))
     for car in (plant, fresh):
         car.place(State(x=1.0, v=9.0))
-        assert car.observe().acting == Input()
+        assert car.observe().acting == Command()
     for _ in range(20):
-        plant.advance(Input())
-        fresh.advance(Input())
+        plant.advance(Command())
+        fresh.advance(Command())
         assert plant.observe() == fresh.observe()
 
 
@@ -158,7 +158,7 @@ def test_placed_car_has_no_command_on_its_way() -> None:
 def test_brake_stops_the_car_whatever_is_on(on: dict[str, Any], x: float, v: float) -> None:
     plant = Plant(road=HILL, vehicle=VEHICLE, ts=0.02, **on)
     for _ in range(20):
-        plant.advance(Input(4.0, 0.1))
+        plant.advance(Command(4.0, 0.1))
     plant.state = State(x=x, v=v)
     speeds = []
     for _ in range(100):
@@ -186,7 +186,7 @@ def test_brake_waits_for_no_actuator(integrator: str) -> None:
 def test_brake_keeps_the_wheel_on_its_way() -> None:
     plant = Plant(road=Road.flat(), servo=Actuator(rate=1.0))
     plant.state = State(v=12.0)
-    plant.advance(Input(0.0, 0.1))
+    plant.advance(Command(0.0, 0.1))
     plant.brake(1.0)
     assert plant.observe().acting.servo == pytest.approx(0.04)
 
@@ -195,12 +195,12 @@ def test_brake_keeps_the_wheel_on_its_way() -> None:
 
 
 def test_dynamic_car_has_its_own_velocities() -> None:
-    plant = Plant(road=Road.flat(), dynamics='dynamic', noise=Deviation(v_y=0.1))
+    plant = Plant(road=Road.flat(), dynamics='dynamic', noise=NoiseLevels(v_y=0.1))
     plant.state = state = State(v=20.0)
     bicycle = DynamicBicycle()
     for _ in range(20):
-        plant.advance(Input(0.0, 0.05))
-        state = bicycle.step(state, Input(0.0, 0.05), lambda _: 0.0, Vehicle(), 0.02)
+        plant.advance(Command(0.0, 0.05))
+        state = bicycle.step(state, Command(0.0, 0.05), lambda _: 0.0, Vehicle(), 0.02)
     seen = plant.observe()
     assert seen.true == bicycle.motion(state, 0.05, Vehicle())
     assert seen.true.psi_dot != pytest.approx(motion(state, 0.05, Vehicle()).psi_dot, rel=0.05)
@@ -231,15 +231,15 @@ def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence:
 def test_model_of_ones_own_goes_with_actuators() -> None:
     own, labs = (Plant(motor=SLOW, servo=SLOW, model=model) for model in (own_model, bikeFE))
     for _ in range(50):
-        own.advance(Input(3.0, 0.1))
-        labs.advance(Input(3.0, 0.1))
+        own.advance(Command(3.0, 0.1))
+        labs.advance(Command(3.0, 0.1))
     assert own.state == labs.state
 
 
 def test_noise_can_be_turned_on_between_two_steps() -> None:
     plant = Plant(seed=3)
-    assert plant.observe().error == Deviation()
-    plant.retune(Deviation(v_x=0.5), Actuator(), Actuator())
+    assert plant.observe().error == MeasurementError()
+    plant.retune(NoiseLevels(v_x=0.5), Actuator(), Actuator())
     noisy = plant.observe()
-    assert noisy.error == Plant(seed=3, noise=Deviation(v_x=0.5)).observe().error
+    assert noisy.error == Plant(seed=3, noise=NoiseLevels(v_x=0.5)).observe().error
     assert noisy.measured.v_x == noisy.true.v_x + noisy.error.v_x != noisy.true.v_x

@@ -12,7 +12,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
 from barc_sim.lab.check.findings import Trajectory, judges
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.bike_model import L_F, L_R, Input, State
+from barc_sim.vehicle.bike_model import L_F, L_R, Command, State
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -67,14 +67,14 @@ def judge_trajectory(code: JudgedCode) -> Judged:
 
 
 @cache
-def _commands() -> tuple[Input, ...]:
+def _commands() -> tuple[Command, ...]:
     """Return the commands of the reference's run over the lab's road, and a slalom."""
     log = closed_loop()
     steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
-    return tuple(Input(*command) for command in zip(log.motor.tolist(), steering, strict=True))
+    return tuple(Command(*command) for command in zip(log.motor.tolist(), steering, strict=True))
 
 
-def _fill(states: Floats, plant: Plant, commands: tuple[Input, ...]) -> None:
+def _fill(states: Floats, plant: Plant, commands: tuple[Command, ...]) -> None:
     """Write the state before each command, up to the first one beyond all limits."""
     for k, command in enumerate(commands):
         states[k] = plant.state

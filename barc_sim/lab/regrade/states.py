@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from barc_sim.errors import UserError
 from barc_sim.figures.style import use_measurement
 from barc_sim.lab.regrade.verdict import TOLERANCE, Verdict, deviation
-from barc_sim.vehicle.bike_model import Input, Motion, State
+from barc_sim.vehicle.bike_model import Command, Motion, State
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -27,7 +27,7 @@ class _Row(NamedTuple):
     t: float
     measured: Motion
     true: Motion  #: measured minus error, up to rounding
-    command: Input  #: the answer to it; NaN if there is none
+    command: Command  #: the answer to it; NaN if there is none
     certain: bool  #: whether the next step used that command
 
 
@@ -107,7 +107,9 @@ def _rows(log: Log) -> Iterator[_Row]:
     certain = ~log.missed & (log.reference == log.reference)
     columns = [column.tolist() for column in (log.t, *measured, *true, log.motor, log.servo)]
     for t, *values in zip(*columns, certain.tolist(), strict=True):
-        yield _Row(t, Motion(*values[:6]), Motion(*values[6:12]), Input(*values[12:14]), values[14])
+        yield _Row(
+            t, Motion(*values[:6]), Motion(*values[6:12]), Command(*values[12:14]), values[14]
+        )
 
 
 def _follow(plant: Plant, rows: list[_Row], k: int, braking: float | None) -> Plant:
@@ -130,7 +132,7 @@ def _follow(plant: Plant, rows: list[_Row], k: int, braking: float | None) -> Pl
     return min(trials, key=lambda trial: _off(trial, rows[k]))
 
 
-def _finite(command: Input) -> bool:
+def _finite(command: Command) -> bool:
     return isfinite(command.motor) and isfinite(command.servo)
 
 

@@ -13,7 +13,7 @@ from barc_sim.control.adapter import Adapter
 from barc_sim.control.driver import Driver
 from barc_sim.control.pid import PID
 from barc_sim.lab.user_code.loading import load_files
-from barc_sim.vehicle.bike_model import Input
+from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -90,7 +90,7 @@ class UserDriver(Driver):
         super().reset()
         self._relay = self._new()
 
-    def command(self, t: float, speed: float) -> Input:
+    def command(self, t: float, speed: float) -> Command:
         """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
         own = super().command(t, speed)
         if self.request.brake:
@@ -99,7 +99,7 @@ class UserDriver(Driver):
         limits = self.limits
         greatest = max(limits.acceleration, limits.deceleration)
         self.servo = max(-limits.steering, min(servo, limits.steering))
-        return Input(max(-greatest, min(motor, greatest)), self.servo)
+        return Command(max(-greatest, min(motor, greatest)), self.servo)
 
 
 def describe(user_code: UserCode) -> dict[str, str]:

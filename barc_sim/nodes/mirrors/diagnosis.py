@@ -10,7 +10,7 @@ from barc_sim.simulation.pacing import TOLERATED
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from barc_sim.vehicle.sensor import Deviation
+    from barc_sim.vehicle.sensor import NoiseLevels
 
 #: Share of the requested real-time factor below which a run is slow.
 _SLOW = 0.9
@@ -31,11 +31,11 @@ class Facts(NamedTuple):
     slipped: int | None = None  #: periods by which time has fallen behind the wall clock
     paused: bool | None = None
     requested_factor: float | None = None  #: simulated seconds per second; 0: as fast as possible
-    noise: Deviation | None = None  #: standard deviations
+    noise: NoiseLevels | None = None  #: standard deviations
     recorded: int | None = None  #: messages in the bag
     lost: int | None = None  #: messages lost
     failure: str | None = None  #: why the bag could not be written
-    behind: float | None = None  #: [s] by which stamps in real time are behind the wall clock
+    stamp_lag: float | None = None  #: [s] by which stamps in real time are behind the wall clock
 
 
 class Measured(NamedTuple):
@@ -90,8 +90,10 @@ def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
         message = f'simulated time has fallen behind by {slipped} periods'
     elif measured.factor is not None and measured.factor < _SLOW * requested:
         message = f'simulated time runs at {measured.factor:.2f}, not at {requested:g}'
-    elif (facts.behind or 0.0) > TOLERATED:
-        message = f'stamps are {facts.behind:.1f} s behind the wall clock: use_sim_time, or reset'
+    elif (facts.stamp_lag or 0.0) > TOLERATED:
+        message = (
+            f'stamps are {facts.stamp_lag:.1f} s behind the wall clock: use_sim_time, or reset'
+        )
     else:
         level = Level.OK
     values: dict[str, int | str | None] = {
@@ -99,8 +101,8 @@ def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
         'slipped periods': facts.slipped,
         'real-time factor': None if measured.factor is None else f'{measured.factor:.3f}',
     }
-    if facts.behind is not None:
-        values['behind the wall clock [s]'] = f'{facts.behind:.3f}'
+    if facts.stamp_lag is not None:
+        values['behind the wall clock [s]'] = f'{facts.stamp_lag:.3f}'
     return Diagnosis('timing', level, message, _known(values))
 
 

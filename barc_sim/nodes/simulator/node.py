@@ -33,7 +33,7 @@ from barc_sim.simulation.simulator import (
     publishes_clock,
     stamps_behind,
 )
-from barc_sim.vehicle.bike_model import Input, bikeFE
+from barc_sim.vehicle.bike_model import Command, bikeFE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,7 +90,7 @@ class VehicleSimulator(Simulator, Node):
     >>> all(executor.add_node(node) for node in nodes)
     True
     >>> executor.spin_until_future_complete(simulator.finished)
-    >>> simulator.steps, simulator.missed
+    >>> simulator.states, simulator.missed
     (339, 0)
     >>> executor.shutdown()
     True
@@ -214,7 +214,7 @@ class VehicleSimulator(Simulator, Node):
     def _on_command(self, data: bytes) -> None:
         stamp = leading_time(data)
         why = self._stepper.refusal(stamp) or self._stepper.take_command(
-            Input(*self._read_command(data)), stamp
+            Command(*self._read_command(data)), stamp
         )
         if why:
             self._refused.add(lambda: why)
@@ -249,4 +249,4 @@ class VehicleSimulator(Simulator, Node):
 
     def _check_peers(self) -> None:
         self._stepper.check()
-        self._peers.check(self.steps, waits=not (self._deadlines or self.paused))
+        self._peers.check(self.states, waits=not (self._deadlines or self.paused))

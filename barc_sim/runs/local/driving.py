@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from barc_sim.control.keyboard.terminal import Terminal
     from barc_sim.runs.local.host import LocalHost
     from barc_sim.runs.local.topics import Publisher
-    from barc_sim.vehicle.bike_model import Input
+    from barc_sim.vehicle.bike_model import Command
     from barc_sim.vehicle.plant import Observation
 
 
@@ -42,7 +42,7 @@ class LocalRelay:
     True
     >>> host.loop.run(lambda: commands)
     >>> commands
-    [Input(motor=2.0, servo=0.0)]
+    [Command(motor=2.0, servo=0.0)]
     """
 
     def __init__(self, host: LocalHost, driver: Driver | None, given: Mapping[str, Any]) -> None:
@@ -58,7 +58,7 @@ class LocalRelay:
         self.receive = self._control.receive
         self.reset = self._control.reset
         self._command = node.publisher(COMMAND, MESSAGE_TYPES[COMMAND])
-        self.on_command: Callable[[Input, int], object] = lambda *_: None
+        self.on_command: Callable[[Command, int], object] = lambda *_: None
         host.loop.timer(self.driver.dt, self._publish).reset()
 
     @property

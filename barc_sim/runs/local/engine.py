@@ -38,7 +38,7 @@ class LocalEngine:
     ...     road=None, on_step=lambda t, seen: None, model=bikeFE, given={}, distance=50.0
     ... )
     >>> engine.spin()
-    >>> simulator.steps, simulator.missed
+    >>> simulator.states, simulator.missed
     (339, 0)
     >>> engine.close()
     """

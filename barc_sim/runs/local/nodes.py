@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from barc_sim.control.controller import Controller
     from barc_sim.runs.local.host import LocalHost
-    from barc_sim.vehicle.bike_model import Input, Model
+    from barc_sim.vehicle.bike_model import Command, Model
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.road import Road
 
@@ -64,7 +64,7 @@ class LocalSimulator(Simulator):
         values = node.declare(parameters(distance), given)
         self._set_up(values, road, model, on_step)
         self.finished = False
-        self.on_state: Callable[[int, Observation], Input | None] = lambda *_: None
+        self.on_state: Callable[[int, Observation], Command | None] = lambda *_: None
         self.on_reset: Callable[[], None] = lambda: None
         self._state_publishers = StatePublishers(node.publisher, clock=publishes_clock(values))
         if period := self._stepper.deadline_period:
@@ -72,7 +72,7 @@ class LocalSimulator(Simulator):
         host.loop.timer(CHECK_PERIOD, self._check).reset()
         self._checked = 0
 
-    def command(self, command: Input, stamp: int) -> None:
+    def command(self, command: Command, stamp: int) -> None:
         """Take a command for the state stamped `stamp` [ns]; 0: it holds until the next."""
         why = self._stepper.refusal(stamp) or self._stepper.take_command(command, stamp)
         if why:
@@ -138,9 +138,9 @@ class LocalSimulator(Simulator):
     def _check(self) -> None:
         self._stepper.check()
         # As the node does: a tick a second while time stands still.
-        if self._stepper.phase is Phase.PAUSED and self.steps == self._checked:
+        if self._stepper.phase is Phase.PAUSED and self.states == self._checked:
             self._state_publishers.publish_clock()
-        self._checked = self.steps
+        self._checked = self.states
 
 
 class LocalController:
@@ -189,7 +189,7 @@ class LocalController:
         self._control.configure({name: value})
         return ''
 
-    def answer(self, stamp: int, seen: Observation) -> Input | None:
+    def answer(self, stamp: int, seen: Observation) -> Command | None:
         """Return the command for the state stamped `stamp` [ns], and publish it."""
         subtract = self._control.values['subtract_error']
         speed = seen.measured.v_x - (seen.error.v_x if subtract else 0.0)

@@ -13,7 +13,7 @@ from barc_sim.lab.regrade import commands
 from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 judge = partial(commands.judge, code='barc_sim', limit=8.0)
 
@@ -32,7 +32,7 @@ def test_other_gains_are_not_it(gains: tuple[float, float, float]) -> None:
 
 
 def test_the_measured_speed_is_what_a_controller_is_shown() -> None:
-    log = closed_loop(Plant(noise=Deviation(v_x=0.1)))
+    log = closed_loop(Plant(noise=NoiseLevels(v_x=0.1)))
     assert judge(log, speed_controller).exact == len(log)
     assert not judge(log, speed_controller, subtract_error=True).possible
 

@@ -14,17 +14,17 @@ from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import UserCodeError
 from barc_sim.simulation.closed_loop import closed_loop, drive
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Input, Motion, State, bikeFE
+from barc_sim.vehicle.bike_model import Command, Motion, State, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from barc_sim.simulation.log import Log
 
-NOISE = Deviation(0.1, 0.1, 0.01, 0.2, 0.1, 0.05)
+NOISE = NoiseLevels(0.1, 0.1, 0.01, 0.2, 0.1, 0.05)
 
 
 def judge(log: Log, new: Any = Plant, **options: Any) -> states.Verdict:  # noqa: ANN401
@@ -44,8 +44,8 @@ def driven(log: Log, advance: Callable[[Plant, int], object], plant: Plant | Non
     return replace(log, **dict(zip(Motion._fields, np.array(rows).T, strict=True)))
 
 
-def command(log: Log, k: int) -> Input:
-    return Input(log.motor[k].item(), log.servo[k].item())
+def command(log: Log, k: int) -> Command:
+    return Command(log.motor[k].item(), log.servo[k].item())
 
 
 def test_a_run_of_the_model_is_its_bit_for_bit() -> None:
@@ -91,9 +91,9 @@ def test_a_changed_command_is_seen_in_the_next_state() -> None:
 
 def test_a_delay_set_during_the_run_is_asked_about() -> None:
     class Retuned(Plant):
-        def advance(self, command: Input | None = None) -> None:
+        def advance(self, command: Command | None = None) -> None:
             if 7.0 < self.state.x < 8.0:
-                self.retune(Deviation(), Actuator(delay=0.1), Actuator())
+                self.retune(NoiseLevels(), Actuator(delay=0.1), Actuator())
             super().advance(command)
 
     verdict = judge(closed_loop(Retuned(), distance=30.0))

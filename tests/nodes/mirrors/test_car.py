@@ -18,7 +18,7 @@ from barc_sim.nodes.mirrors.car import (
     pose,
     wheels,
 )
-from barc_sim.vehicle.bike_model import Input, Motion, State, Vehicle, motion, step
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 
 VEHICLE = Vehicle()
@@ -112,7 +112,7 @@ def test_every_step_of_the_model_is_continuous(
     v: float, motor: float, servo: float, theta: float
 ) -> None:
     state = State(x=50.0, v=v)
-    after = step(state, Input(motor, servo), theta, VEHICLE, 0.02)
+    after = step(state, Command(motor, servo), theta, VEHICLE, 0.02)
     assert is_continuous(motion(state, servo, VEHICLE), motion(after, servo, VEHICLE), 0.02)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from barc_sim.nodes.mirrors.diagnosis import Diagnosis, Facts, Level, Measured, diagnose
-from barc_sim.vehicle.sensor import Deviation
+from barc_sim.vehicle.sensor import NoiseLevels
 
-WELL = Facts(0, 0, False, 1.0, Deviation(), 100, 0)
+WELL = Facts(0, 0, False, 1.0, NoiseLevels(), 100, 0)
 REAL = Measured(factor=1.0, command_age=0.01)
 
 
@@ -58,12 +58,12 @@ def test_late_run_is_a_warning(facts: Facts, measured: Measured, message: str) -
 
 
 def test_stamps_behind_the_wall_clock_are_a_warning_until_a_reset() -> None:
-    behind = WELL._replace(behind=6.1)
+    behind = WELL._replace(stamp_lag=6.1)
     timing = named(diagnose(behind, behind, REAL))['timing']
     assert timing.level == Level.WARN
     assert timing.message.startswith('stamps are 6.1 s behind the wall clock')
     assert timing.values['behind the wall clock [s]'] == '6.100'
-    aligned = WELL._replace(behind=0.004)
+    aligned = WELL._replace(stamp_lag=0.004)
     assert named(diagnose(aligned, aligned, REAL))['timing'].level == Level.OK
 
 
@@ -86,7 +86,7 @@ def test_as_fast_as_it_goes_is_never_too_slow() -> None:
 
 
 def test_noisy_signals_are_named() -> None:
-    facts = WELL._replace(noise=Deviation(epsi=0.01, v_x=0.1))
+    facts = WELL._replace(noise=NoiseLevels(epsi=0.01, v_x=0.1))
     noise = named(diagnose(facts, WELL, REAL))['noise']
     assert noise.message == 'of epsi, v_x'
     assert (noise.values['epsi'], noise.values['s']) == ('0.01', '0')

@@ -28,7 +28,7 @@ from barc_sim.page.protocol import CAR, Status
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
-from barc_sim.vehicle.bike_model import Input, State, Vehicle, motion, step
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Car(Node):
             self.declare_parameter(name, value)
         self._road = Road.named(road)
         self.state = State()
-        self.command = Input()
+        self.command = Command()
         self.paused = self.braking = False
         self.twists: list[tuple[float, float]] = []
         self._stamp = 1_700_000_000_000_000_000
@@ -79,7 +79,7 @@ class Car(Node):
         theta = self._road.grade_deg(self.state.x)
         if self.braking:
             slower = min(8.0, abs(self.state.v) / TS)
-            self.command = Input(-math.copysign(slower, self.state.v))
+            self.command = Command(-math.copysign(slower, self.state.v))
         self.state = step(self.state, self.command, math.radians(theta), Vehicle(), TS)
         self._stamp += int(1e9 * TS)
         header = to_header(self._stamp)
@@ -99,13 +99,13 @@ class Car(Node):
     def _on_twist(self, twist: Twist) -> None:
         self.twists.append((twist.linear.x, twist.angular.z))
         self.braking = twist.linear.z < 0.0
-        self.command = Input(4.0 * twist.linear.x, 0.3 * twist.angular.z)
+        self.command = Command(4.0 * twist.linear.x, 0.3 * twist.angular.z)
         self._ecu_pub.publish(
             ECU(header=to_header(self._stamp), motor=self.command[0], servo=self.command[1])
         )
 
     def _on_ecu(self, ecu: ECU) -> None:
-        self.command = Input(ecu.motor, ecu.servo)
+        self.command = Command(ecu.motor, ecu.servo)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.state = State()

@@ -13,7 +13,7 @@ import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.runs.terminal.display import CruiseStatus, DriveStatus, display, print_summary
-from barc_sim.simulation.metrics import SpeedErrors, Stretch, Summary
+from barc_sim.simulation.metrics import SegmentErrors, SpeedErrors, Summary
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -173,7 +173,10 @@ def test_table_has_a_row_per_stretch_and_the_other_figures(capsys: Capture) -> N
             overshoot=0.0034,
             settling_time=1.004,
             missed_deadlines=3,
-            stretches=(Stretch(0.0, 19.9, 0.0, 2.7, 8.0), Stretch(20.1, 39.9, -10.0, 0.01, 0.04)),
+            stretches=(
+                SegmentErrors(0.0, 19.9, 0.0, 2.7, 8.0),
+                SegmentErrors(20.1, 39.9, -10.0, 0.01, 0.04),
+            ),
         ),
         slipped=2,
     )
