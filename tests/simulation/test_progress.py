@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.simulation.progress import PATIENCE, Progress
+from barc_sim.simulation.progress import STALL_TIMEOUT, Progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,9 +94,9 @@ def test_a_car_may_stand_where_its_reference_became_zero() -> None:
         return (8.0 * min(t, 5.0), 0.0 if t > 5.0 else 8.0)
 
     assert follow(motion, reference=lambda t: 8.0 if t < 5.0 else 0.0)[0] == inf
-    assert follow(motion)[0] == pytest.approx(5.0 + PATIENCE, abs=2 * TS)
+    assert follow(motion)[0] == pytest.approx(5.0 + STALL_TIMEOUT, abs=2 * TS)
     assert follow(lambda _: (0.0, 0.0), reference=lambda _: 0.0)[0] == pytest.approx(
-        PATIENCE, abs=2 * TS
+        STALL_TIMEOUT, abs=2 * TS
     )
 
 
