@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from barc_sim.cli.files import replacing
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 #: Name of the MCAP metadata records with the run's own metadata.
 METADATA_NAME = 'barc_sim'
-_FILE = 'metadata.yaml'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,9 +120,9 @@ def write(directory: Path, information: Mapping[str, Any]) -> None:
     OSError
         It cannot be written.
     """
-    part = directory / f'.{_FILE}'
-    part.write_text(to_yaml({'rosbag2_bagfile_information': information}), encoding='utf-8')
-    part.replace(directory / _FILE)
+    text = to_yaml({'rosbag2_bagfile_information': information})
+    with replacing(directory / 'metadata.yaml') as part:
+        part.write_text(text, encoding='utf-8')
 
 
 # PyYAML's wheels have libyaml, which writes 40 cars' metadata in 0.1 s; a source build may lack it.

@@ -11,6 +11,8 @@ try:
 except ModuleNotFoundError:  # Windows has no way to see that a file is being written
     fcntl = None  # type: ignore[assignment]
 
+from barc_sim.cli.files import open_regular
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -138,7 +140,7 @@ def is_being_written(path: Path) -> bool:
     if not fcntl:
         return False
     try:
-        with path.open('rb') as stream:
+        with open_regular(path, follow=False) as stream:
             fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True

@@ -37,10 +37,10 @@ def newest(root: Path | str = 'bags') -> Path:
     >>> newest('bags').is_dir()
     True
     """
-    files = list(Path(root).glob('*/*.mcap'))
+    files = [file for file in Path(root).glob('*/*.mcap') if not file.is_symlink()]
     if not files:
         raise UserError(f'there is no bag in {str(root)!r}: make a run first, or name a bag')
-    return max(files, key=lambda file: (file.stat().st_mtime_ns, file)).parent
+    return max(files, key=lambda file: (file.lstat().st_mtime_ns, file)).parent
 
 
 def info(path: Path | str) -> dict[str, str]:

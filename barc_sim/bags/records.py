@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 from dataclasses import dataclass
 from io import BytesIO
@@ -18,6 +19,7 @@ from mcap.stream_reader import StreamReader
 from barc_sim.bags.bounds import MAX_CHUNK, Budget
 from barc_sim.bags.chunk import CHUNK_SIZE
 from barc_sim.bags.file import MAGIC
+from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ def files(path: Path) -> list[Path]:
     if not path.exists():
         raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
     if not path.is_dir():
-        return [path]
+        return [path.resolve()] if path.is_symlink() else [path]
     found = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
     if not found:
         raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
@@ -95,8 +97,8 @@ def records(
     """
     found = Damage() if damage is None else damage
     try:
-        stream = file.open('rb')
-        size = file.stat().st_size
+        stream = open_regular(file, follow=False)
+        size = os.fstat(stream.fileno()).st_size
     except OSError as error:
         raise UserError(
             f'{str(file)!r} cannot be read ({error.strerror}): name another bag'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
@@ -14,6 +15,7 @@ from barc_sim.bags.file import BagFile
 from barc_sim.bags.metadata import METADATA_NAME, Span, Topic
 from barc_sim.bags.pieces import is_being_written
 from barc_sim.bags.records import Damage, files, records
+from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -61,10 +63,11 @@ def recover(path: Path) -> Recovered:
     >>> recover(newest('bags')).counts['/ecu']
     1152
     """
-    directory = path if path.is_dir() else path.parent
+    directory = files(path)[0].parent
+    check_plain(directory)
     found = Recovered()
     try:
-        for file in files(directory if path.exists() else path):
+        for file in files(directory):
             _recover_file(file, found)
         metadata.write(directory, _information(found))
     except OSError as error:
@@ -78,8 +81,7 @@ def recover(path: Path) -> Recovered:
 def _recover_file(file: Path, found: Recovered) -> None:
     if is_being_written(file):
         raise UserError(f'{str(file)!r} is being recorded: end the recording first')
-    part = file.with_name(f'.{file.name}.part')
-    part.unlink(missing_ok=True)
+    part = file.with_name(f'.{token_hex(8)}.part')
     damage = Damage()
     copy = _Copy(BagFile(part), found)
     try:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import saving, target
 from barc_sim.cli.option_types import number
 from barc_sim.control.pid import NO_LIMIT, PID
 from barc_sim.errors import UserError
@@ -65,7 +66,6 @@ def run(options: Namespace) -> int:
     UserError
         where there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.figures import output  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.lab.check.report import print_report  # noqa: PLC0415
     from barc_sim.lab.check.worker import judge_folder  # noqa: PLC0415
     from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
@@ -78,7 +78,7 @@ def run(options: Namespace) -> int:
     rubric = load(options.rubric)
     settings = _settings(rubric.settings, options)
     name = options.save or str(folder / 'check.png')
-    path = None if options.no_plot else output.target(name, FORMATS)
+    path = None if options.no_plot else target(name, FORMATS)
     report = judge_folder(folder, settings)
     print_report(report, rubric)
     composed = _composition(folder)
@@ -116,7 +116,6 @@ def _settings(settings: Settings, options: Namespace) -> Settings:
 
 def _draw(report: Report, path: Path, title: str, settings: str) -> None:
     """Save the figure, if any finding has data to draw."""
-    from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.check import figure as check_figure  # noqa: PLC0415
     from barc_sim.lab.check.findings import Comparison, Trajectory  # noqa: PLC0415
 
@@ -126,6 +125,6 @@ def _draw(report: Report, path: Path, title: str, settings: str) -> None:
     if comparison is None and trajectory is None:
         return
     figure = check_figure.check_figure(comparison, trajectory, title=title, settings=settings)
-    with output.replacing(path) as part:
+    with saving(path) as part:
         figure.savefig(part, dpi=DPI)
     print(path)  # noqa: T201

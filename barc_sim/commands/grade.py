@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import make_folder, saving
 from barc_sim.cli.option_types import number, whole
 from barc_sim.cli.parser import INTERRUPTED
 from barc_sim.cli.signals import uninterrupted
@@ -112,9 +112,9 @@ def run(options: Namespace) -> int:
         # Gradescope looks for the files of a single submission in the folder itself.
         alone = paths == [options.submissions.resolve()]
         folders = {path: out if alone else _folder(out, path) for path in paths}
-        reports, failures, interrupted = _collect(outcomes, folders)
+        reports, failures, interrupted = _collect(outcomes, out, folders)
     alike = similarity.alike({report.name: report.passages for report in reports})
-    _write(out / _CLASS, summary.as_csv(reports, failures, points, alike).encode())
+    _write(out, out / _CLASS, summary.as_csv(reports, failures, points, alike).encode())
     console = Console()
     console.print(summary.as_table(reports, points))
     if len(folders) > 1:
@@ -136,7 +136,7 @@ def _folder(out: Path, submission: Path) -> Path:
 
 
 def _collect(
-    outcomes: Iterable[_Outcome], folders: dict[Path, Path]
+    outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path]
 ) -> tuple[list[Report], dict[str, Failure], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
     from barc_sim.lab.grade.report import Report  # noqa: PLC0415
@@ -148,7 +148,7 @@ def _collect(
             if isinstance(outcome, Report):
                 with uninterrupted():  # a submission has all of its files, and a row, or none
                     for name, data in outcome.files.items():
-                        _write(folders[path] / name, data)
+                        _write(out, folders[path] / name, data)
                     reports.append(outcome._replace(files={}))
             else:
                 failures[path.name] = outcome
@@ -181,16 +181,13 @@ def with_progress(outcomes: Iterable[_Outcome], total: int) -> Iterator[_Outcome
             print(f'graded {count} of {total}, {left:.0f} s left', file=sys.stderr, flush=True)  # noqa: T201
 
 
-def _write(path: Path, data: bytes) -> None:
-    """Write a file atomically: whole or not at all."""
-    part = path.with_name(f'.{path.name}.{os.getpid()}')
+def _write(out: Path, path: Path, data: bytes) -> None:
+    """Write a file in a folder of `out`, whole or not at all."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(data)
-        part.replace(path)
+        make_folder(path.parent, out)
     except OSError as error:
         raise UserError(
             f'cannot write {str(path)!r}: {error.strerror}; choose another place with --out'
         ) from None
-    finally:
-        part.unlink(missing_ok=True)
+    with saving(path, '--out') as part:
+        part.write_bytes(data)

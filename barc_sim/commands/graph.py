@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import saving, target
 from barc_sim.errors import UserError, escaped
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def run(options: Namespace) -> None:
     from barc_sim.figures import output  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures.graph_figure import GraphDrawing, lines  # noqa: PLC0415
 
-    path = output.target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, FORMATS) if options.save is not None else None
     graph, title = _of_bag(options.bag) if options.bag else _of_system()
     print(escaped('\n'.join(lines(graph))))  # noqa: T201
     drawing = GraphDrawing(graph, title)
@@ -48,7 +49,7 @@ def run(options: Namespace) -> None:
         output.show()
         return
     path = path or Path('graph.svg')
-    with output.replacing(path) as part:
+    with saving(path) as part:
         drawing.save(part)
     print(path)  # noqa: T201
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 from importlib import resources
 from pathlib import Path
@@ -47,7 +48,7 @@ def write(folder: Path) -> None:
     texts = {name: (template / name).read_bytes() for name in _FILES}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        there = [name for name in _FILES if (folder / name).exists()]
+        there = [name for name in _FILES if os.path.lexists(folder / name)]
         if there:
             raise UserError(
                 f'{str(folder)!r} already has {", ".join(there)}: name another folder, or move '

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments
 from barc_sim.errors import UserError
 
@@ -40,7 +41,7 @@ def run(options: Namespace) -> None:
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import output, run_figures  # noqa: PLC0415
 
-    path = output.target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or reader.newest()
     log = reader.read(source, options.namespace)
     directory = source if source.is_dir() else source.parent
@@ -54,10 +55,11 @@ def run(options: Namespace) -> None:
     figure = run_figures.speed_figure(
         log, title=title, settings=run_figures.settings(reader.info(source)), figure=window
     )
-    if not window:
-        path = path or directory / 'speed.png'
+    if not window and not path:
+        check_plain(directory)
+        path = directory / 'speed.png'
     if path:
-        with output.replacing(path) as part:
+        with saving(path) as part:
             figure.savefig(part, dpi=DPI)
         print(path)  # noqa: T201
     if window:

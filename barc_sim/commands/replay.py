@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments
 from barc_sim.errors import UserError
 from barc_sim.runs.view_options import add_address_options
@@ -52,13 +53,12 @@ def run(options: Namespace) -> None:
         where the bag cannot be read, the video cannot be saved, or the page cannot be served.
     """
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.figures import output  # noqa: PLC0415
 
     if options.other and not options.web:
         raise UserError(
             f'a second run, {str(options.other)!r}, is shown by the web page only: add --web'
         )
-    path = output.target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or reader.newest()
     log = reader.read(source, options.namespace)
     directory = source if source.is_dir() else source.parent
@@ -74,8 +74,10 @@ def run(options: Namespace) -> None:
         return
     if not path and _play_in_window(log, title):
         return
-    path = path or directory / 'replay.mp4'
-    with output.replacing(path) as part:
+    if not path:
+        check_plain(directory)
+        path = directory / 'replay.mp4'
+    with saving(path) as part:
         save(log, part, title=title)
     print(path)  # noqa: T201
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments
 
 if TYPE_CHECKING:
@@ -35,13 +36,14 @@ def run(options: Namespace) -> None:
         where the bag cannot be read, or the page cannot be written.
     """
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.report import page, read  # noqa: PLC0415
 
     source = options.bag or reader.newest()
     directory = source if source.is_dir() else source.parent
-    path = output.target(options.save or str(directory / 'report.html'), FORMATS)
+    path = target(options.save or str(directory / 'report.html'), FORMATS)
     text = page(read(source, options.namespace))
-    with output.replacing(path) as part:
+    if options.save is None:
+        check_plain(directory)
+    with saving(path) as part:
         part.write_text(text, encoding='utf-8')
     print(path)  # noqa: T201

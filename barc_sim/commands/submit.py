@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import saving, target
 from barc_sim.errors import UserError, escaped
 from barc_sim.runs.engine import add_engine_option, uses_ros
 
@@ -63,7 +64,6 @@ def run(options: Namespace) -> None:
     UserError
         where there is no such folder, no ROS for the engine, or the zip cannot be written.
     """
-    from barc_sim.figures import output  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.lab import submit  # noqa: PLC0415
 
     folder = options.folder
@@ -72,13 +72,13 @@ def run(options: Namespace) -> None:
             f'there is no folder {str(folder)!r}: name the one with your files; '
             f'barc new {shlex.quote(str(folder))} writes one'
         )
-    path = output.target(options.save or f'{folder.resolve().name}.zip', FORMATS)
+    path = target(options.save or f'{folder.resolve().name}.zip', FORMATS)
     ros = uses_ros(options)
     bags = (Path('bags'), folder / 'bags')
     teleop = options.teleop or submit.newest_drive(bags, 'teleop')
     beside = [] if teleop is None else [teleop if teleop.is_dir() else teleop.parent]
     video = options.video or submit.newest_video([folder, *beside])
-    with output.replacing(path) as part, tempfile.TemporaryDirectory() as made:
+    with saving(path) as part, tempfile.TemporaryDirectory() as made:
         course, why = options.course, ''
         if course is None:
             course, why = _drive(folder, Path(made), 'ros' if ros else 'local')

@@ -6,6 +6,7 @@ import time
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import saving, target
 from barc_sim.errors import UserError
 from barc_sim.tuning import options as tune_options
 
@@ -42,13 +43,12 @@ def run(options: Namespace) -> None:
     """
     import numpy as np  # noqa: PLC0415 (slow: not for --help)
 
-    from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.lab.user_code.adapters import UserControllerFile  # noqa: PLC0415
     from barc_sim.tuning import search, surface  # noqa: PLC0415
     from barc_sim.tuning import terminal as console  # noqa: PLC0415
 
     began = time.monotonic()
-    path = output.target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, FORMATS) if options.save is not None else None
     low, high = tune_options.ranges(options)
     if path:
         surface.free_axes(low, high)
@@ -99,7 +99,6 @@ def _distributed(goal: Goal, scheduler: str | None) -> AbstractContextManager[Co
 def _draw(
     path: Path, plane: Surface, goal: Goal, gains: tuple[Floats, Floats], settings: str
 ) -> None:
-    from barc_sim.figures import output  # noqa: PLC0415
     from barc_sim.figures.tuning_figure import Point, tuning_figure  # noqa: PLC0415
 
     start, found = (Point(each, goal.log(goal.courses[0], each)) for each in gains)
@@ -111,5 +110,5 @@ def _draw(
         title=f'Gains for the least {goal.cost}',
         settings=settings,
     )
-    with output.replacing(path) as part:
+    with saving(path) as part:
         figure.savefig(part, dpi=DPI)

@@ -7,6 +7,8 @@ from itertools import groupby
 from math import isnan
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import saving, target
+
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator, Sequence
@@ -50,7 +52,7 @@ def run(options: Namespace) -> None:
     from barc_sim.figures import output  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.simulation.convergence import studies  # noqa: PLC0415
 
-    path = output.target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, FORMATS) if options.save is not None else None
     found = [*studies()]
     if options.json:
         print(as_json(found))  # noqa: T201
@@ -66,8 +68,8 @@ def run(options: Namespace) -> None:
     if window:
         output.show()
         return
-    path = path or output.target('convergence.png', FORMATS)
-    with output.replacing(path) as part:
+    path = path or target('convergence.png', FORMATS)
+    with saving(path) as part:
         figure.savefig(part, dpi=DPI)
     if not options.json:
         print(path)  # noqa: T201

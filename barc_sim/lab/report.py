@@ -20,6 +20,7 @@ from pygments.lexers import PythonLexer
 from barc_sim.bags import reader
 from barc_sim.bags.node_graph import NodeGraph, table
 from barc_sim.bags.records import files
+from barc_sim.cli.files import open_regular
 from barc_sim.figures.drive_figure import drive_figure
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import speed_figure, terms_figure
@@ -132,7 +133,7 @@ def _read_graph(text: str | None) -> NodeGraph | None:
 
 def _sha256(file: Path) -> str:
     digest = hashlib.sha256()
-    with file.open('rb') as stream:
+    with open_regular(file, follow=False) as stream:
         while piece := stream.read(1 << 20):
             digest.update(piece)
     return digest.hexdigest()

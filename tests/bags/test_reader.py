@@ -167,7 +167,9 @@ def test_without_a_bag_there_is_no_newest(tmp_path: Path, root: str) -> None:
         (lambda path: (path / 'a.mcap').touch(), r"a\.mcap' is empty: name another bag"),
         (lambda path: (path / 'a.mcap').write_text('x'), r"a\.mcap' is not an MCAP file: name a"),
         (lambda path: (path / 'a.mcap').write_text('not a bag, but text'), 'is not an MCAP file'),
-        (lambda path: (path / 'a.mcap').mkdir(), r"a\.mcap' cannot be read \(Is a directory\)"),
+        (lambda path: (path / 'a.mcap').mkdir(), r"a\.mcap' is a folder, where a regular"),
+        (lambda path: os.mkfifo(path / 'a.mcap'), r"a\.mcap' is a named pipe, where a regular"),
+        (lambda path: (path / 'a.mcap').symlink_to('/dev/zero'), r"a\.mcap' is a link"),
     ],
 )
 @pytest.mark.parametrize('read', [bag.read, bag.info])

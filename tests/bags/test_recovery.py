@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import mcap_doctor
@@ -20,7 +22,7 @@ from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable
 
 ATTACHED = {'student/a.py': b'x = 1\n'}
 
@@ -49,6 +51,25 @@ def kill(writer: BagWriter) -> Path:
 def killed(tmp_path: Path) -> Path:
     """Return the bag of a run that was killed."""
     return kill(write(tmp_path / 'run'))
+
+
+def _fifo(path: Path, outside: Path) -> None:  # noqa: ARG001
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize('make', [Path.symlink_to, _fifo], ids=['link', 'pipe'])
+@pytest.mark.parametrize('name', ['.metadata.yaml', 'metadata.yaml', '.run_0.mcap.part', 'any'])
+def test_a_bag_with_a_link_or_a_pipe_in_it_is_not_written(
+    killed: Path, name: str, make: Callable[[Path, Path], None]
+) -> None:
+    outside = killed.parent / 'bashrc'
+    outside.write_text('mine')
+    make(killed / name, outside)
+    before = sorted(killed.iterdir())
+    with pytest.raises(UserError, match='where a bag has plain files only'):
+        make_whole(killed)
+    assert outside.read_text() == 'mine'
+    assert sorted(killed.iterdir()) == before
 
 
 def messages(directory: Path) -> list[Message]:

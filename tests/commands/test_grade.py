@@ -408,7 +408,7 @@ def test_workers_end_with_the_grader_however_it_ends(tmp_path: Path) -> None:
 def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def write(path: Path, data: bytes) -> None:
+    def write(_: Path, path: Path, data: bytes) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         path.write_bytes(data)
 
@@ -417,7 +417,7 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
     reports, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
-        outcomes, {path: tmp_path}
+        outcomes, tmp_path, {path: tmp_path}
     )
     assert ([each.name for each in reports], interrupted) == (['ada'], True)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.png', 'results.json']

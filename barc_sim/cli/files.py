@@ -1,0 +1,186 @@
+"""Opens and writes files where somebody else may have made the folder.
+
+A bag, a submission or a folder of results can come from anyone: it can hold a named pipe that never
+ends, or a link to a file of the user's. Only regular files are opened, and what is written is a new
+file that takes its name when it is whole: a link of that name is replaced, never followed.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from secrets import token_hex
+from typing import TYPE_CHECKING, BinaryIO
+
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+_KINDS = {
+    stat.S_IFIFO: 'a named pipe',
+    stat.S_IFSOCK: 'a socket',
+    stat.S_IFCHR: 'a device',
+    stat.S_IFBLK: 'a device',
+    stat.S_IFDIR: 'a folder',
+    stat.S_IFLNK: 'a link',
+}
+
+
+def _flags(*names: str) -> int:
+    """Return these flags of `os.open` together; Windows and macOS lack some."""
+    flags = 0
+    for name in ('O_CLOEXEC', 'O_BINARY', *names):
+        flags |= getattr(os, name, 0)
+    return flags
+
+
+def _check_regular(path: Path, status: os.stat_result) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(status.st_mode), 'something else')
+        raise UserError(f'{str(path)!r} is {kind}, where a regular file is expected: name another')
+
+
+def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
+    """Open a regular file for reading; this never waits, as for a named pipe's other end.
+
+    Parameters
+    ----------
+    path
+        The file.
+    follow
+        Whether it may be a link: True for what the user names, False for what lies in a folder that
+        somebody else has made.
+
+    Raises
+    ------
+    UserError
+        It is a folder, a named pipe, a socket, a device, or a link that is not to be followed.
+    OSError
+        It does not exist, or cannot be read.
+    """
+    # Checked before, as opening a device can do something; and after, as it may have changed.
+    _check_regular(path, path.stat(follow_symlinks=follow))
+    flags = _flags('O_NONBLOCK', 'O_NOCTTY', *(() if follow else ('O_NOFOLLOW',)))
+    descriptor = os.open(path, os.O_RDONLY | flags)
+    try:
+        _check_regular(path, os.fstat(descriptor))
+    except UserError:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, 'rb')
+
+
+def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
+    """Return the bytes of a regular file, opened as by `open_regular`.
+
+    Raises
+    ------
+    UserError
+        It is no regular file, or has more than `limit` bytes.
+    OSError
+        It does not exist, or cannot be read.
+    """
+    with open_regular(path, follow=follow) as file:
+        data = file.read(limit + 1)
+    if len(data) > limit:
+        raise UserError(f'{str(path)!r} has more than {limit} bytes: name a smaller file')
+    return data
+
+
+@contextmanager
+def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
+    """Give a new, empty file beside `path`, which takes its place when the block succeeds.
+
+    What was at `path` is replaced; it stays as it was if the block fails, and no part of the new
+    file is left. With `sync`, the data is on the disk before.
+
+    Raises
+    ------
+    OSError
+        At once if nothing can be written there; or when writing fails later.
+    """
+    part = path.with_name(f'.{token_hex(8)}{path.suffix}')
+    os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW'), 0o666))
+    try:
+        yield part
+        if sync:
+            with part.open('rb+') as file:
+                os.fsync(file.fileno())
+        part.replace(path)
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+@contextmanager
+def saving(path: Path, option: str = '--save') -> Iterator[Path]:
+    """Do as `replacing` does, for a file that the user named with `option`.
+
+    Raises
+    ------
+    UserError
+        At once if nothing can be written there; or when writing fails later.
+    """
+    try:
+        with replacing(path) as part:
+            yield part
+    except OSError as error:
+        reason = error.strerror or str(error).partition('\n')[0]
+        raise UserError(
+            f'cannot save {str(path)!r}: {reason}; choose another place with {option}'
+        ) from None
+
+
+def target(name: str, formats: Sequence[str]) -> Path:
+    """Return the path `name` to save to, which must end in one of `formats`, such as `png`.
+
+    Raises
+    ------
+    UserError
+        It has another extension, or is a folder.
+    """
+    path = Path(name)
+    if path.suffix.lower().lstrip('.') not in formats:
+        *others, last = (f'.{suffix}' for suffix in formats)
+        wanted = f'{", ".join(others)} or {last}' if others else last
+        raise UserError(f'cannot save {name!r}: the name must end in {wanted}')
+    if path.is_dir():
+        raise UserError(f'cannot save {name!r}: there is a folder of that name')
+    return path
+
+
+def make_folder(path: Path, within: Path) -> Path:
+    """Make and return the folder `path` in the folder `within`, without following links in that.
+
+    Raises
+    ------
+    OSError
+        It cannot be made.
+    """
+    within.mkdir(parents=True, exist_ok=True)
+    folder = within
+    for name in path.relative_to(within).parts:
+        folder /= name
+        with suppress(FileExistsError):
+            folder.mkdir()
+        if not stat.S_ISDIR(folder.lstat().st_mode):
+            raise NotADirectoryError(20, f'{str(folder)!r} is no plain folder')
+    return path
+
+
+def check_plain(folder: Path) -> None:
+    """Raise UserError unless all that is in `folder` are plain files; call it before writing there.
+
+    Then nothing that is written in it can reach anything else.
+    """
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if not entry.is_file(follow_symlinks=False):
+                kind = _KINDS.get(stat.S_IFMT(entry.stat(follow_symlinks=False).st_mode), 'special')
+                raise UserError(
+                    f'{entry.path!r} is {kind}, where a bag has plain files only: copy its .mcap '
+                    'files to a new folder, and name that'
+                )
