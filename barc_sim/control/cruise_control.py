@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.adapter import as_controller
-from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
 from barc_sim.vehicle.parameters import Parameter
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 SPEEDS = (-100.0, 100.0)  #: [m/s]
 _FASTEST = 1e6  #: [m/s] A faster state is refused.
 _NANOSECONDS = 1_000_000_000
-TYPE = Parameter(
+_TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
 _PARAMETERS = [
@@ -49,36 +49,45 @@ class CruiseControl:
     ----------
     controller
         What computes; `reset` and `configure` change it.
+    is_pid
+        Whether its terms are those of the PID.
     values
         The parameters by name.
 
     Examples
     --------
-    >>> cruise = CruiseControl(None, 'pid', print, print)
-    >>> cruise.configure({each.name: each.default for each in cruise.parameters()})
+    >>> def defaults(table):
+    ...     return {each.name: each.default for each in table}
+    >>> cruise = CruiseControl(None, defaults, refuse=print, warn=print)
     >>> cruise.answer(stamp=0, speed=7.75)
     Answer(reference=8.0, speed=7.75, acceleration=7.5)
     """
 
-    def __init__(self, controller: Controller | None, kind: str, refuse: Warn, warn: Warn) -> None:
-        """Use `controller`, or the one of the type `kind`; anything with `acc_calculate` will do.
+    def __init__(
+        self,
+        controller: Controller | None,
+        declare: Callable[[list[Parameter]], dict[str, Any]],
+        acceleration_limit: float = ACCELERATION_LIMIT,
+        *,
+        refuse: Warn,
+        warn: Warn,
+    ) -> None:
+        """Use `controller`, anything with `acc_calculate`; by default, that of the parameter.
 
-        `refuse` takes why a state is refused, and `warn` what else is odd.
+        `declare` declares parameters and returns their values; `acceleration_limit` [m/s²] is a
+        default. `refuse` takes why a state or a reference is refused, and `warn` what else is odd.
 
         Raises
         ------
         UserError
-            where there is no such type.
+            where a parameter is out of range, or there is no such type.
         """
-        if controller is None and kind not in TYPES:
-            raise UserError(
-                f'parameter controller_type of controller is {kind!r}: expected '
-                f'{" or ".join(TYPES)}'
-            )
-        self.controller = TYPES[kind]() if controller is None else as_controller(controller)
-        self.values: dict[str, Any] = {}
         self._refuse, self._warn = refuse, warn
-        self._previous: int | None = None
+        self.controller = as_controller(controller) if controller else _of_type(declare)
+        self.is_pid = self.controller.terms.keys() == PID.terms.keys()
+        self.values: dict[str, Any] = {}
+        self.configure(declare(self.parameters(acceleration_limit)))
+        self.reset()
 
     def parameters(self, acceleration_limit: float = ACCELERATION_LIMIT) -> list[Parameter]:
         """Return the declarations of the parameters: gains first.
@@ -111,10 +120,42 @@ class CruiseControl:
         controller.output_max = self.values['acceleration_limit']
         controller.output_min = -controller.output_max
 
+    def refer(self, speed: float) -> None:
+        """Hold `speed` [m/s] from now on, unless it is refused."""
+        low, high = SPEEDS
+        if low <= speed <= high:  # not NaN
+            self.values['speed_reference'] = speed
+        else:
+            span = f'between {low:g} and {high:g} m/s'
+            self._refuse(lambda: f'a speed_reference of {speed}: it must lie {span}')
+
     def reset(self) -> None:
         """Begin anew."""
         self.controller.reset()
-        self._previous = None
+        self._previous: int | None = None
+        self._state: tuple[int, float] | None = None  # of subtract_error: stamp [ns] and speed
+        self._error: tuple[int, float] | None = None
+
+    def take_state(self, stamp: int, speed: float) -> Answer | None:
+        """Return the answer to a state stamped `stamp` [ns]; None if it is not due, or refused."""
+        if not self.values['subtract_error']:
+            return self.answer(stamp, speed)
+        self._state = stamp, speed
+        return self._join()
+
+    def take_error(self, stamp: int, error: float) -> Answer | None:
+        """Take the error of a measured speed [m/s]; return as `take_state` does."""
+        if not self.values['subtract_error']:
+            return None
+        self._error = stamp, error
+        return self._join()
+
+    def _join(self) -> Answer | None:
+        """Answer once the state and the error of the same stamp are both there."""
+        if self._state is None or self._error is None or self._state[0] != self._error[0]:
+            return None
+        stamp, speed = self._state
+        return self.answer(stamp, speed - self._error[1])
 
     def answer(self, stamp: int, speed: float) -> Answer | None:
         """Return the answer to the state stamped `stamp` [ns]; None if its speed is refused."""
@@ -131,4 +172,32 @@ class CruiseControl:
                 dt = FIRST_DT
         self._previous = stamp
         reference = float(self.values['speed_reference'])
-        return Answer(reference, speed, self.controller.acc_calculate(reference, speed, dt))
+        acceleration = float(self.controller.acc_calculate(reference, speed, dt))
+        return Answer(reference, speed, acceleration)
+
+    def computed(self, answer: Answer) -> dict[str, Any]:
+        """Return what the controller computed for the latest `answer`: the fields of its message.
+
+        That is PidState where `is_pid`, and ControllerState otherwise.
+        """
+        controller = self.controller
+        terms = {name: float(getattr(controller, name)) for name in controller.terms}
+        named = terms if self.is_pid else {'names': [*terms], 'values': [*terms.values()]}
+        return {
+            'reference': answer.reference,
+            'measurement': answer.speed,
+            'error': answer.reference - answer.speed,
+            'output': answer.acceleration,
+            'saturated': bool(controller.saturated),
+            **named,
+        }
+
+
+def _of_type(declare: Callable[[list[Parameter]], dict[str, Any]]) -> Controller:
+    """Return a controller of the type that the parameter names."""
+    kind = declare([_TYPE])[_TYPE.name]
+    if kind not in TYPES:
+        raise UserError(
+            f'parameter controller_type of controller is {kind!r}: expected {" or ".join(TYPES)}'
+        )
+    return TYPES[kind]()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from barc_sim.control.pid import PID
 from barc_sim.simulation.log import (
     CLOCK,
     COMMAND,
@@ -20,8 +19,7 @@ from barc_sim.vehicle.bike_model import Command
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from barc_sim.control.controller import Controller
-    from barc_sim.control.cruise_control import Answer
+    from barc_sim.control.cruise_control import Answer, CruiseControl
     from barc_sim.vehicle.plant import Observation
 
 
@@ -102,11 +100,10 @@ class StatePublishers:
 class AnswerPublishers:
     """Publishes a controller's commands, and what it has computed for each."""
 
-    def __init__(self, make: MakePublisher, controller: Controller) -> None:
-        """Create the publishers for `controller`: what a PID computes has a topic of its own."""
-        self._controller = controller
-        self._is_pid = controller.terms.keys() == PID.terms.keys()
-        topic = PID_STATE if self._is_pid else CONTROLLER_STATE
+    def __init__(self, make: MakePublisher, control: CruiseControl) -> None:
+        """Create the publishers: what a PID computes has a topic of its own."""
+        self._control = control
+        topic = PID_STATE if control.is_pid else CONTROLLER_STATE
         self._command, self._state = (make(name, MESSAGE_TYPES[name]) for name in (COMMAND, topic))
 
     def publish(self, stamp: int, answer: Answer) -> Command:
@@ -115,19 +112,5 @@ class AnswerPublishers:
         if self._command.wanted:
             self._command.publish(stamp, command._asdict())
         if self._state.wanted:
-            self._state.publish(stamp, self._computed(answer))
+            self._state.publish(stamp, self._control.computed(answer))
         return command
-
-    def _computed(self, answer: Answer) -> dict[str, Any]:
-        """Return what the controller computed in its latest call, which made `answer`."""
-        controller = self._controller
-        terms = {name: getattr(controller, name) for name in controller.terms}
-        fields = {
-            'reference': answer.reference,
-            'measurement': answer.speed,
-            'error': answer.reference - answer.speed,
-            'output': answer.acceleration,
-            'saturated': controller.saturated,
-        }
-        named = terms if self._is_pid else {'names': [*terms], 'values': [*terms.values()]}
-        return fields | named

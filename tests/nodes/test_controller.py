@@ -182,7 +182,7 @@ def test_state_that_is_none_is_refused_and_spoils_nothing(bench: Make, speed: fl
     one.send_state(20 * MS, speed)
     answers += one.answers([(40 * MS, 7.95)])
     assert answers == expected([(0.0, 7.9), (0.04, 7.95)])
-    assert one.controller.refused == 1
+    assert one.controller.refused.count == 1
 
 
 def test_reference_may_come_from_an_outer_loop(bench: Make) -> None:
@@ -202,7 +202,7 @@ def test_reference_out_of_range_is_refused(bench: Make, reference: float) -> Non
     outer = one.peer.create_publisher(Float64, 'speed_reference', 1)
     one.until(lambda: outer.get_subscription_count() == 1)
     outer.publish(Float64(data=reference))
-    one.until(lambda: one.controller.refused == 1)
+    one.until(lambda: one.controller.refused.count == 1)
     assert one.controller.values['speed_reference'] == 8.0
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.cruise_control import TYPE, CruiseControl
-from barc_sim.control.types import DEFAULT_TYPE
+from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.simulation.publishers import AnswerPublishers, StatePublishers
 from barc_sim.simulation.simulator import (
     CHECK_PERIOD,
@@ -167,20 +166,16 @@ class LocalController:
             where a parameter is out of range, or `controller` cannot work with them.
         """
         self._node = node = host.node('controller')
-        kind = DEFAULT_TYPE
-        if controller is None:
-            kind = node.declare([TYPE], given)[TYPE.name]
         self._control = CruiseControl(
             controller,
-            kind,
-            lambda sentence: node.warning(f'refused {sentence()}', period=1.0),
-            lambda sentence: node.warning(sentence(), period=1.0),
+            partial(node.declare, given=given),
+            acceleration_limit,
+            refuse=lambda sentence: node.warning(f'refused {sentence()}', period=1.0),
+            warn=lambda sentence: node.warning(sentence(), period=1.0),
         )
-        self._control.configure(node.declare(self._control.parameters(acceleration_limit), given))
         self.values = self._control.values
         self.reset = self._control.reset
-        self.reset()
-        self._publishers = AnswerPublishers(node.publisher, self._control.controller)
+        self._publishers = AnswerPublishers(node.publisher, self._control)
 
     def tune(self, name: str, value: float) -> str:
         """Set a parameter while the run goes on; return why that is refused, or ''."""
