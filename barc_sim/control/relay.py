@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.driver import STALE_AFTER, Driver, DriverInput, Limits
@@ -113,6 +114,11 @@ class RelayControl:
         if scaled.usable:
             self.driver.receive(scaled, time.monotonic())
         return scaled.usable
+
+    def take_speed(self, speed: float) -> None:
+        """Take the car's speed [m/s] unless it is not finite."""
+        if isfinite(speed):
+            self.speed = speed
 
     def command(self) -> Command:
         """Return the command from now on."""
