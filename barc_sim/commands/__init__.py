@@ -43,7 +43,7 @@ NODES = {
     'bag_recorder': ('recorder.node', 'BagRecorder'),
     'controller': ('controller', 'CruiseController'),
     'foxglove_server': ('foxglove.node', 'announced'),
-    'keyboard': ('keyboard.node', 'on_stdin'),
+    'keyboard': ('keyboard', 'on_stdin'),
     'mirror': ('mirrors.node', 'MirrorNode'),
     'relay': ('relay', 'Relay'),
     'vehicle_simulator': ('simulator.node', 'VehicleSimulator'),

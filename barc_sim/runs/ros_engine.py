@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.keyboard.node import Keyboard
+from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator.node import VehicleSimulator

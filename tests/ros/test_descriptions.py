@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from barc_sim.control.keyboard.keys import PARAMETERS as KEYBOARD
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.keyboard import node as keyboard
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator.node import VehicleSimulator
@@ -44,8 +44,7 @@ def test_parameter_of_a_node_has_a_description(
 
 
 def test_parameters_of_the_keyboard_have_descriptions() -> None:
-    table = keyboard._PARAMETERS  # noqa: SLF001 (the node itself would take the terminal)
-    assert all(parameter.description for parameter in table)
+    assert all(parameter.description for parameter in KEYBOARD)
 
 
 @pytest.mark.parametrize('path', MESSAGES, ids=lambda path: path.stem)

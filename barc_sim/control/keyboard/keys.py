@@ -11,6 +11,7 @@ from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,6 +20,23 @@ if TYPE_CHECKING:
 #: longer than the usual time to the next one.
 PRESS_HOLD = 0.6
 REPEAT_HOLD = 0.15
+PARAMETERS = [
+    Parameter(
+        'press_hold',
+        PRESS_HOLD,
+        'time [s] for which a key counts as held after a press; longer than the delay before the '
+        'key repeats',
+        (0.05, 5.0),
+        read_only=True,
+    ),
+    Parameter(
+        'repeat_hold',
+        REPEAT_HOLD,
+        'time [s] for which a key counts as held after each repeat',
+        (0.05, 5.0),
+        read_only=True,
+    ),
+]
 
 _ARROWS = {'A': 'up', 'B': 'down', 'C': 'right', 'D': 'left'}
 _LETTERS = {
@@ -150,6 +168,11 @@ class HeldKeys:
 
     def handle(self, event: KeyEvent, t: float) -> bool:
         """Handle an `event` at `t` [s]; return whether it is a new press, not a repeat."""
+        if event.key in ('kitty', 'blur'):
+            self.releases = self.releases or event.key == 'kitty'
+            if event.key == 'blur':
+                self._until.clear()
+            return False
         until = self._until.pop(event.key, -inf)
         if event.released:
             return False
@@ -160,10 +183,6 @@ class HeldKeys:
             until = max(until, t + (self._press_hold if pressed else self._repeat_hold))
         self._until[event.key] = until
         return pressed
-
-    def release(self) -> None:
-        """Release all keys."""
-        self._until.clear()
 
     def held(self, t: float) -> tuple[str, ...]:
         """Return the driving keys held at `t` [s]."""

@@ -130,11 +130,7 @@ class LocalKeyboard:
             self._host.loop.call(partial(self._handle, event, time.monotonic()))
 
     def _handle(self, event: KeyEvent, t: float) -> None:
-        if event.key == 'kitty':
-            self._keys.releases = True
-        elif event.key == 'blur':
-            self._keys.release()
-        elif self._keys.handle(event, t) and event.key == 'reset':
+        if self._keys.handle(event, t) and event.key == 'reset':
             self._on_reset()
         self._publish()
         self._timer.reset()

@@ -175,9 +175,9 @@ def test_a_key_still_held_when_the_brake_is_released_counts_again() -> None:
     assert held.request(0.2) == DriverInput(forward=1.0)
 
 
-def test_release_of_all_keys_is_coasting() -> None:
+def test_a_window_that_loses_the_focus_coasts() -> None:
     held = press('up', 'left', releases=True)
     assert held.request(0.0)
-    held.release()
+    held.handle(KeyEvent('blur'), 0.1)
     assert held.request(0.1) == COAST
     assert held.request(0.2) is None

@@ -14,50 +14,20 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from barc_sim.control.driver import FULL_BRAKE, RATE
-from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
+from barc_sim.control.keyboard.keys import PARAMETERS, HeldKeys
 from barc_sim.control.keyboard.terminal import Terminal
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_twist
-from barc_sim.ros.endpoints import publisher
-from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
-from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from barc_sim.control.keyboard.keys import KeyEvent
-
-_PARAMETERS = [
-    Parameter(
-        'press_hold',
-        PRESS_HOLD,
-        'time [s] for which a key counts as held after a press; longer than the delay before the '
-        'key repeats',
-        (0.05, 5.0),
-        read_only=True,
-    ),
-    Parameter(
-        'repeat_hold',
-        REPEAT_HOLD,
-        'time [s] for which a key counts as held after each repeat',
-        (0.05, 5.0),
-        read_only=True,
-    ),
-]
-
-
-#: To wait for the delivery of the last Twist.
-_DELIVERY_TIMEOUT = Duration(seconds=0.3)
 
 
 class Keyboard(Node):
     """Publishes while a key is held, zero once after its release, and then nothing.
 
-    At its end it publishes the brake.
-
-    Attributes
-    ----------
-    finished
-        Done when the user presses `q` or Ctrl-C.
+    At its end it publishes the brake. `finished` is done when the user presses `q` or Ctrl-C.
 
     Examples
     --------
@@ -76,6 +46,8 @@ class Keyboard(Node):
     (None, None)
     """
 
+    description = "publishes the driver's input from the terminal's keys, as `cmd_vel`"
+
     def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)
         """Read keys from `terminal`, which is closed at the end.
 
@@ -85,20 +57,19 @@ class Keyboard(Node):
             if a parameter is out of range.
         """
         super().__init__('keyboard', **options)
-        values = declare(self, _PARAMETERS)
+        values = declare(self, PARAMETERS)
         self._keys = HeldKeys(values['press_hold'], values['repeat_hold'])
         self._events: deque[tuple[KeyEvent, float]] = deque()
         self._terminal = terminal
-        self.finished: Future = Future()
+        self.finished = Future()
         # The terminal is restored before all else ends, whichever thread ends it.
         self.finished.add_done_callback(lambda _: terminal.close())
 
-        self._twist_pub = publisher(self, Twist, names.CMD_VEL)
-        group = QuickCallbackGroup()
-        self._reset = self.create_client(Trigger, names.RESET_SIMULATOR, callback_group=group)
-        self._typed = self.create_guard_condition(self._on_typed, group)
+        self._twist_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
+        self._reset = self.create_client(Trigger, names.RESET_SIMULATOR)
+        self._typed = self.create_guard_condition(self._on_typed)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(1.0 / RATE, self._publish, group, steady)
+        self._timer = self.create_timer(1.0 / RATE, self._publish, clock=steady)
         terminal.listen(self._on_event)
 
     def destroy_node(self) -> None:
@@ -107,11 +78,11 @@ class Keyboard(Node):
         if self.context.ok() and self._twist_pub in self.publishers:
             self._twist_pub.publish(to_twist(FULL_BRAKE))
             # The process may end next, and would discard what is not delivered.
-            self._twist_pub.wait_for_all_acked(_DELIVERY_TIMEOUT)
+            self._twist_pub.wait_for_all_acked(Duration(seconds=0.3))
         super().destroy_node()
 
     def _on_event(self, event: KeyEvent) -> None:
-        """Pass an event from the terminal's thread to the thread that spins."""
+        """Pass an event from the terminal's thread to the one that spins."""
         if event.key == 'quit':
             self.finished.set_result(None)
         else:
@@ -121,11 +92,7 @@ class Keyboard(Node):
     def _on_typed(self) -> None:
         while self._events:
             event, t = self._events.popleft()
-            if event.key == 'kitty':
-                self._keys.releases = True
-            elif event.key == 'blur':
-                self._keys.release()
-            elif self._keys.handle(event, t) and event.key == 'reset':
+            if self._keys.handle(event, t) and event.key == 'reset':
                 self._request_reset()
         self._publish()
         self._timer.reset()
