@@ -12,7 +12,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from barc_sim import __version__
-from barc_sim.cli.parser import ROS_ARGS, Parser, call, did_you_mean
+from barc_sim.cli.parser import ROS_ARGS, Parser, did_you_mean
+from barc_sim.cli.process import call, check_arguments
 from barc_sim.commands import COMMANDS, GROUPS, NODES
 
 if TYPE_CHECKING:
@@ -28,8 +29,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complete()
     name, *words = argv = [*(sys.argv[1:] if argv is None else argv)] or ['--help']
     if name in COMMANDS:
-        return call(f'barc {name}', lambda: _command(name).run(parse(name, words)))
+        return call(f'barc {name}', lambda: _run(name, words))
     return call('barc', lambda: _print_about(argv))
+
+
+def _run(name: str, words: Sequence[str]) -> int | None:
+    check_arguments(words)
+    code: int | None = _command(name).run(parse(name, words))
+    return code
 
 
 def parse(name: str, words: Sequence[str]) -> argparse.Namespace:

@@ -11,7 +11,7 @@ if __name__ == '__main__':
 import sys
 
 from barc_sim.__main__ import main as barc
-from barc_sim.cli.parser import USAGE_ERROR, report
+from barc_sim.cli.process import USAGE_ERROR, report
 
 _RUNS = ('acc', 'teleop')
 

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 import barc_sim
-from barc_sim.cli.ros_hint import has_ros
+from barc_sim.cli.process import has_ros
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

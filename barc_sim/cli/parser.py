@@ -1,33 +1,30 @@
-"""What the commands share: a parser, one-line errors, exit codes, and the path of `barc`."""
+"""What the commands share: a parser, types of options, suggestions, and the path of `barc`."""
 
 from __future__ import annotations
 
 import argparse
-import io
 import os
 import re
 import shlex
 import sys
-import sysconfig
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from barc_sim.cli.ros_hint import ROS_PACKAGES, has_ros, needs_ros
-from barc_sim.errors import UserError
+from barc_sim.cli.process import USAGE_ERROR, error_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-#: By package, the name to install it by, where that is another.
-_DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
 ROS_ARGS = '--ros-args'
 _ROS_ARGS_HELP = (
     'Arguments after --ros-args go to ROS, for example '
     '--ros-args -r __ns:=/car2 -p controller:acceleration_limit:=4.0'
 )
-USAGE_ERROR = 2
-INTERRUPTED = 130
+MAX_PORT = 65_535
+#: The Foxglove app's default port.
+FOXGLOVE_PORT = 8765
+_MAX_DIGITS = 18  #: of a whole number on the command line
 
 
 class Parser(argparse.ArgumentParser):
@@ -54,7 +51,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
-        self.exit(USAGE_ERROR, f'{_error_line(self.prog, message)} (see --help)\n')
+        self.exit(USAGE_ERROR, f'{error_line(self.prog, message)} (see --help)\n')
 
 
 def accept_ros_args(parser: argparse.ArgumentParser) -> None:
@@ -71,6 +68,46 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--namespace', metavar='NS', help='the car, in a bag of several, as in /car1'
     )
+
+
+def number(low: float, high: float) -> Callable[[str], float]:
+    """Return a converter from text to a number between `low` and `high`, ends included.
+
+    Examples
+    --------
+    >>> number(0.0, 1.0)('0.5')
+    0.5
+    """
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float('nan')
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f'{text!r} is not a number from {low:g} to {high:g}')
+        return value
+
+    return convert
+
+
+def whole(low: int, high: int | None = None) -> Callable[[str], int]:
+    """Return a converter from text to a whole number between `low` and `high`, ends included.
+
+    Examples
+    --------
+    >>> whole(1)('3')
+    3
+    """
+    bounds = f'from {low} to {high}' if high is not None else f'of at least {low}'
+
+    def convert(text: str) -> int:
+        valid = text.isdecimal() and len(text) <= _MAX_DIGITS
+        if not valid or not low <= int(text) <= (int(text) if high is None else high):
+            raise argparse.ArgumentTypeError(f'{text!r} is not a whole number {bounds}')
+        return int(text)
+
+    return convert
 
 
 def did_you_mean(name: str, known: Iterable[str], prefix: str = '') -> str:
@@ -106,87 +143,3 @@ def _quoted(path: Path) -> str:
     with suppress(ValueError):
         path = path.relative_to(Path.cwd())
     return shlex.quote(str(path))
-
-
-def call(prog: str, main: Callable[[], int | None]) -> int:
-    """Run `main` and return the command's exit code.
-
-    A UserError becomes one line on stderr and code 2, so does a Python without ROS; Ctrl-C becomes
-    code 130. A closed pipe (`| head`) ends the command silently. What stdout's encoding lacks is
-    printed as `?`.
-    """
-    try:
-        return _print_all(main)
-    except UserError as error:
-        report(prog, str(error))
-        return USAGE_ERROR
-    except ImportError as error:
-        missing = _missing(error, prog)
-        if missing is None:
-            raise
-        report(prog, missing)
-        return USAGE_ERROR
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except OSError as error:
-        if error.filename:
-            raise
-        if sys.stdout:
-            # Python flushes stdout once more at exit: redirect that to nowhere.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):
-            return 0
-        report(prog, f'the output cannot be written: {error.strerror}')
-        return USAGE_ERROR
-
-
-def _print_all(main: Callable[[], int | None]) -> int:
-    """Run `main`, with any text on stdout, and flush it here, where a failure can be caught."""
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors='replace')
-    try:
-        return main() or 0
-    finally:
-        if sys.stdout:
-            sys.stdout.flush()
-
-
-def _missing(error: ImportError, prog: str) -> str | None:
-    """Return the sentence for a package that cannot be imported; None if we do not require it."""
-    from importlib import metadata  # noqa: PLC0415 (only for an error)
-
-    package = (error.name or '').partition('.')[0]
-    absent = isinstance(error, ModuleNotFoundError)
-    if package in ROS_PACKAGES and (absent or not has_ros()):
-        return str(needs_ros(prog))
-    if not absent:
-        return None
-    name = re.compile(
-        re.escape(_DISTRIBUTIONS.get(package, package).replace('_', '-')) + r'\b(?!-)'
-    )
-    with suppress(metadata.PackageNotFoundError):
-        for requirement in metadata.requires('barc_sim') or ():
-            if name.match(requirement) and 'extra ==' not in requirement:
-                install = [sys.executable, '-m', 'pip', 'install', *_pip_options(), requirement]
-                return (
-                    f'the package {package!r} is not installed in this Python, or is too old: '
-                    f'run {shlex.join(install)}'
-                )
-    return None
-
-
-def _pip_options() -> list[str]:
-    """Return what pip needs to install beside the packages of the system, as with ROS from apt."""
-    managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED')
-    if sys.prefix == sys.base_prefix and managed.exists():
-        return ['--user', '--break-system-packages']
-    return []
-
-
-def report(prog: str, message: str) -> None:
-    """Print an error on stderr, in one line."""
-    print(_error_line(prog, message), file=sys.stderr)  # noqa: T201
-
-
-def _error_line(prog: str, message: str) -> str:
-    return f'{prog}: error: {" ".join(message.splitlines())}'

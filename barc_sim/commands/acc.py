@@ -5,8 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentTypeError
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import number, whole
-from barc_sim.cli.parser import accept_ros_args
+from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.signals import StopSignals
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES

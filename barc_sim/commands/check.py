@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
-from barc_sim.cli.option_types import number
+from barc_sim.cli.parser import number
 from barc_sim.control.pid import NO_LIMIT, PID
 from barc_sim.errors import UserError
 

@@ -6,7 +6,7 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import whole
+from barc_sim.cli.parser import whole
 from barc_sim.ros.introspection.text import TRUNCATE, Style, field_of, to_csv, to_yaml
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import make_folder, saving
-from barc_sim.cli.option_types import number, whole
-from barc_sim.cli.parser import INTERRUPTED
+from barc_sim.cli.parser import number, whole
+from barc_sim.cli.process import INTERRUPTED
 from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import UserError
 

@@ -6,7 +6,8 @@ from argparse import REMAINDER
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import ROS_ARGS, call
+from barc_sim.cli.parser import ROS_ARGS
+from barc_sim.cli.process import call
 from barc_sim.commands import NODES
 from barc_sim.errors import UserError
 

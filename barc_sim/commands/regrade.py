@@ -6,8 +6,7 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import number
-from barc_sim.cli.parser import add_bag_arguments
+from barc_sim.cli.parser import add_bag_arguments, number
 from barc_sim.errors import escaped
 
 if TYPE_CHECKING:

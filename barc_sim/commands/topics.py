@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import number
+from barc_sim.cli.parser import number
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import time
 import zipfile
 from importlib import resources
 from pathlib import Path
@@ -83,8 +84,18 @@ def write(path: Path, parts: Iterable[Part]) -> None:
     files = {name: data for part in parts for name, data in part.files.items()}
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
         for name, data in files.items():
-            archive.writestr(name, data.read_bytes() if isinstance(data, Path) else data)
-        archive.writestr(SUMMARY, ''.join(f'{part}\n' for part in parts))
+            archive.writestr(_entry(name), data.read_bytes() if isinstance(data, Path) else data)
+        archive.writestr(_entry(SUMMARY), ''.join(f'{part}\n' for part in parts))
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    """Return a zip's entry for a file that is made now, in the years that a zip can hold."""
+    year, month, day, hour, minute, second = time.localtime()[:6]
+    year = min(max(year, 1980), 2107)
+    entry = zipfile.ZipInfo(name, (year, month, day, hour, minute, second))
+    entry.external_attr = 0o600 << 16
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
 
 
 def size(path: Path) -> str:

@@ -14,6 +14,7 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from barc_sim.cli.process import check_clock, check_limits
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
@@ -39,8 +40,8 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     Raises
     ------
     UserError
-        The arguments after `--ros-args` are not ROS's, or DDS security is requested and not
-        available.
+        The clock or a limit of the process is unfit for ROS, the arguments after `--ros-args` are
+        not ROS's, or DDS security is requested and not available.
 
     Examples
     --------
@@ -51,6 +52,8 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     ...     node.destroy_node()
     '/car2/controller'
     """
+    check_clock()
+    check_limits()
     secure = os.environ.get('ROS_SECURITY_ENABLE') == 'true'
     keystore = Path(os.environ.get('ROS_SECURITY_KEYSTORE', ''))
     if secure and not (keystore / 'enclaves').is_dir():

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.cli.ros_hint import has_ros
+from barc_sim.cli.process import has_ros
 from barc_sim.lab.user_code.call import NOT_WRITTEN
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from barc_sim.bags.directory import check_root
-from barc_sim.cli.parser import report
+from barc_sim.cli.process import check_clock, report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, find_files, load_files
 from barc_sim.lab.user_code.source import UserCodeError
@@ -40,6 +40,7 @@ def conduct(create: Callable[[Setup], Run], options: Namespace, stop: StopSignal
         if an option, a user's file or a ROS argument cannot be used; no bag is left then.
     """
     ros = uses_ros(options)
+    check_clock()
     road = Road.named(options.road) if options.road else None
     if not options.no_bag:
         check_root(options.bag_dir)

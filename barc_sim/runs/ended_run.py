@@ -155,7 +155,7 @@ def _read(bag: Path) -> Log | None:
 
 def _zipped(folder: Path) -> bytes:
     data = BytesIO()
-    with zipfile.ZipFile(data, 'w') as archive:
+    with zipfile.ZipFile(data, 'w', strict_timestamps=False) as archive:
         for path in sorted(folder.iterdir()):
             archive.write(path, f'{folder.name}/{path.name}')
     return data.getvalue()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.ros_hint import has_ros, needs_ros
+from barc_sim.cli.process import has_ros, needs_ros
 
 if TYPE_CHECKING:
     from argparse import ArgumentParser, Namespace

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentTypeError
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import number, whole
+from barc_sim.cli.parser import number, whole
 from barc_sim.lab.user_code.loading import FILES
 from barc_sim.runs.engine import add_engine_option
 from barc_sim.runs.recording_options import add_recording_options
 from barc_sim.runs.view_options import add_mirror_options, add_view_options
+from barc_sim.vehicle.parameters import REALTIME_FACTORS
 
-_MAX_FACTOR = 1000.0
+if TYPE_CHECKING:
+    import argparse
+
 _MAX_SEED = 2**53
 
 
@@ -38,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         '--realtime-factor',
         type=_factor,
         metavar='FACTOR',
-        help="simulated seconds per second; 'max', for acc: as fast as possible (1)",
+        help="simulated seconds per second, from 0.001; 'max', for acc: as fast as possible (1)",
     )
     _add_user_code(parser, *parts)
     add_view_options(parser, on=view == 'web')
@@ -98,7 +102,7 @@ def _factor(text: str) -> float:
     """Return the real-time factor; 0.0 stands for `max`."""
     if text == 'max':
         return 0.0
-    value = number(0.0, _MAX_FACTOR)(text)
-    if value == 0.0:
-        raise argparse.ArgumentTypeError("0 is not a factor above 0, nor 'max'")
-    return value
+    try:
+        return number(*REALTIME_FACTORS)(text)
+    except ArgumentTypeError as error:
+        raise ArgumentTypeError(f"{error}, nor 'max'") from None

@@ -6,12 +6,12 @@ import argparse
 import re
 from dataclasses import fields
 from math import inf
-from typing import TYPE_CHECKING
 
 from barc_sim.bags.recording import Recording
+from barc_sim.cli.parser import number
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+_MAX_SIZE = 2.0**60  #: [B]
+_MAX_DURATION = 1e9  #: [s]
 
 
 def add_recording_options(parser: argparse.ArgumentParser) -> None:
@@ -33,14 +33,14 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         '--max-bag-size',
-        type=_positive('bytes'),
+        type=number(1, _MAX_SIZE),
         default=inf,
         metavar='BYTES',
         help='begin a new file of the bag at this size, exceeded by a chunk of 768 KiB at most',
     )
     group.add_argument(
         '--max-bag-duration',
-        type=_positive('seconds'),
+        type=number(0.001, _MAX_DURATION),
         default=inf,
         metavar='S',
         help='begin a new file of the bag after this time',
@@ -54,7 +54,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         '--min-free-space',
-        type=_positive('MiB', zero=True),
+        type=number(0, _MAX_SIZE / 2**20),
         default=Recording.min_free_space,
         metavar='MIB',
         help=f'space to leave free on the disk ({Recording.min_free_space:g})',
@@ -82,16 +82,3 @@ def _pattern(text: str) -> re.Pattern[str]:
         return re.compile(text)
     except re.error as error:
         raise argparse.ArgumentTypeError(f'{text!r} is not a regular expression: {error}') from None
-
-
-def _positive(unit: str, *, zero: bool = False) -> Callable[[str], float]:
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = -1.0
-        if not (0.0 <= value < inf if zero else 0.0 < value < inf):
-            raise argparse.ArgumentTypeError(f'{text!r} is not a positive number of {unit}')
-        return value
-
-    return convert

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from barc_sim.cli.option_types import FOXGLOVE_PORT, GREATEST_PORT, whole
+from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, whole
 from barc_sim.nodes.mirrors.kinds import MIRRORS
 
 
@@ -33,7 +33,7 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
     """Add `--view-port` and `--view-host`; `can` is what a page's visitor can do."""
     parser.add_argument(
         '--view-port',
-        type=whole(0, GREATEST_PORT),
+        type=whole(0, MAX_PORT),
         default=0,
         metavar='PORT',
         help='port of the page (any that is free)',
@@ -72,7 +72,7 @@ def add_mirror_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--foxglove',
-        type=whole(0, GREATEST_PORT),
+        type=whole(0, MAX_PORT),
         nargs='?',
         const=FOXGLOVE_PORT,
         metavar='PORT',

@@ -10,7 +10,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.stepper import Stepper
 from barc_sim.simulation.stepper_interface import Outputs, Settings
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.parameters import LIVE, PARAMETERS, Parameter, plant, retune
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, REALTIME_FACTORS, Parameter, plant, retune
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -125,8 +125,14 @@ def _settings(values: Mapping[str, Any]) -> Settings:
     Raises
     ------
     UserError
-        There are several laps, and no distance at which one ends.
+        There are several laps, and no distance at which one ends; or time would hardly pass.
     """
+    low, high = REALTIME_FACTORS
+    if 0.0 < values['realtime_factor'] < low:
+        raise UserError(
+            f'realtime_factor {values["realtime_factor"]:g} is so small that time hardly passes: '
+            f'expected 0, or {low:g} to {high:g}'
+        )
     if values['laps'] != 1 and not values['distance']:
         raise UserError(
             f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '

@@ -6,8 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import number, whole
-from barc_sim.cli.parser import barc_path
+from barc_sim.cli.parser import barc_path, number, whole
 from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
 

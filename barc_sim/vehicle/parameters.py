@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Model
 
 
+#: Simulated seconds per second; besides, 0 is as fast as commands arrive.
+REALTIME_FACTORS = (0.001, 1000.0)
+
+
 class Parameter(NamedTuple):
     """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out.
 
@@ -74,7 +78,7 @@ PARAMETERS = [
         'realtime_factor',
         1.0,
         'simulated seconds per second; 0: each step as soon as its command has arrived',
-        (0.0, 1000.0),
+        (0.0, REALTIME_FACTORS[1]),
     ),
     Parameter(
         'clock',

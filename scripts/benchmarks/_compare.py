@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.cli.option_types import whole
+from barc_sim.cli.parser import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from _compare import Found, add_number, in_turns, table
 
 from barc_sim.bags.reader import info
-from barc_sim.cli.option_types import whole
+from barc_sim.cli.parser import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

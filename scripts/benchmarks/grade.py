@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.option_types import whole
+from barc_sim.cli.parser import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

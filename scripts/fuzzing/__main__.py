@@ -15,8 +15,8 @@ from typing import Any
 
 from _trial import HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, content, trials
 
-from barc_sim.cli.option_types import whole
-from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.parser import Parser, whole
+from barc_sim.cli.process import call
 
 _KINDS = ('bags', 'zips')
 _OUTCOMES = (RESULT, SENTENCE, TRACEBACK, HANG, MEMORY)

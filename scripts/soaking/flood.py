@@ -18,7 +18,7 @@ from _figures import Figure
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
-from barc_sim.cli.option_types import whole
+from barc_sim.cli.parser import whole
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

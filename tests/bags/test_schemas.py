@@ -9,7 +9,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags.schemas import definition, share
-from barc_sim.cli.ros_hint import has_ros
+from barc_sim.cli.process import has_ros
 
 needs_ros = pytest.mark.skipif(not has_ros(), reason='compares with what ROS has installed')
 

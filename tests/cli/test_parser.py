@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import pytest
 
 import barc_sim
-from barc_sim.cli.parser import Parser, call
+from barc_sim.cli.parser import Parser, number, whole
+from barc_sim.cli.process import call
 from barc_sim.errors import UserError
 
 ROOT = Path(barc_sim.__file__).parents[1]
@@ -130,7 +132,10 @@ def test_reader_that_went_away_ends_the_command(
 def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    script = f"import sys; from barc_sim.cli.parser import *; sys.exit(call('drive', {main}))"
+    script = (
+        'import sys; from barc_sim.cli.parser import Parser; from barc_sim.cli.process import call;'
+        f"sys.exit(call('drive', {main}))"
+    )
     with os.fdopen(writing, 'w') as stdout:
         done = subprocess.run(
             [sys.executable, '-c', script],
@@ -141,3 +146,28 @@ def test_reader_that_went_away_leaves_no_trace_at_exit(main: str) -> None:
             timeout=60,
         )
     assert (done.returncode, done.stderr) == (0, b'')
+
+
+# Types of options
+
+
+@pytest.mark.parametrize('text', ['-1', '0', '2.5e0', '3'])
+def test_number_within_its_bounds_is_taken(text: str) -> None:
+    assert number(-1.0, 3.0)(text) == float(text)
+
+
+@pytest.mark.parametrize('text', ['-1.001', '3.1', 'nan', 'inf', 'three', ''])
+def test_other_number_is_refused(text: str) -> None:
+    with pytest.raises(ArgumentTypeError, match=f'{text!r} is not a number from -1 to 3'):
+        number(-1.0, 3.0)(text)
+
+
+@pytest.mark.parametrize('text', ['1', '7', '10'])
+def test_whole_number_within_its_bounds_is_taken(text: str) -> None:
+    assert whole(1, 10)(text) == int(text)
+
+
+@pytest.mark.parametrize('text', ['0', '11', '1.0', '-1', '+1', '', 'one'])
+def test_other_whole_number_is_refused(text: str) -> None:
+    with pytest.raises(ArgumentTypeError, match='is not a whole number from 1 to 10'):
+        whole(1, 10)(text)

@@ -56,11 +56,11 @@ def test_options_are_taken_as_they_are_given() -> None:
     ('arguments', 'reason'),
     [
         (('--topics', '('), "'(' is not a regular expression"),
-        (('--max-bag-size', '0'), "'0' is not a positive number of bytes"),
-        (('--max-bag-duration', 'nan'), "'nan' is not a positive number of seconds"),
-        (('--max-bag-duration', 'inf'), "'inf' is not a positive number of seconds"),
-        (('--min-free-space', '-1'), "'-1' is not a positive number of MiB"),
-        (('--min-free-space', 'much'), "'much' is not a positive number of MiB"),
+        (('--max-bag-size', '0'), "'0' is not a number from 1 to"),
+        (('--max-bag-duration', 'nan'), "'nan' is not a number from 0.001 to 1e+09"),
+        (('--max-bag-duration', 'inf'), "'inf' is not a number from 0.001 to 1e+09"),
+        (('--min-free-space', '-1'), "'-1' is not a number from 0 to"),
+        (('--min-free-space', 'much'), "'much' is not a number from 0 to"),
         (('--on-write-error', 'ignore'), "invalid choice: 'ignore'"),
     ],
 )

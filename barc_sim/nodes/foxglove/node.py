@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from barc_sim.cli.option_types import FOXGLOVE_PORT
+from barc_sim.cli.parser import FOXGLOVE_PORT
 from barc_sim.nodes.foxglove.live import LiveServer
 from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare

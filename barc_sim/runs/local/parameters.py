@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from barc_sim.cli.ros_hint import needs_ros
+from barc_sim.cli.process import needs_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:

@@ -97,7 +97,7 @@ def test_a_folder_named_barc_interfaces_is_not_taken_for_its_messages(tmp_path: 
     script = tmp_path / 'rclpy.py'
     script.touch()
     done = subprocess.run(
-        [sys.executable, '-S', '-c', 'from barc_sim.cli.ros_hint import has_ros; print(has_ros())'],
+        [sys.executable, '-S', '-c', 'from barc_sim.cli.process import has_ros; print(has_ros())'],
         cwd=tmp_path,
         env=os.environ | {'PYTHONPATH': os.pathsep.join(map(str, (tmp_path, ROOT)))},
         capture_output=True,

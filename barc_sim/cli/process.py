@@ -1,0 +1,263 @@
+"""What every process of barc_sim shares: errors as sentences, exit codes, limits, and ROS or not.
+
+`call` is where an error becomes a sentence. A UserError has its sentence already. What the machine
+refuses (files, memory, threads) gets it here; every other error is a fault of ours, and keeps its
+traceback.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import re
+import shlex
+import sys
+import sysconfig
+import tempfile
+import time
+from contextlib import suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barc_sim.errors import UserError
+
+try:
+    import resource
+except ImportError:  # on Windows
+    resource = None  # type: ignore[assignment]
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+USAGE_ERROR = 2
+INTERRUPTED = 130
+#: The packages without which nothing of ROS works here.
+ROS_PACKAGES = ('rclpy', 'barc_interfaces')
+#: By package, the name to install it by, where that is another.
+_DISTRIBUTIONS = {'PIL': 'pillow', 'yaml': 'pyyaml'}
+_HOW = {
+    'win32': 'install WSL 2 (wsl --install), and start ./scripts/run in its Ubuntu',
+    'darwin': 'install RoboStack (pixi shell in the checkout), or use a container of ros:jazzy',
+}
+_HOW_ON_LINUX = (
+    'start with ./scripts/run on x86-64; or, on Ubuntu 24.04, install ROS 2 Jazzy '
+    '(sudo apt install ros-jazzy-ros-base) and source it; else use a container of ros:jazzy'
+)
+_MIN_FILES = 128  #: open files; a run with one car has about 70
+_MIN_MEMORY = 512 << 20  #: [B] of addresses; NumPy ends a process that has less
+_MIN_MEMORY_OF_ROS = 1 << 30  #: [B] of addresses; ROS and its threads take about 900 MB
+_MAX_TIME = 2**31  #: [s] since 1970; a message's stamp holds no more
+
+
+def call(prog: str, main: Callable[[], int | None]) -> int:
+    """Run `main` and return the command's exit code.
+
+    A UserError becomes one line on stderr and code 2, so does what the machine refuses; Ctrl-C
+    becomes code 130. A closed pipe (`| head`) ends the command silently. What stdout's encoding
+    lacks is printed as `?`.
+    """
+    try:
+        _prepare()
+        return _print_all(main)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except Exception as error:
+        message = _sentence(error, prog)
+        if message is None:
+            raise
+    if message:
+        report(prog, message)
+    return USAGE_ERROR if message else 0
+
+
+def report(prog: str, message: str) -> None:
+    """Print an error on stderr, in one line."""
+    print(error_line(prog, message), file=sys.stderr)  # noqa: T201
+
+
+def warn(message: str) -> None:
+    """Print a warning on stderr, in one line."""
+    print(f'warning: {message}', file=sys.stderr, flush=True)  # noqa: T201
+
+
+def error_line(prog: str, message: str) -> str:
+    """Return the line for an error of the program `prog`."""
+    return f'{prog}: error: {" ".join(message.splitlines())}'
+
+
+def check_arguments(words: Sequence[str]) -> None:
+    """Raise UserError for an argument that is no UTF-8: neither ROS nor a bag can hold it."""
+    for word in words:
+        if word.encode(errors='replace').decode() != word:
+            raise UserError(
+                f'the argument {word!r} is not UTF-8: rename the file, or type the name anew'
+            )
+
+
+def check_clock() -> None:
+    """Raise UserError where no message can hold the time of the system's clock."""
+    now = time.time()
+    if not 0 <= now < _MAX_TIME:
+        year = time.gmtime(now).tm_year
+        raise UserError(
+            f'the system clock says the year {year}, and messages hold times from 1970 to 2037: '
+            'set the clock'
+        )
+
+
+def check_limits() -> None:
+    """Raise UserError where the shell's limits leave ROS too few files, or too little memory."""
+    _check_memory('ROS', _MIN_MEMORY_OF_ROS)
+    if not resource:
+        return
+    files, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if files != most:  # many cars need more than the usual 1024
+        with suppress(ValueError, OSError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+            files = most
+    if files != resource.RLIM_INFINITY and files < _MIN_FILES:
+        raise UserError(
+            f'this shell allows {files} open files, and ROS needs {_MIN_FILES}: raise the limit '
+            'with ulimit -n'
+        )
+
+
+def _check_memory(what: str, minimum: int) -> None:
+    """Raise UserError where the shell's limit is below `minimum` [B]."""
+    if not resource:
+        return
+    memory, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if memory != resource.RLIM_INFINITY and memory < minimum:
+        raise UserError(
+            f'this shell allows {memory >> 20} MiB of memory, and {what} needs {minimum >> 20}: '
+            'raise the limit with ulimit -v'
+        )
+
+
+def has_ros() -> bool:
+    """Return whether this Python has rclpy and the lab's messages."""
+    return all(map(_is_installed, ROS_PACKAGES))
+
+
+def needs_ros(what: str) -> UserError:
+    """Return the error that `what` needs ROS, with what to install on this system."""
+    return UserError(f'{what} needs ROS 2: {_HOW.get(sys.platform, _HOW_ON_LINUX)}')
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        spec = find_spec(package)
+    except ImportError:
+        return False
+    # Without an origin it is no more than a folder of that name, as a checkout has.
+    return spec is not None and spec.origin is not None
+
+
+def _prepare() -> None:
+    """Check the memory, and replace what a shell can leave out: standard streams, a home folder.
+
+    Without a home folder, libraries would make one, or fail: they get an empty one that is removed
+    at the end.
+    """
+    for name, mode in (('stdin', 'r'), ('stderr', 'w')):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode, encoding='utf-8'))  # noqa: SIM115
+    if sys.stdout is None:
+        raise UserError('stdout is closed: redirect it, as with > /dev/null')
+    _check_memory('barc_sim', _MIN_MEMORY)
+    home = os.environ.get('HOME')
+    if home and not Path(home).is_dir():
+        import atexit  # noqa: PLC0415 (rare)
+        import shutil  # noqa: PLC0415
+
+        os.environ['HOME'] = folder = tempfile.mkdtemp(prefix='barc_sim_home_')
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+
+
+def _print_all(main: Callable[[], int | None]) -> int:
+    """Run `main`, with any text on stdout, and flush it here, where a failure can be caught."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors='replace')
+    try:
+        return main() or 0
+    finally:
+        sys.stdout.flush()
+
+
+def _sentence(error: Exception, prog: str) -> str | None:
+    """Return an error's sentence; '' for a closed pipe, None for a fault of ours."""
+    sentence = next(filter(None, map(_exhausted, _causes(error))), None)
+    if isinstance(error, UserError):
+        sentence = str(error)
+    elif sentence is None and isinstance(error, ImportError):
+        sentence = _missing(error, prog)
+    elif sentence is None and isinstance(error, OSError):
+        sentence = _refused(error)
+    elif sentence is None and type(error).__name__ == 'RCLError':  # importing it would import ROS
+        sentence = f'ROS failed: {str(error).partition(", at ")[0]}'
+    return sentence
+
+
+def _exhausted(error: BaseException) -> str | None:
+    """Return the sentence where an error means that the machine has no more of something."""
+    number = error.errno if isinstance(error, OSError) else None
+    if isinstance(error, MemoryError) or number == errno.ENOMEM:
+        return 'there is not enough memory: end other programs, or raise the limit (ulimit -v)'
+    if number in (errno.EMFILE, errno.ENFILE):
+        return 'too many files are open: raise the limit (ulimit -n)'
+    if isinstance(error, RuntimeError) and 'start new thread' in str(error):
+        return 'no more threads can be started: raise the limit (ulimit -u)'
+    return None
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yield an error and those that it arose from."""
+    while error:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _refused(error: OSError) -> str:
+    """Return the sentence for what the system refuses: a file, or the output."""
+    if error.filename is not None:
+        name = os.fsdecode(error.filename) if error.filename else ''
+        return f'{name!r} cannot be used ({error.strerror}): name another'
+    # Python flushes stdout once more at exit: redirect that to nowhere.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):
+        return ''
+    return f'the output cannot be written: {error.strerror}'
+
+
+def _missing(error: ImportError, prog: str) -> str | None:
+    """Return the sentence for a package that cannot be imported; None if we do not require it."""
+    from importlib import metadata  # noqa: PLC0415 (only for an error)
+
+    package = (error.name or '').partition('.')[0]
+    absent = isinstance(error, ModuleNotFoundError)
+    if package in ROS_PACKAGES and (absent or not has_ros()):
+        return str(needs_ros(prog))
+    if not absent:
+        return None
+    name = re.compile(
+        re.escape(_DISTRIBUTIONS.get(package, package).replace('_', '-')) + r'\b(?!-)'
+    )
+    with suppress(metadata.PackageNotFoundError):
+        for requirement in metadata.requires('barc_sim') or ():
+            if name.match(requirement) and 'extra ==' not in requirement:
+                install = [sys.executable, '-m', 'pip', 'install', *_pip_options(), requirement]
+                return (
+                    f'the package {package!r} is not installed in this Python, or is too old: '
+                    f'run {shlex.join(install)}'
+                )
+    return None
+
+
+def _pip_options() -> list[str]:
+    """Return what pip needs to install beside the packages of the system, as with ROS from apt."""
+    managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED')
+    if sys.prefix == sys.base_prefix and managed.exists():
+        return ['--user', '--break-system-packages']
+    return []

@@ -1,0 +1,171 @@
+"""Limits of the process, its streams, clock and arguments: each ends in one sentence."""
+
+from __future__ import annotations
+
+import errno
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from command_line import ENVIRONMENT
+
+from barc_sim.cli.process import call, has_ros
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LOCAL = ('acc', '--engine', 'local', '-q', '--distance', '5', '--realtime-factor', 'max')
+ROS = ('acc', '-q', '--distance', '5', '--realtime-factor', 'max', '--no-bag')
+needs_ros = pytest.mark.skipif(not has_ros(), reason='needs ROS')
+
+
+def limited(
+    *words: str | bytes, before: str = '', script: str = '', cwd: Path, **environment: str
+) -> subprocess.CompletedProcess[bytes]:
+    """Run `barc` from a shell that runs `before` first, after `script` in the process itself."""
+    code = f'{script}\nimport sys\nfrom barc_sim.__main__ import main\nsys.exit(main())'
+    return subprocess.run(
+        ['/bin/sh', '-c', f'{before}\nexec "$0" "$@"', sys.executable, '-c', code, *words],
+        cwd=cwd,
+        env=os.environ | ENVIRONMENT | environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def sentence(done: subprocess.CompletedProcess[bytes]) -> str:
+    """Return the one line of an error that is the user's matter."""
+    (line,) = done.stderr.decode().splitlines()
+    assert done.returncode == 2
+    assert ': error: ' in line
+    return line
+
+
+@needs_ros
+@pytest.mark.parametrize(
+    ('before', 'expected'),
+    [
+        ('ulimit -n 30', 'allows 30 open files'),
+        ('ulimit -v 600000', 'allows 585 MiB of memory, and ROS needs'),
+    ],
+)
+def test_a_limit_that_is_too_low_for_ros_is_named(
+    before: str, expected: str, tmp_path: Path
+) -> None:
+    assert expected in sentence(limited(*ROS, before=before, cwd=tmp_path))
+
+
+@pytest.mark.parametrize('command', [('check', 'lab'), LOCAL])
+def test_too_little_memory_is_named_by_every_command(
+    command: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = limited(*command, before='ulimit -v 200000', cwd=tmp_path)
+    assert 'of memory, and barc_sim needs' in sentence(done)
+
+
+@pytest.mark.parametrize('before', ['exec >&-', 'exec >&- <&-'])
+def test_closed_output_is_named(before: str, tmp_path: Path) -> None:
+    assert 'stdout is closed' in sentence(limited(*LOCAL, before=before, cwd=tmp_path))
+
+
+@pytest.mark.parametrize('before', ['exec <&-', 'exec 2>&-', 'exec <&- 2>&-'])
+def test_a_run_needs_neither_input_nor_errors(before: str, tmp_path: Path) -> None:
+    done = limited(*LOCAL, before=before, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, b'')
+
+
+@pytest.mark.parametrize('name', [b'\xff', b'caf\xe9'])
+@pytest.mark.parametrize('command', ['topics', 'plot', 'new'])
+def test_an_argument_that_is_no_text_is_refused(command: str, name: bytes, tmp_path: Path) -> None:
+    assert 'is not UTF-8' in sentence(limited(command, name, cwd=tmp_path))
+    assert not [*tmp_path.iterdir()]
+
+
+LONG = 'a' * 5000
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ('plot', LONG),
+        ('check', LONG),
+        ('recover', LONG),
+        ('graph', '--bag', LONG),
+        ('replay', LONG),
+        ('acc', '--road', LONG),
+        ('acc', '--lab', LONG),
+        (*LOCAL, '--bag-dir', LONG),
+    ],
+)
+def test_a_path_that_is_too_long_is_refused(words: tuple[str, ...], tmp_path: Path) -> None:
+    assert LONG in sentence(limited(*words, cwd=tmp_path))
+
+
+@pytest.mark.parametrize('year', [1966, 2126])
+def test_a_clock_that_no_message_can_hold_is_named(year: int, tmp_path: Path) -> None:
+    seconds = round((year - 1969.5) * 31_556_952)
+    clock = f'import time; time.time = lambda: {seconds}.0; time.time_ns = lambda: {seconds}*10**9'
+    done = limited(*LOCAL, script=clock, cwd=tmp_path)
+    assert f'clock says the year {year}' in sentence(done)
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_home_that_is_not_there_is_not_made(tmp_path: Path) -> None:
+    home = tmp_path / 'home'
+    options = ('--view', 'web', '--view-port', '0')
+    done = limited(*LOCAL, *options, cwd=tmp_path, HOME=str(home), BARC_SIM_NO_BROWSER='1')
+    assert done.returncode == 0, done.stderr
+    assert not home.exists()
+
+
+def test_no_more_than_can_be_counted_is_accepted_as_a_number(tmp_path: Path) -> None:
+    for option, value in (
+        ('--min-free-space', '1e308'),
+        ('--realtime-factor', '5e-324'),
+        ('--laps', '9' * 5000),
+    ):
+        assert f'argument {option}' in sentence(limited('acc', option, value, cwd=tmp_path))
+    for word in ('1.0e-300', '0.0000001'):
+        parameter = ('--ros-args', '-p', f'realtime_factor:={word}')
+        assert 'realtime_factor' in sentence(
+            limited('acc', '--engine', 'local', '--no-bag', *parameter, cwd=tmp_path)
+        )
+
+
+def failing(error: BaseException, cause: BaseException | None = None) -> int:
+    def main() -> None:
+        raise error from cause
+
+    return call('barc acc', main)
+
+
+@pytest.mark.parametrize(
+    ('error', 'cause', 'expected'),
+    [
+        (MemoryError(), None, 'not enough memory'),
+        (OSError(errno.EMFILE, 'Too many open files'), None, 'ulimit -n'),
+        (KeyError('entry'), OSError(errno.EMFILE, 'Too many open files'), 'ulimit -n'),
+        (RuntimeError("can't start new thread"), None, 'ulimit -u'),
+        (OSError(errno.EACCES, 'Permission denied', 'a/b'), None, "'a/b' cannot be used"),
+        (UserError('its own'), MemoryError(), 'its own'),
+    ],
+)
+def test_what_the_machine_refuses_is_one_sentence(
+    error: BaseException,
+    cause: BaseException | None,
+    expected: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert failing(error, cause) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert expected in line
+
+
+def test_a_fault_of_ours_keeps_its_traceback() -> None:
+    with pytest.raises(KeyError):
+        failing(KeyError('ours'))
