@@ -12,25 +12,27 @@ reverse, release the key and press it again. The lab's car reverses at once.
 
 from __future__ import annotations
 
-from math import copysign, inf, isfinite
-from typing import NamedTuple
+from math import atan2, copysign, inf, isfinite
+from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.vehicle.bike_model import Command
+from barc_sim.control.pid import PID
+from barc_sim.vehicle.bike_model import L_F, L_R, Command
+
+if TYPE_CHECKING:
+    from typing import Any
 
 RATE = 20.0  #: [Hz] commands per second; the lab's template has dt = 0.05
 STALE_AFTER = 0.5  #: [s] An older Twist is ignored.
 #: [m/s] Slower than this the car may set off either way.
 STANDSTILL = 0.05
+# The PI controller of the requested speed:
+_KP = 8.0  #: [1/s] time constant of 0.125 s, two and a half of the relay's periods
+_KI = 8.0  #: [1/s²] removes the effect of a hill in about 2 s
+_STEADY = 0.5  #: [m/s²] With less, the speed is as good as constant.
 
 
 class DriverInput(NamedTuple):
-    """What a driver asks for, in shares from -1 to 1.
-
-    Examples
-    --------
-    >>> DriverInput(forward=1.0)
-    DriverInput(forward=1.0, turn=0.0, brake=0.0)
-    """
+    """What a driver asks for, in shares from -1 to 1."""
 
     forward: float = 0.0  #: `linear.x`, of acceleration or deceleration
     turn: float = 0.0  #: `angular.z`, of the steering rate, positive to the left
@@ -47,13 +49,7 @@ FULL_BRAKE = DriverInput(brake=1.0)
 
 
 class Limits(NamedTuple):
-    """Limits of the car when it is driven by hand.
-
-    Examples
-    --------
-    >>> Limits(speed=10.0).speed
-    10.0
-    """
+    """Limits of the car when it is driven by hand."""
 
     acceleration: float = 4.0  #: [m/s²] in the direction of travel
     deceleration: float = 8.0  #: [m/s²] against it
@@ -74,13 +70,6 @@ class Driver:
         The input that the latest command follows.
     servo
         [rad] the latest command's.
-
-    Examples
-    --------
-    >>> driver = Driver()
-    >>> driver.receive(DriverInput(forward=0.5), t=0.0)
-    >>> driver.command(t=0.1, speed=3.0)
-    Command(motor=2.0, servo=0.0)
     """
 
     def __init__(
@@ -159,12 +148,75 @@ class Driver:
         return limited((target - speed) / (2.0 * self.dt), limit)
 
 
-def limited(value: float, limit: float) -> float:
-    """Return `value`, or the nearer of ±`limit` beyond it.
+class VelocityDriver(Driver):
+    """Turns the latest requested velocity, m/s and rad/s as in REP-103, into a command every `dt`.
 
-    Examples
-    --------
-    >>> limited(-3.0, 1.0)
-    -1.0
+    The speed is tracked by a PI controller, within the car's limits::
+
+        a = k_p e + ∫ k_i e dt          e = linear.x - v_x
+
+    The integral is for hills. It moves only where the speed is nearly constant: so it does not
+    grow while the car speeds up or brakes, and the car does not overshoot.
+
+    The steering follows from the bicycle's geometry, whose yaw rate is v_x tan(δ) / L::
+
+        δ = atan(L angular.z / linear.x)
+
+    `linear.x` is the speed in this equation, so that the path has the requested curvature while
+    the car speeds up, too. A car cannot turn on the spot: with a `linear.x` of zero it stops, and
+    its wheels turn as far as they go. A zero Twist stops the car with its wheels straight, and so
+    does silence for longer than `stale_after`.
+
+    Attributes
+    ----------
+    wheelbase
+        L, from axle to axle [m]; may be changed at any time.
     """
+
+    def __init__(self, limits: Limits | None = None, **options: Any) -> None:  # noqa: ANN401
+        """Begin at rest; the options are those of `Driver`."""
+        self.wheelbase = L_F + L_R
+        self._pi = PID(_KP, _KI, 0.0)
+        super().__init__(limits, **options)
+
+    def reset(self) -> None:
+        """Forget the input, and put the wheel straight."""
+        super().reset()
+        self._pi.reset()
+
+    def receive(self, request: DriverInput, t: float) -> None:
+        """Store a usable `request` [m/s, rad/s], received at `t` [s]; the speed is limited."""
+        self._latest = request._replace(
+            forward=limited(request.forward, self.limits.speed),
+            brake=limited(max(request.brake, 0.0), 1.0),
+        )
+        self._received = t
+
+    def _steer(self, request: DriverInput) -> None:
+        limits = self.limits
+        servo = self._angle(request) if request.turn and not request.brake else 0.0
+        change = limits.steering_rate * self.dt
+        self.servo += limited(limited(servo, limits.steering) - self.servo, change)
+
+    def _angle(self, request: DriverInput) -> float:
+        """Return the steering angle [rad] that turns the car at the rate that is asked for."""
+        direction = copysign(1.0, request.forward)
+        return atan2(self.wheelbase * request.turn * direction, abs(request.forward))
+
+    def _acceleration(self, request: DriverInput, speed: float) -> float:
+        """Return the acceleration [m/s²] towards the speed that is asked for."""
+        limits, pi = self.limits, self._pi
+        if request.brake:
+            pi.reset()
+            return super()._acceleration(request, speed)
+        forward = speed if abs(speed) > STANDSTILL else request.forward - speed
+        pi.output_min, pi.output_max = -limits.deceleration, limits.acceleration
+        if forward < 0.0:
+            pi.output_min, pi.output_max = -limits.acceleration, limits.deceleration
+        steady = pi.previous is not None and abs(speed - pi.previous) < _STEADY * self.dt
+        return pi.acc_calculate(request.forward, speed, self.dt if steady else 0.0)
+
+
+def limited(value: float, limit: float) -> float:
+    """Return `value`, or the nearer of ±`limit` beyond it."""
     return max(-limit, min(value, limit))

@@ -6,8 +6,7 @@ import time
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.driver import STALE_AFTER, Driver, DriverInput, Limits
-from barc_sim.control.velocity import VelocityDriver
+from barc_sim.control.driver import STALE_AFTER, Driver, DriverInput, Limits, VelocityDriver
 from barc_sim.errors import UserError
 from barc_sim.vehicle.parameters import PARAMETERS as CAR
 from barc_sim.vehicle.parameters import Parameter

@@ -29,8 +29,8 @@ def drive_figure(log: Log, *, title: str = '') -> Figure:
     Examples
     --------
     >>> from barc_sim.control.driver import DriverInput
-    >>> from barc_sim.simulation.closed_loop import drive
-    >>> log = drive([(0.0, DriverInput(forward=1.0, turn=0.2))], duration=2.0)
+    >>> from barc_sim.simulation.closed_loop import drive_by_hand
+    >>> log = drive_by_hand([(0.0, DriverInput(forward=1.0, turn=0.2))], duration=2.0)
     >>> drive_figure(log).savefig('drive.svg')
     """
     log = use_measurement(log)

@@ -11,7 +11,7 @@ from matplotlib.transforms import Affine2D
 
 from barc_sim.figures.road_scene import AXLES, GLASS, LAMP
 from barc_sim.figures.style import BLUE, INK, MUTED, VERMILLION, reading
-from barc_sim.vehicle.body import HALF_TRACK, WHEEL_WIDTH
+from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -11,7 +11,7 @@ from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
 from barc_sim.figures.style import BLUE, EARTH, INK, MUTED, SURFACE, VERMILLION, reading
-from barc_sim.vehicle.body import WHEEL_RADIUS
+from barc_sim.vehicle.bike_model import WHEEL_RADIUS
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

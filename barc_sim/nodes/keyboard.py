@@ -14,14 +14,13 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from barc_sim.control.driver import FULL_BRAKE, RATE
-from barc_sim.control.keyboard.keys import PARAMETERS, HeldKeys
-from barc_sim.control.keyboard.terminal import Terminal
+from barc_sim.control.keyboard import PARAMETERS, HeldKeys, Terminal
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_twist
 from barc_sim.ros.parameters import declare
 
 if TYPE_CHECKING:
-    from barc_sim.control.keyboard.keys import KeyEvent
+    from barc_sim.control.keyboard import KeyEvent
 
 
 class Keyboard(Node):

@@ -6,7 +6,7 @@ import sys
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
-from barc_sim.control.keyboard.console import open_terminal
+from barc_sim.control.keyboard import open_terminal
 from barc_sim.control.relay import PEDAL
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.control.driver import Driver
-    from barc_sim.control.keyboard.terminal import Terminal
+    from barc_sim.control.keyboard import Terminal
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.composition import Setup
     from barc_sim.simulation.simulator import Simulator

@@ -1,7 +1,7 @@
 """The closed loop of vehicle and controller without ROS: the nodes' trajectory bit for bit.
 
-`simulate` takes what a user has in mind, `closed_loop` a plant and a controller, and `drive` the
-requests of a driver. A plain PID in a plain car takes the fast way of `straight_loop`.
+`simulate` takes what a user has in mind, `closed_loop` a plant and a controller, and
+`drive_by_hand` the requests of a driver.
 """
 
 from __future__ import annotations
@@ -191,7 +191,7 @@ def closed_loop(
     return _log(rows, plant.period_ns, speed_reference, terms)
 
 
-def drive(
+def drive_by_hand(
     requests: Iterable[tuple[float, DriverInput]],
     duration: float,
     *,
@@ -208,7 +208,7 @@ def drive(
     Examples
     --------
     >>> from barc_sim.control.driver import DriverInput
-    >>> log = drive([(0.0, DriverInput(forward=1.0))], duration=0.5)
+    >>> log = drive_by_hand([(0.0, DriverInput(forward=1.0))], duration=0.5)
     >>> print(f'{log.speed[-1]:.2f} m/s')
     2.00 m/s
     """

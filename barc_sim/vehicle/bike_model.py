@@ -18,6 +18,10 @@ from typing import NamedTuple
 L_F = 1.5
 L_R = 1.5
 GRAVITY = 9.8
+# The car's dimensions, as it is drawn and as its wheels roll; no force depends on them.
+HALF_TRACK = 0.86  #: [m] from the centre line to a wheel
+WHEEL_RADIUS = 0.36  #: [m]
+WHEEL_WIDTH = 0.26  #: [m]
 
 #: A function with the arguments and the result of `bikeFE`.
 Model = Callable[..., Sequence[float]]

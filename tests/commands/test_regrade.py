@@ -16,7 +16,7 @@ from barc_sim.control.driver import DriverInput
 from barc_sim.lab.user_code import adapters
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.loading import load_files, load_folder
-from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def test_files_of_two_folders_are_kept_apart(tmp_path: Path) -> None:
 
 def test_a_drive_by_hand_has_no_controller(tmp_path: Path) -> None:
     given = parameters({'road': 'flat', 'command_timeout': 0.5}, None)
-    log = drive([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
+    log = drive_by_hand([(0.0, DriverInput(forward=1.0, turn=0.5))], 2.0)
     assert 'controller' not in printed(
         'regrade', str(make(tmp_path / 'bag', log, {'parameters': given}))
     )

@@ -16,7 +16,7 @@ from made_bags import GRAPH, make
 
 from barc_sim.__main__ import main as barc
 from barc_sim.control.driver import DriverInput
-from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -119,7 +119,9 @@ def test_a_run_that_its_code_ended_is_marked(tmp_path: Path) -> None:
 
 
 def test_a_drive_by_hand_has_its_way_and_no_error(tmp_path: Path) -> None:
-    page = page_of(make(tmp_path / 'bag', drive([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0)))
+    page = page_of(
+        make(tmp_path / 'bag', drive_by_hand([(0.0, DriverInput(forward=1.0, turn=0.3))], 3.0))
+    )
     assert 'Path, heading, speed and steering' in page.text
     assert 'position along the road' not in ' '.join(str(image['alt']) for image in page.images)
     assert '/vehicle_simulator' in page.text

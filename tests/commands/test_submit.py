@@ -13,7 +13,7 @@ from student_code import CONTROLLER, MODEL
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.grade.submissions import read
-from barc_sim.simulation.closed_loop import drive
+from barc_sim.simulation.closed_loop import drive_by_hand
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +40,7 @@ def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def teleop_bag(path: Path) -> Path:
-    log = drive([(0.0, DriverInput(1.0, 0.3))], 1.0)
+    log = drive_by_hand([(0.0, DriverInput(1.0, 0.3))], 1.0)
     return make(path, log, {'command': 'barc teleop --lab lab'})
 
 

@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits
+from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits, VelocityDriver
 from barc_sim.control.relay import PARAMETERS, RelayControl
-from barc_sim.control.velocity import VelocityDriver
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Plant

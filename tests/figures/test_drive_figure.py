@@ -9,13 +9,13 @@ import numpy as np
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.figures.drive_figure import drive_figure
-from barc_sim.simulation.closed_loop import drive
+from barc_sim.simulation.closed_loop import drive_by_hand
 
 REQUESTS = [(0.2 * k, DriverInput(forward=0.5, turn=0.5 * sin(k / 5))) for k in range(40)]
 
 
 def test_path_heading_speed_and_steering_are_drawn() -> None:
-    log = drive(REQUESTS, 8.0)
+    log = drive_by_hand(REQUESTS, 8.0)
     path, heading, speed, steering = drive_figure(log, title='mine').axes
     assert path.get_title(loc='left') == 'mine'
     assert path.get_aspect() == 1.0
@@ -27,7 +27,7 @@ def test_path_heading_speed_and_steering_are_drawn() -> None:
 
 
 def test_reset_to_the_start_breaks_the_lines() -> None:
-    log = drive(REQUESTS, 8.0)
+    log = drive_by_hand(REQUESTS, 8.0)
     x = np.where(log.t < 6.0, log.x, 0.0)
     path, _, speed, _ = drive_figure(replace(log, x=x)).axes
     k = int(np.searchsorted(log.t, 6.0)) - 1
@@ -36,5 +36,5 @@ def test_reset_to_the_start_breaks_the_lines() -> None:
 
 
 def test_drive_of_one_state_and_without_commands_is_drawn() -> None:
-    log = drive(REQUESTS, 0.0)
+    log = drive_by_hand(REQUESTS, 0.0)
     assert len(drive_figure(log.map(lambda column: column[:1])).axes) == 4

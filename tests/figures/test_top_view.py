@@ -20,7 +20,7 @@ from barc_sim.commands.replay import view_of as chosen_view
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.side_view import SIZE
 from barc_sim.figures.top_view import TopView, suits
-from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def log() -> Log:
     requests = [(0.05 * k, DriverInput(forward=1.0)) for k in range(40)]
     requests += [(2.0 + 0.05 * k, DriverInput(turn=1.0)) for k in range(60)]
-    return drive([*requests, (6.0, FULL_BRAKE)], 9.0)
+    return drive_by_hand([*requests, (6.0, FULL_BRAKE)], 9.0)
 
 
 def view_of(log: Log) -> TopView:
@@ -146,7 +146,7 @@ def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(log: Log) -
 
 
 def test_a_single_state_is_shown() -> None:
-    view = view_of(drive([], 0.0))
+    view = view_of(drive_by_hand([], 0.0))
     view.update(0.0)
     assert '0.00 s' in texts(view)
 
@@ -161,7 +161,7 @@ def test_a_drive_whose_commands_are_unknown_is_shown(log: Log) -> None:
 # imageio_ffmpeg leaves it to the garbage collector to close its pipes.
 @pytest.mark.filterwarnings('ignore::pytest.PytestUnraisableExceptionWarning')
 def test_the_video_of_a_drive_by_hand_shows_it_from_above_at_real_speed(tmp_path: Path) -> None:
-    log = drive([(0.0, DriverInput(forward=1.0))], 0.6)
+    log = drive_by_hand([(0.0, DriverInput(forward=1.0))], 0.6)
     assert isinstance(chosen_view(log, Figure(figsize=SIZE), ''), TopView)
     path = tmp_path / 'drive.mp4'
     save(log, path)

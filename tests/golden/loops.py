@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import Driver, DriverInput, Limits
 from barc_sim.control.pid import PID, speed_controller
-from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 
 # The only names of the package that the golden figures use, but for the command line.
 from barc_sim.vehicle.actuators import Actuator
@@ -52,7 +52,7 @@ _LATERAL = LateralParameters(yaw_inertia=3200.0, front_stiffness=90e3)
 
 def _by_hand(plant: Plant | None = None, limits: Limits | None = None) -> Log:
     inputs = [(t, DriverInput(*shares)) for t, *shares in _INPUTS]
-    return drive(inputs, 11.0, plant=plant, driver=Driver(limits))
+    return drive_by_hand(inputs, 11.0, plant=plant, driver=Driver(limits))
 
 
 def _rolling_back(speed: float, pid: PID | None = None) -> Log:

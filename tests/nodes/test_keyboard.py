@@ -23,8 +23,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.control.keyboard.keys import HeldKeys, KeyDecoder
-from barc_sim.control.keyboard.terminal import Terminal
+from barc_sim.control.keyboard import HeldKeys, KeyDecoder, Terminal
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from barc_sim.control.keyboard.keys import PARAMETERS as KEYBOARD
+from barc_sim.control.keyboard import PARAMETERS as KEYBOARD
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay

@@ -21,7 +21,7 @@ from terminal_session import DEADLINE, READY, Session
 
 from barc_sim.bags import reader as bag
 from barc_sim.control.driver import DriverInput, Limits
-from barc_sim.simulation.closed_loop import drive
+from barc_sim.simulation.closed_loop import drive_by_hand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -91,7 +91,7 @@ def test_keys_drive_the_car_as_the_limits_predict_and_the_drive_can_be_repeated(
     # The servo that returns changes the slip angle, and with it the speed.
     assert log.speed[-1] == pytest.approx(log.speed[-10], abs=0.1)
     assert termios.tcgetattr(session.fd) == session.before
-    again = drive(received, float(log.t[-1]))
+    again = drive_by_hand(received, float(log.t[-1]))
     # The nodes' ticks fall elsewhere in the same 50 ms.
     assert again.speed[-1] == pytest.approx(log.speed[-1], abs=0.5 + 4.0 * lost(session.bag()))
     assert log.psi[-1] < 0.0
@@ -174,7 +174,7 @@ def test_without_a_terminal_it_says_so_and_drives_from_cmd_vel(tmp_path: Path) -
         run.send_signal(signal.SIGTERM)
         out, err = run.communicate(timeout=DEADLINE)
     assert run.returncode == 0
-    assert 'no keys are read, as the standard input is no terminal' in err
+    assert 'standard input is not a terminal: keys are ignored' in err
     assert 'held ↑' in out or 'missed deadlines' in out
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.control.pid import FIRST_DT, PID, speed_controller
-from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
@@ -160,7 +160,7 @@ def test_interval_is_that_of_stamps_in_whole_nanoseconds() -> None:
 
 def test_left_turns_left_and_the_brake_stops_the_car() -> None:
     forward, left = DriverInput(forward=1.0), DriverInput(turn=1.0)
-    log = drive([(0.0, forward), (1.5, left), (2.0, FULL_BRAKE)], 6.0)
+    log = drive_by_hand([(0.0, forward), (1.5, left), (2.0, FULL_BRAKE)], 6.0)
     assert log.psi[-1] > 0.1
     assert log.y[-1] > 0.1
     assert log.speed[-1] == pytest.approx(0.0, abs=1e-3)

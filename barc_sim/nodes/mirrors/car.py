@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import atan2, cos, hypot, radians, sin
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.vehicle.body import HALF_TRACK, WHEEL_RADIUS
+from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Motion, Vehicle

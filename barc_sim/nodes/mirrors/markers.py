@@ -13,7 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barc_sim.nodes.mirrors.car import Quaternion, orientation
 from barc_sim.nodes.mirrors.messages import ODOM, stamp
 from barc_sim.ros.conversions import to_header
-from barc_sim.vehicle.body import WHEEL_RADIUS, WHEEL_WIDTH
+from barc_sim.vehicle.bike_model import WHEEL_RADIUS, WHEEL_WIDTH
 
 if TYPE_CHECKING:
     from barc_sim.nodes.mirrors.ride import MirroredState

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import CMD_VEL, message_class
 from barc_sim.control.driver import FULL_BRAKE, RATE, DriverInput
-from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys
+from barc_sim.control.keyboard import PRESS_HOLD, REPEAT_HOLD, HeldKeys
 from barc_sim.control.relay import PARAMETERS, RelayControl
 from barc_sim.simulation.log import COMMAND, MESSAGE_TYPES
 
@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from barc_sim.control.driver import Driver
-    from barc_sim.control.keyboard.keys import KeyEvent
-    from barc_sim.control.keyboard.terminal import Terminal
+    from barc_sim.control.keyboard import KeyEvent, Terminal
     from barc_sim.runs.local.host import LocalHost
     from barc_sim.runs.local.topics import Publisher
     from barc_sim.vehicle.bike_model import Command

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from barc_sim.bags.recording import Recording
     from barc_sim.control.controller import Controller
     from barc_sim.control.driver import Driver
-    from barc_sim.control.keyboard.terminal import Terminal
+    from barc_sim.control.keyboard import Terminal
     from barc_sim.page.run_page import RunPage
 
 

@@ -3,7 +3,7 @@
 import rclpy
 from rclpy.executors import MultiThreadedExecutor
 
-from barc_sim.control.keyboard.terminal import Terminal
+from barc_sim.control.keyboard import Terminal
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay

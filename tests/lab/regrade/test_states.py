@@ -12,7 +12,7 @@ import pytest
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.regrade import states
 from barc_sim.lab.user_code.loading import UserCodeError
-from barc_sim.simulation.closed_loop import closed_loop, drive
+from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, Motion, State, bikeFE
 from barc_sim.vehicle.plant import Plant
@@ -132,7 +132,7 @@ def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
         (0.4, DriverInput(forward=1.0, turn=1.0)),
         (0.8, DriverInput()),
     ]
-    log = drive(requests, 2.0)
+    log = drive_by_hand(requests, 2.0)
     # Published close to a deadline, a command may be recorded with the state before.
     motor, servo = np.roll(log.motor, -1), np.roll(log.servo, -1)
     flat = partial(Plant, road=Road.flat())
@@ -142,7 +142,7 @@ def test_a_drive_by_hand_is_followed_whichever_command_held() -> None:
 
 
 def test_braking_by_the_simulator_itself_is_followed() -> None:
-    log = drive([(0.0, DriverInput(forward=1.0))], 1.0)
+    log = drive_by_hand([(0.0, DriverInput(forward=1.0))], 1.0)
     flat = partial(Plant, road=Road.flat())
 
     def advance(plant: Plant, k: int) -> None:

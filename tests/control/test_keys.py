@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.control.keyboard.keys import PRESS_HOLD, REPEAT_HOLD, HeldKeys, KeyDecoder, KeyEvent
+from barc_sim.control.keyboard import PRESS_HOLD, REPEAT_HOLD, HeldKeys, KeyDecoder, KeyEvent
 
 KEYS = {
     b'w': 'up',

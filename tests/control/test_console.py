@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.control.keyboard import console, terminal
-from barc_sim.control.keyboard.console import Console, open_terminal
+from barc_sim.control import keyboard as module
+from barc_sim.control.keyboard import Console, open_terminal
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from barc_sim.control.keyboard.keys import KeyEvent
+    from barc_sim.control.keyboard import KeyEvent
 
 
 class Msvcrt:
@@ -31,7 +31,7 @@ class Msvcrt:
 
 def test_letters_arrows_and_ctrl_c_are_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     typed = 'w\xe0H\x00K\xe0S x\u20acR\x03'
-    monkeypatch.setattr(console, 'msvcrt', Msvcrt(typed))
+    monkeypatch.setattr(module, 'msvcrt', Msvcrt(typed))
     monkeypatch.setattr('os.isatty', lambda _: True)
     keys: SimpleQueue[KeyEvent] = SimpleQueue()
     with open_terminal() as keyboard:
@@ -44,13 +44,13 @@ def test_letters_arrows_and_ctrl_c_are_keys(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_without_a_console_the_page_drives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(console, 'msvcrt', Msvcrt(''))
+    monkeypatch.setattr(module, 'msvcrt', Msvcrt(''))
     monkeypatch.setattr('os.isatty', lambda _: False)
-    with pytest.raises(UserError, match='no console: drive in the page'):
+    with pytest.raises(UserError, match='standard input is not a console'):
         open_terminal()
 
 
 def test_without_termios_no_keys_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal, 'termios', None)
-    with pytest.raises(UserError, match='no keys are read, as this system has no termios'):
+    monkeypatch.setattr(module, 'termios', None)
+    with pytest.raises(UserError, match='this system has no termios: keys are ignored'):
         open_terminal()

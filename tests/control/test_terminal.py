@@ -14,8 +14,7 @@ pytest.importorskip('termios')
 import pty
 import termios
 
-from barc_sim.control.keyboard.keys import KeyEvent
-from barc_sim.control.keyboard.terminal import Terminal
+from barc_sim.control.keyboard import KeyEvent, Terminal
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -167,7 +166,9 @@ def test_close_from_the_reading_thread_works(console: Pty) -> None:
 def test_what_is_no_terminal_is_refused() -> None:
     reader, writer = os.pipe()
     try:
-        with pytest.raises(UserError, match='the standard input is no terminal: start it in the'):
+        with pytest.raises(
+            UserError, match='standard input is not a terminal: keys are ignored; start it in the'
+        ):
             Terminal(reader)
     finally:
         os.close(reader)
@@ -178,6 +179,6 @@ def test_terminal_of_another_foreground_is_not_touched(
     console: Pty, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, 'tcgetpgrp', lambda _: os.getpgrp() + 1)
-    with pytest.raises(UserError, match='as this process runs in the background'):
+    with pytest.raises(UserError, match='this process runs in the background'):
         Terminal(console.fd)
     assert console.settings() == console.before
