@@ -7,6 +7,7 @@ import logging
 import socket
 from functools import partial
 from http import HTTPStatus
+from ipaddress import ip_address
 from pathlib import Path
 from secrets import compare_digest, token_hex, token_urlsafe
 from threading import Event, Thread
@@ -19,6 +20,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
+from barc_sim.cli.process import warn
 from barc_sim.errors import UserError
 from barc_sim.figures.palette import style_sheet
 from barc_sim.page.protocol import RequestError, encode, parse
@@ -44,12 +46,14 @@ _HEADERS = {
     'Referrer-Policy': 'no-referrer',
     'X-Content-Type-Options': 'nosniff',
 }
-_MOST_PAGES = 16
-_MOST_CONNECTIONS = 64  #: with those that have shown no token yet; the rest are closed at once
+_MAX_PAGES = 16
+_MAX_GUESTS = 128  #: connections that have shown no token yet; the oldest makes room for a new one
+_MAX_GUESTS_OF_ADDRESS = 64  #: so that one address leaves room for others
+_ACCEPTED_AT_ONCE = 8  #: connections; those before show their token before they are too many
 _HANDSHAKE = 2.0  #: [s] for a connection to show its token
-_LONGEST_MESSAGE = 256  #: [byte] from a page
-_MOST_WAITING = 1 << 20  #: [byte] unsent to a slow page, before it misses states
-_MOST_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
+_MAX_MESSAGE = 256  #: [byte] from a page
+_MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
+_MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
 _POLICY_VIOLATION = 1008
 _TRY_AGAIN_LATER = 1013
@@ -81,28 +85,44 @@ class Page:
         if int(now) != self._second:
             self._second, self._messages = int(now), 0
         self._messages += 1
-        if self._messages > _MOST_PER_SECOND:
-            raise RequestError(f'more than {_MOST_PER_SECOND} messages in a second')
+        if self._messages > _MAX_MESSAGES_PER_SECOND:
+            raise RequestError(f'more than {_MAX_MESSAGES_PER_SECOND} messages in a second')
 
 
 class _Connection(ServerConnection):
-    """A connection that is closed at once if `others` are too many."""
+    """A connection, which is a guest until it shows the token.
 
-    def __init__(self, others: set[_Connection], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
-        self._others = others
+    Guests beyond a limit cost the oldest guest its connection, not the newest, and those with the
+    token are no guests: whoever holds many silent connections keeps no page out, even from the same
+    address, as behind a router. A page shows its token at once.
+    """
+
+    def __init__(self, guests: dict[_Connection, str], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
+        self._guests = guests  # with their addresses, oldest first
         super().__init__(*arguments, **options)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        if len(self._others) >= _MOST_CONNECTIONS:
-            cast('asyncio.Transport', transport).abort()
-            return
-        self._others.add(self)
+        address = str((transport.get_extra_info('peername') or ('',))[0])
+        neighbours = [guest for guest, other in self._guests.items() if other == address]
+        if len(neighbours) >= _MAX_GUESTS_OF_ADDRESS:
+            neighbours[0].drop()
+        elif len(self._guests) >= _MAX_GUESTS:
+            next(iter(self._guests)).drop()
+        self._guests[self] = address
         super().connection_made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if self in self._others:
-            self._others.remove(self)
-            super().connection_lost(exc)
+        self.admit()
+        super().connection_lost(exc)
+
+    def admit(self) -> None:
+        """Count it as a guest no more."""
+        self._guests.pop(self, None)
+
+    def drop(self) -> None:
+        """Close it at once."""
+        self.admit()
+        self.transport.abort()
 
 
 class ViewServer:
@@ -128,6 +148,12 @@ class ViewServer:
         # A page that is still open finds the next run on the same port.
         self._token = (port and kept_token(port)) or token_urlsafe(16)
         self._run_id = token_hex(8)
+        if not ip_address(self._socket.getsockname()[0]).is_loopback:
+            warn(
+                'the address of the live page travels through the network as plain text: whoever '
+                'reads along can use the page; in a network that you do not trust, use --view-host '
+                '127.0.0.1 and a tunnel (ssh -L)'
+            )
         name = _reachable(address)
         name = f'[{name}]' if ':' in name else name
         self.url = f'http://{name}:{self._socket.getsockname()[1]}/{self._token}/'
@@ -157,7 +183,7 @@ class ViewServer:
             [
                 connection
                 for connection in self._pages
-                if connection.transport.get_write_buffer_size() < _MOST_WAITING
+                if connection.transport.get_write_buffer_size() < _MAX_UNSENT
             ],
             message,
         )
@@ -184,15 +210,17 @@ class ViewServer:
             sock=self._socket,
             process_request=self._answer,
             compression=None,  # the states hardly shrink, and it costs time
-            max_size=_LONGEST_MESSAGE,
+            max_size=_MAX_MESSAGE,
             ping_interval=_PING,
             ping_timeout=_PING,
             close_timeout=1.0,
             open_timeout=_HANDSHAKE,
-            create_connection=cast('Any', partial(_Connection, set())),
+            create_connection=cast('Any', partial(_Connection, {})),
             server_header=None,
             logger=_QUIET,
+            backlog=_ACCEPTED_AT_ONCE,
         ):
+            self._socket.listen(_MAX_GUESTS)  # the system's queue is longer
             self._ready.set()
             tasks = [asyncio.create_task(work) for work in (self._pulse(), self._closing.wait())]
             done, going = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -205,16 +233,16 @@ class ViewServer:
         while True:  # noqa: ASYNC110 (there is no event to wait for)
             await asyncio.sleep(self._host.pulse())
 
-    async def _answer(self, _: ServerConnection, request: HttpRequest) -> Response | None:
+    async def _answer(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Return a file or an error, or None for a websocket that may open."""
         token, slash, name = request.path.partition('?')[0][1:].partition('/')
-        if not compare_digest(token.encode(), self._token.encode()):
+        if not compare_digest(token.encode(errors='replace'), self._token.encode()):
             return _refuse(
                 HTTPStatus.FORBIDDEN, 'Open the whole address that the run printed, token included.'
             )
+        cast('_Connection', connection).admit()
         if name == 'socket':
-            origin = urlsplit(request.headers.get('Origin', '')).netloc
-            if origin and origin == request.headers.get('Host'):
+            if _is_same_origin(request.headers):
                 return None
             return _refuse(HTTPStatus.FORBIDDEN, 'A page of another origin cannot connect.')
         if name == 'run':
@@ -230,7 +258,7 @@ class ViewServer:
         return _refuse(HTTPStatus.NOT_FOUND, 'There is nothing here.')
 
     async def _on_page(self, connection: ServerConnection) -> None:
-        if len(self._pages) >= _MOST_PAGES:
+        if len(self._pages) >= _MAX_PAGES:
             await connection.close(_TRY_AGAIN_LATER, 'too many pages are open')
             return
         page = Page(connection)
@@ -249,6 +277,17 @@ class ViewServer:
         finally:
             self._pages.pop(connection, None)
             self._host.leave(page)
+
+
+def _is_same_origin(headers: Headers) -> bool:
+    """Return whether a request comes from a page of this server: its host is the page's."""
+    hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
+    if len(hosts) != 1 or len(origins) != 1:
+        return False
+    try:
+        return bool(hosts[0]) and urlsplit(origins[0]).netloc == hosts[0]
+    except ValueError:
+        return False
 
 
 def _listen(address: str, port: int) -> socket.socket:

@@ -174,7 +174,9 @@ def test_every_server_has_a_token_of_its_own(host: Host) -> None:
     assert len(token(servers[0])) >= 20
 
 
-@pytest.mark.parametrize('foreign', ['http://example.org', 'http://127.0.0.1:1', 'null', '', None])
+@pytest.mark.parametrize(
+    'foreign', ['http://example.org', 'http://127.0.0.1:1', 'http://[', 'null', '', None]
+)
 def test_a_page_of_another_origin_cannot_connect(server: ViewServer, foreign: str | None) -> None:
     with pytest.raises(InvalidStatus) as refused:
         page(server, origin=foreign)
@@ -327,6 +329,56 @@ def test_wildcard_address_is_shown_as_one_that_can_be_opened(host: Host) -> None
         assert get(server, f'/{token(server)}/')[0] == 200
     finally:
         server.close()
+
+
+def silent(server: ViewServer, stack: ExitStack, source: str = '127.0.0.1') -> socket.socket:
+    """Return a connection that shows no token."""
+    port = urlsplit(server.url).port or 0
+    client = socket.create_connection(('127.0.0.1', port), DEADLINE, source_address=(source, 0))
+    return stack.enter_context(client)
+
+
+def is_closed(client: socket.socket) -> bool:
+    client.setblocking(False)
+    try:
+        return client.recv(1) == b''
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:
+        return True
+
+
+def test_connections_without_the_token_keep_nobody_out_who_has_it(server: ViewServer) -> None:
+    with ExitStack() as stack:
+        held = [silent(server, stack) for _ in range(120)]
+        for _ in range(40):
+            assert get(server, f'/{token(server)}/run')[0] == 200
+            held = [silent(server, stack) if is_closed(client) else client for client in held]
+        with page(server) as opened:
+            assert opened.recv(DEADLINE)
+            for _ in range(120):
+                silent(server, stack)
+            opened.send(encode('reset'))
+            assert get(server, f'/{token(server)}/run')[0] == 200
+            wait_for(lambda: len(server.pages) == 1)
+
+
+def test_connections_of_one_address_leave_those_of_another_alone(server: ViewServer) -> None:
+    with ExitStack() as stack:
+        other = silent(server, stack, '127.0.0.2')
+        many = [silent(server, stack) for _ in range(100)]
+        wait_for(lambda: sum(map(is_closed, many)) >= 36)
+        assert not is_closed(other)
+
+
+def test_token_in_plain_text_is_warned_of_beyond_this_machine(
+    host: Host, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for address, warnings in (('127.0.0.1', 0), ('0.0.0.0', 1)):  # noqa: S104 (as for a phone)
+        server = ViewServer(host, address)
+        server.start()
+        server.close()
+        assert capsys.readouterr().err.count('plain text') == warnings
 
 
 def test_silent_connections_keep_no_descriptors_and_no_page_away(server: ViewServer) -> None:
