@@ -6,28 +6,27 @@ Each is far beyond what a run records. What exceeds one is named in a UserError.
 from __future__ import annotations
 
 import json
-import zlib
-from io import BytesIO
+from time import thread_time
 from typing import TYPE_CHECKING, Any
 
-import lz4.frame
 import numpy as np
 import yaml
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from barc_sim.simulation.log import Log
 
-MAX_CHUNK = 64 << 20  #: bytes, unpacked
+MAX_RECORD = 32 << 20  #: bytes, and those of a chunk unpacked
+MAX_METADATA = 2 << 20  #: bytes of a record of metadata
+MAX_ATTACHED = 8 << 20  #: bytes of all attached files
 MAX_SCHEMA = 16 << 10  #: bytes of a definition that is parsed
 MAX_SCHEMAS = 32  #: definitions that are parsed
+MAX_ARRAY = 1000  #: numbers in an array of fixed length
+MAX_MESSAGE = 64 << 10  #: bytes of a message that is decoded
 MAX_TERMS = 64  #: of a controller
 MAX_TEXT = 10_000  #: characters of an entry of the run's metadata
 MAX_LONG_TEXT = 200_000  #: characters of `LONG`
@@ -42,66 +41,37 @@ _MAX_DIGITS = 20
 
 
 class Budget:
-    """How much a file may unpack to.
+    """What a reading of a bag may take: bytes unpacked, records, and the thread's processor time.
 
-    A message needs 16 bytes in a file's index, and a few even without; a chunk of equal messages
-    shrinks to a thousandth at most.
+    A recording has an index of 16 bytes for each message, and a chunk of equal messages shrinks to
+    a thousandth at most.
     """
 
-    def __init__(self, file: Path, size: int) -> None:
-        self._file = file
-        self._bytes = MAX_CHUNK + 1000 * size
-        self._records = 10_000 + size // 4
+    def __init__(self, files: Sequence[Path]) -> None:
+        """Begin the reading of a bag's files, which takes time from now on."""
+        size = sum(file.stat().st_size for file in files)
+        self.name = str(files[0])
+        self._bytes = 4 * MAX_RECORD + 1000 * size
+        self._records = 10_000 + size // 8
+        self._seconds = max(8.0, size / (3 << 20))
+        self._end = thread_time() + self._seconds
 
-    def unpack(self, chunk: Chunk) -> list[McapRecord]:
-        """Return a chunk's schemas, channels and messages.
+    def charge(self, size: int = 0) -> None:
+        """Charge a record that unpacks to `size` bytes; call it before the work.
 
         Raises
         ------
         UserError
-            The file unpacks to too much.
-        Exception
-            The chunk is damaged, or too large.
+            The budget is spent.
         """
-        data = _unpacked(chunk)
-        if chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
-            raise ValueError('checksum')
-        self._bytes -= len(data)
-        stream = ReadDataStream(BytesIO(data))
-        records: list[McapRecord] = []
-        while stream.count < len(data):
-            self._records -= 1
-            if min(self._bytes, self._records) < 0:
-                raise UserError(
-                    f'{str(self._file)!r} unpacks to more than a recording of its size can hold: '
-                    'name another bag'
-                )
-            opcode, length = stream.read1(), stream.read8()
-            if opcode == Opcode.MESSAGE:
-                records.append(Message.read(stream, length))
-            elif opcode == Opcode.CHANNEL:
-                records.append(Channel.read(stream))
-            elif opcode == Opcode.SCHEMA:
-                records.append(Schema.read(stream))
-            else:
-                stream.read(length)
-        return records
-
-
-def _unpacked(chunk: Chunk) -> bytes:
-    if chunk.compression == 'zstd':
-        # The size in the frame's own header decides how much is allocated.
-        if zstandard.frame_content_size(chunk.data) > MAX_CHUNK:
-            raise ValueError('size')
-        return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=MAX_CHUNK)
-    if chunk.compression == 'lz4':
-        data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, MAX_CHUNK + 1)
-        if len(data) > MAX_CHUNK:
-            raise ValueError('size')
-        return data
-    if chunk.compression:
-        raise ValueError(f'unknown compression {chunk.compression!r}')
-    return chunk.data
+        self._bytes -= size
+        self._records -= 1
+        late = (size or not self._records % 64) and thread_time() > self._end
+        if late or min(self._bytes, self._records) < 0:
+            raise UserError(
+                f'{self.name!r} unpacks to more than a recording of its size can hold, or takes '
+                f'more than {self._seconds:.0f} s to read: name another bag'
+            )
 
 
 def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
@@ -181,9 +151,19 @@ def check_entries(path: Path, entries: dict[str, str]) -> dict[str, str]:
                 f'{str(path)!r} has {len(text)} characters of metadata {name[:40]!r}, where a run '
                 f'has at most {most}: name the bag of a run'
             )
-    if len(entries) > MAX_TEXT:
+    if len(entries) > MAX_TEXT or sum(map(len, entries.values())) > MAX_METADATA:
         raise UserError(f'{str(path)!r} has {len(entries)} entries of metadata: name another bag')
     return entries
+
+
+def check_attachments(path: Path, attached: dict[str, bytes]) -> None:
+    """Raise UserError if the attached files of a bag are longer than those of a run."""
+    size = sum(map(len, attached.values()))
+    if size > MAX_ATTACHED or any(len(name) > MAX_TEXT for name in attached):
+        raise UserError(
+            f'{str(path)!r} has {size} bytes of attached files, where a run has at most '
+            f'{MAX_ATTACHED}: name the bag of a run'
+        )
 
 
 def check_log(path: Path, log: Log) -> Log:

@@ -12,7 +12,7 @@ from barc_sim.bags.metadata import Topic
 from barc_sim.bags.schemas import definition, shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from rosbags.typesys.store import Typestore
 
@@ -71,6 +71,16 @@ def message_class(type_name: str) -> type[Any]:
     return _types().types[type_name]
 
 
+def field_types(type_name: str) -> dict[str, Any]:
+    """Return the fields of a shipped type with rosbags' descriptions; none of another type."""
+    return dict(_types().fielddefs.get(type_name, ((), ()))[1])
+
+
+def plain_fields(fields: Iterable[tuple[str, Any]]) -> dict[str, str]:
+    """Return the types of fields as `fixed_layout` takes them, given with their descriptions."""
+    return {name: str(of) if kind.name == 'NAME' else of[0] for name, (kind, of) in fields}
+
+
 def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
     """Return a function that serializes a message of a shipped type.
 
@@ -82,8 +92,7 @@ def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
     >>> data = pack(20_000_000, {'motor': 2.0, 'servo': 0.1})
     """
     fields = _types().fielddefs[type_name][1]
-    plain = {name: str(of) if kind.name == 'NAME' else of[0] for name, (kind, of) in fields}
-    if layout := fixed_layout(plain):
+    if layout := fixed_layout(plain_fields(fields)):
         return layout.pack
     names, kinds = zip(*fields, strict=True)
     header = kinds[0][1] == HEADER

@@ -1,27 +1,46 @@
-"""Reads a run's bag: its directory -> Log."""
+"""Reads a run's bag, in one pass and within one budget: its directory -> Bag -> Log."""
 
 from __future__ import annotations
 
 import logging
-from collections import defaultdict
+from array import array
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import bounds
+from barc_sim.bags.cdr import fixed_layout, leading_time
+from barc_sim.bags.messages import field_types, plain_fields
 from barc_sim.bags.metadata import METADATA_NAME
-from barc_sim.bags.records import files, records
-from barc_sim.bags.samples import TOPICS, Sample, join
+from barc_sim.bags.records import budget_of, files, records
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import CONTROLLER_STATE, MESSAGE_TYPES, PID_STATE, STATE, recordable
+from barc_sim.simulation.log import (
+    COMMAND,
+    CONTROLLER_STATE,
+    MESSAGE_TYPES,
+    PID_STATE,
+    STATE,
+    Flags,
+    Floats,
+    Log,
+    columns_of,
+    recordable,
+)
 
 if TYPE_CHECKING:
-    from barc_sim.simulation.log import Log
+    from collections.abc import Iterable, Mapping
+
+    from numpy.typing import NDArray
 
 _logger = logging.getLogger(__name__)
+#: Of each topic that a log is made of, the log's column for each field that is read.
+TOPICS = {topic: columns for topic in MESSAGE_TYPES if (columns := columns_of(topic))}
 
 
 def newest(root: Path | str = 'bags') -> Path:
@@ -56,12 +75,7 @@ def info(path: Path | str) -> dict[str, str]:
     >>> 'parameters' in info(newest('bags'))
     True
     """
-    entries: dict[str, str] = {}
-    for file in files(Path(path)):
-        for record in records(file, messages=False):
-            if isinstance(record, Metadata) and record.name == METADATA_NAME:
-                entries.update(record.metadata)
-    return bounds.check_entries(Path(path), entries)
+    return load(path, messages=False).info
 
 
 def attachments(path: Path | str) -> dict[str, bytes]:
@@ -72,12 +86,7 @@ def attachments(path: Path | str) -> dict[str, bytes]:
     UserError
         There is no bag at `path`.
     """
-    return {
-        record.name: record.data
-        for file in files(Path(path))
-        for record in records(file, messages=False)
-        if isinstance(record, Attachment)
-    }
+    return load(path, messages=False).attachments
 
 
 def counts(path: Path | str) -> dict[str, int]:
@@ -93,15 +102,7 @@ def counts(path: Path | str) -> dict[str, int]:
     >>> counts(newest('bags'))['ecu']
     1152
     """
-    found: dict[str, int] = defaultdict(int)
-    for file in files(Path(path)):
-        names: dict[int, str] = {}
-        for record in records(file):
-            if isinstance(record, Channel):
-                names[record.id] = record.topic.rpartition('/')[2]
-            elif isinstance(record, Message) and record.channel_id in names:
-                found[names[record.channel_id]] += 1
-    return dict(found)
+    return dict(load(path).counts)
 
 
 def read(path: Path | str, namespace: str | None = None) -> Log:
@@ -128,107 +129,314 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
     >>> len(log)
     1152
     """
-    samples = _samples(Path(path))
-    wanted = None if namespace is None else '/' + namespace.strip('/')
-    cars = [
-        car
-        for car in sorted(samples, key=_in_order)
-        if STATE in samples[car] and wanted in (None, car)
-    ]
-    if not cars and not sum(counts(path).values()):
-        raise UserError(
-            f'{str(path)!r} is empty: it has no states, nor any other message; name another'
-        )
-    if not cars:
-        whose = 'of a car' if wanted is None else f'of the car {wanted}'
-        raise UserError(
-            f'{str(path)!r} has no states {whose} (topic {STATE} of type {MESSAGE_TYPES[STATE]}): '
-            'name the bag of a run'
-        )
-    if len(cars) > 1:
-        raise UserError(
-            f'{str(path)!r} has several cars, {", ".join(cars)}: name one, as in '
-            f'--namespace {cars[0]}'
-        )
-    return bounds.check_log(Path(path), join(samples[cars[0]]))
+    return load(path).log(namespace)
 
 
-def _in_order(namespace: str) -> tuple[int, str]:
-    """Return a key that sorts /car10 after /car2."""
-    return len(namespace), namespace
+@dataclass
+class Bag:
+    """The content of a bag that tells of a run."""
+
+    path: Path
+    info: dict[str, str] = field(default_factory=dict)  #: the run's metadata
+    attachments: dict[str, bytes] = field(default_factory=dict)  #: by name
+    counts: Counter[str] = field(default_factory=Counter)  #: of messages, by topic alone
+    #: By namespace and topic, where a log is made of the topic.
+    samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
+
+    def log(self, namespace: str | None = None) -> Log:
+        """Return the run of a car, as `read` does."""
+        name, wanted = str(self.path), namespace and '/' + namespace.strip('/')
+        samples = {
+            car: {topic: each for topic, each in self.samples[car].items() if len(each)}
+            for car in sorted(self.samples, key=lambda car: (len(car), car))  # /car10 after /car2
+            if wanted in (None, car)
+        }
+        cars = [car for car in samples if STATE in samples[car]]
+        if not cars and not self.counts:
+            raise UserError(
+                f'{name!r} is empty: it has no states, nor any other message; name another'
+            )
+        if not cars:
+            whose = 'of a car' if wanted is None else f'of the car {wanted}'
+            raise UserError(
+                f'{name!r} has no states {whose} (topic {STATE} of type {MESSAGE_TYPES[STATE]}): '
+                'name the bag of a run'
+            )
+        if len(cars) > 1:
+            raise UserError(
+                f'{name!r} has several cars, {", ".join(cars)}: name one, as in '
+                f'--namespace {cars[0]}'
+            )
+        return bounds.check_log(self.path, join(samples[cars[0]]))
 
 
-class _Decoder:
-    """Decodes the messages of the topics that a log is made of, the records of one file."""
+def load(path: Path | str, *, messages: bool = True) -> Bag:
+    """Read a bag; without its `messages`, its metadata and its attached files alone.
 
-    def __init__(self) -> None:
+    Raises
+    ------
+    UserError
+        There is no bag at `path`, or it exceeds what a run records.
+    """
+    bag = Bag(Path(path))
+    found = files(bag.path)
+    budget = budget_of(found)
+    decoders: dict[tuple[str, bytes], _Decoder | None] = {}
+    for file in found:
+        reading = _FileReading(bag, decoders)
+        for record in records(file, budget, messages=messages):
+            reading.add(record)
+        if reading.undecodable:
+            _logger.warning(
+                '%s has %d records that cannot be decoded: left out', file, reading.undecodable
+            )
+    return bag
+
+
+class _FileReading:
+    """Puts the records of one file into a bag."""
+
+    def __init__(self, bag: Bag, decoders: dict[tuple[str, bytes], _Decoder | None]) -> None:
         self.undecodable = 0  # records
-        self._types = get_typestore(Stores.EMPTY)
-        self._registered: set[tuple[str, bytes]] = set()
+        self._bag = bag
+        self._decoders = decoders  # of all files, by topic and definition
         self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, tuple[str, str]] = {}  # namespace and topic
+        self._topics: dict[int, str] = {}  # by channel, without namespace
+        self._channels: dict[int, tuple[_Decoder, Samples]] = {}
 
-    def decode(self, record: McapRecord) -> tuple[str, str, Sample] | None:
-        """Return namespace, topic and sample, where the record is a message of such a topic."""
+    def add(self, record: McapRecord) -> None:
+        if isinstance(record, Message):
+            if topic := self._topics.get(record.channel_id):
+                self._bag.counts[topic] += 1
+            if channel := self._channels.get(record.channel_id):
+                self._decode(record, *channel)
+        elif isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._add_channel(record)
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self._bag.info.update(record.metadata)
+            bounds.check_entries(self._bag.path, self._bag.info)
+        elif isinstance(record, Attachment):
+            self._bag.attachments[record.name] = record.data
+            bounds.check_attachments(self._bag.path, self._bag.attachments)
+
+    def _decode(self, message: Message, decoder: _Decoder, samples: Samples) -> None:
         try:
-            if isinstance(record, Schema):
-                self._schemas[record.id] = record
-            elif isinstance(record, Channel):
-                self._add(record)
-            elif isinstance(record, Message) and record.channel_id in self._channels:
-                namespace, _ = self._channels[record.channel_id]
-                return (namespace, *self._sample(record))
+            stamp, values, terms = decoder.decode(message.data)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             self.undecodable += 1
-        return None
+        else:
+            samples.add(stamp, message.publish_time, values, terms)
 
-    def _add(self, channel: Channel) -> None:
+    def _add_channel(self, channel: Channel) -> None:
         namespace, _, topic = channel.topic.rpartition('/')
         schema = self._schemas.get(channel.schema_id)
         self._channels.pop(channel.id, None)
-        if schema and schema.name == MESSAGE_TYPES.get(topic):
-            self._register(schema)
-            self._channels[channel.id] = namespace or '/', topic
-
-    def _register(self, schema: Schema) -> None:
-        """Add a type; the number of definitions is bounded, as parsing one is slow."""
-        if (schema.name, schema.data) in self._registered:
+        self._topics[channel.id] = topic
+        if not schema or schema.name != MESSAGE_TYPES.get(topic):
             return
-        if len(schema.data) > bounds.MAX_SCHEMA or len(self._registered) >= bounds.MAX_SCHEMAS:
-            raise ValueError('schema')
-        self._registered.add((schema.name, schema.data))
-        self._types.register(get_types_from_msg(schema.data.decode(), schema.name))
-
-    def _sample(self, message: Message) -> tuple[str, Sample]:
-        _, topic = self._channels[message.channel_id]
-        decoded: Any = self._types.deserialize_cdr(message.data, MESSAGE_TYPES[topic])
-        stamp = decoded.header.stamp
-        named: dict[str, float] = {}
-        if topic == CONTROLLER_STATE:
-            # As `pid_state`, with terms that the message names in place of a PID's.
-            topic = PID_STATE
-            terms = dict(zip(decoded.names, decoded.values.tolist(), strict=True))
-            named = {name: terms[name] for name in recordable(terms)}
-        # A bag of an earlier version may lack a field.
-        values = tuple(
-            named.pop(field) if field in named else getattr(decoded, field, np.nan)
-            for field in TOPICS[topic].fields
+        decoder = self._decoder(topic, schema)
+        if decoder is None:
+            self.undecodable += 1
+            return
+        # A PID's state and another controller's fill the same columns.
+        topic = PID_STATE if topic == CONTROLLER_STATE else topic
+        samples = self._bag.samples[namespace or '/'].setdefault(
+            topic, Samples(self._bag.path, len(TOPICS[topic]))
         )
-        time = stamp.sec * 10**9 + stamp.nanosec
-        return topic, Sample(time, message.publish_time, values, tuple(named.items()))
+        self._channels[channel.id] = decoder, samples
+
+    def _decoder(self, topic: str, schema: Schema) -> _Decoder | None:
+        """Return the decoder of a definition; None if that is damaged, or none of a run."""
+        key = topic, schema.data
+        if key not in self._decoders and len(self._decoders) < bounds.MAX_SCHEMAS:
+            try:
+                self._decoders[key] = _Decoder(topic, schema.data)
+            except Exception:  # noqa: BLE001 (damage may raise anything)
+                self._decoders[key] = None
+        return self._decoders.get(key)
 
 
-def _samples(path: Path) -> dict[str, dict[str, list[Sample]]]:
-    """Return the messages of the topics that a log is made of, by namespace and topic."""
-    samples: dict[str, dict[str, list[Sample]]] = defaultdict(lambda: defaultdict(list))
-    for file in files(path):
-        decoder = _Decoder()
-        for record in records(file):
-            if decoded := decoder.decode(record):
-                namespace, topic, sample = decoded
-                samples[namespace][topic].append(sample)
-        if decoder.undecodable:
-            _logger.warning(
-                '%s has %d records that cannot be decoded: left out', file, decoder.undecodable
+class _Decoder:
+    """Decodes the messages of a topic by their definition in the bag.
+
+    Raises
+    ------
+    ValueError
+        The definition is too long, or not that of the topic.
+    """
+
+    def __init__(self, topic: str, definition: bytes) -> None:
+        if len(definition) > bounds.MAX_SCHEMA:
+            raise ValueError('schema')
+        self._type = MESSAGE_TYPES[topic]
+        types = get_types_from_msg(definition.decode(), self._type)
+        _check_types(types)
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.register(types)
+        self._named = topic == CONTROLLER_STATE  # the message names its terms
+        self._fields = [*TOPICS[PID_STATE if self._named else topic]]
+        self._layout = fixed_layout(plain_fields(types[self._type][1]))
+        if self._layout and {*self._fields} <= {*self._layout.names}:
+            self._fast = self._layout.reader(*self._fields)
+        else:
+            self._layout = None
+
+    def decode(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
+        """Return a message's stamp [ns], the values of its fields, and the terms that it names."""
+        if self._layout and self._layout.fits(data):
+            return leading_time(data), self._fast(data), {}
+        if len(data) > bounds.MAX_MESSAGE:
+            raise ValueError('message')
+        decoded: Any = self._store.deserialize_cdr(data, self._type)
+        terms: dict[str, float] = {}
+        if self._named:
+            named = dict(zip(decoded.names, decoded.values.tolist(), strict=True))
+            terms = {name: named[name] for name in recordable(named)}
+        # A bag of an earlier version may lack a field.
+        values = [
+            terms.pop(field) if field in terms else getattr(decoded, field, np.nan)
+            for field in self._fields
+        ]
+        stamp = decoded.header.stamp
+        return stamp.sec * 10**9 + stamp.nanosec, values, terms
+
+
+def _check_types(types: Mapping[str, Any]) -> None:
+    """Raise ValueError unless the types' fields are those of a run's messages, or plain ones.
+
+    A later version's may be there, too; but none that rosbags would unroll: no arrays of texts or
+    of messages.
+    """
+    for name, (_, fields) in types.items():
+        ours = field_types(name)
+        for field_name, kind in fields:
+            if kind != ours[field_name] if field_name in ours else not _is_plain(*kind):
+                raise ValueError(f'{name} with the field {field_name}')
+
+
+def _is_plain(node: Nodetype, of: Any) -> bool:  # noqa: ANN401 (as rosbags describes a field)
+    if node == Nodetype.ARRAY:
+        (element, (base, *_)), length = of
+        return bool(element == Nodetype.BASE and base != 'string' and length <= bounds.MAX_ARRAY)
+    return node == Nodetype.BASE or bool(node == Nodetype.SEQUENCE and of[0][0] == Nodetype.BASE)
+
+
+class Samples:
+    """The messages of a topic, in order of their arrival in the bag."""
+
+    def __init__(self, bag: Path, width: int) -> None:
+        self._bag = bag
+        self._width = width  # the number of fields
+        self._stamps = array('q')  # [ns]
+        self._published = array('Q')  # [ns]
+        self._values = array('d')
+        #: By name of a term that the messages name: the messages that have it, and its values.
+        self._terms: dict[str, tuple[array[int], array[float]]] = {}
+
+    def add(
+        self, stamp: int, published: int, values: Iterable[float], terms: Mapping[str, float]
+    ) -> None:
+        """Add a message with its stamp and the time of its publication [ns]."""
+        for name, value in terms.items():
+            places, of_term = self._terms.setdefault(name, (array('q'), array('d')))
+            places.append(len(self._stamps))
+            of_term.append(value)
+        if len(self._terms) > bounds.MAX_TERMS:
+            raise UserError(
+                f'{str(self._bag)!r} has a controller with more than {bounds.MAX_TERMS} terms: '
+                'name another bag'
             )
-    return samples
+        self._stamps.append(stamp)
+        self._published.append(published)
+        self._values.extend(values)
+
+    def __len__(self) -> int:
+        """Return the number of messages."""
+        return len(self._stamps)
+
+    @property
+    def stamps(self) -> NDArray[np.int64]:
+        """That of each message [ns], shape `(n,)`."""
+        return np.array(self._stamps, np.int64)
+
+    @property
+    def published(self) -> NDArray[np.uint64]:
+        """The time of publication of each message [ns], shape `(n,)`."""
+        return np.array(self._published, np.uint64)
+
+    def first(self) -> NDArray[np.intp]:
+        """Return the places of the messages that were published first, one of each stamp."""
+        places = np.arange(len(self._stamps))
+        order = np.lexsort((-places, self.published, self.stamps))
+        _, at = np.unique(self.stamps[order], return_index=True)
+        return order[at]
+
+    def at(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return the place of the first message of each stamp; -1 where there is none."""
+        first = self.first()
+        known = self.stamps[first]
+        at = np.minimum(np.searchsorted(known, stamps), len(known) - 1)
+        return np.where(known[at] == stamps, first[at], -1) if len(known) else at
+
+    def values(self, places: NDArray[np.intp]) -> Floats:
+        """Return the fields of the messages at `places`, shape `(fields, n)`; NaN at -1."""
+        rows = np.array(self._values, np.float64).reshape(-1, self._width)
+        found: Floats = np.vstack([rows, np.full(self._width, np.nan)])[places].T
+        return found
+
+    def terms(self, places: NDArray[np.intp]) -> dict[str, Floats]:
+        """Return the terms that the messages at `places` name, NaN where one names none."""
+        found = {}
+        for name, (having, values) in self._terms.items():
+            column = np.full(len(self._stamps) + 1, np.nan)
+            column[np.array(having)] = values
+            if np.isin(places, having).any():
+                found[name] = column[places]
+        return found
+
+
+def join(samples: Mapping[str, Samples]) -> Log:
+    """Return the log of a car's samples, by topic; there must be one of `STATE` at least.
+
+    Topics are joined on the stamp of the state that each message belongs to. A state's deadline is
+    the publication of the next state. Where several commands answer a state, the first counts.
+    Where the latest command by the deadline bears no stamp, it is what held, and nothing was
+    missed.
+    """
+    of_states = samples[STATE]
+    states = of_states.first()
+    stamps = of_states.stamps[states]
+    places = {topic: each.at(stamps) for topic, each in samples.items()}
+    missed = np.ones(len(stamps), np.bool_)
+    if commands := samples.get(COMMAND):
+        missed = _missed(commands, places[COMMAND], of_states.published[states])
+    columns: dict[str, Any] = {'t': (stamps - stamps[0]) / 1e9}
+    for topic, fields in TOPICS.items():
+        rows = (
+            samples[topic].values(places[topic])
+            if topic in samples
+            else np.full((len(fields), len(stamps)), np.nan)
+        )
+        columns |= zip(fields.values(), rows, strict=True)
+    saturated = columns.pop('saturated') == 1.0
+    terms = samples[PID_STATE].terms(places[PID_STATE]) if PID_STATE in samples else {}
+    return Log(**columns, saturated=saturated, missed=missed, own_terms=terms)
+
+
+def _missed(commands: Samples, answers: NDArray[np.intp], published: NDArray[np.uint64]) -> Flags:
+    """Return whether each state's command was missed, shape `(n,)`.
+
+    Where a command without a stamp held at the deadline, `answers`, the places of the commands that
+    answer the states, leads to it if none does.
+    """
+    order = np.argsort(commands.published, kind='stable')
+    by_deadline = np.searchsorted(commands.published[order], published[1:], 'left')
+    by_deadline = np.append(by_deadline, len(order))
+    latest = order[by_deadline - 1]
+    held = (by_deadline > 0) & (commands.stamps[latest] == 0)
+    late = np.append(commands.published[answers[:-1]] >= published[1:], False)
+    missed: Flags = ~held & ((answers < 0) | late)
+    answers[held & (answers < 0)] = latest[held & (answers < 0)]
+    return missed

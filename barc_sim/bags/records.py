@@ -1,22 +1,27 @@
-"""Reads the records of a bag's files, up to the last whole one."""
+"""Reads the records of a bag's files, up to the last whole one.
+
+The records are those of https://mcap.dev/spec, and mcap parses them; what a file claims of itself
+decides neither how much is read nor how much is unpacked.
+"""
 
 from __future__ import annotations
 
 import logging
 import os
 import re
+import zlib
 from dataclasses import dataclass
 from io import BytesIO
 from struct import Struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import lz4.frame
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Chunk, McapRecord
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
-from barc_sim.bags.bounds import MAX_CHUNK, Budget
+from barc_sim.bags.bounds import MAX_ATTACHED, MAX_METADATA, MAX_RECORD, Budget
 from barc_sim.bags.chunk import CHUNK_SIZE
 from barc_sim.bags.file import MAGIC
 from barc_sim.cli.files import open_regular
@@ -25,10 +30,23 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
-    from typing import IO
+    from typing import BinaryIO
+
+    from mcap.records import McapRecord
 
 _HEADER = Struct('<BQ')  # of a record: opcode, length
+_MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
+_FOOTER = Struct('<BQQQI')  # with its header: start of the summary, of its offsets, checksum
 _OPCODES = frozenset(Opcode)
+_OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
+_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
+_PARSED: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+}
 _logger = logging.getLogger(__name__)
 
 
@@ -53,17 +71,11 @@ def files(path: Path) -> list[Path]:
     ------
     UserError
         There are none.
-
-    Examples
-    --------
-    >>> from barc_sim.bags.reader import newest
-    >>> len(files(newest('bags')))
-    1
     """
     if not path.exists():
         raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
     if not path.is_dir():
-        return [path.resolve()] if path.is_symlink() else [path]
+        return [path.resolve() if path.is_symlink() else path]
     found = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
     if not found:
         raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
@@ -76,15 +88,45 @@ def _order(file: Path) -> tuple[int, str]:
     return int(number[1]) if number else -1, file.name
 
 
+def budget_of(found: list[Path]) -> Budget:
+    """Return the budget for reading these files.
+
+    Raises
+    ------
+    UserError
+        One of them cannot be read.
+    """
+    for file in found:
+        _opened(file).close()
+    return Budget(found)
+
+
+def _opened(file: Path) -> BinaryIO:
+    try:
+        return open_regular(file, follow=False)
+    except OSError as error:
+        raise UserError(
+            f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
+        ) from error
+
+
 def records(
-    file: Path, *, messages: bool = True, damage: Damage | None = None
+    file: Path,
+    budget: Budget | None = None,
+    *,
+    messages: bool = True,
+    damage: Damage | None = None,
 ) -> Iterator[McapRecord]:
     """Yield a file's records up to the last whole one, without the chunks that are damaged.
+
+    These are the schemas, channels, messages, attachments and metadata.
 
     Parameters
     ----------
     file
         The file.
+    budget
+        That of the reading of a bag; without it, of this file.
     messages
         False to skip the chunks, and with them the messages.
     damage
@@ -93,34 +135,27 @@ def records(
     Raises
     ------
     UserError
-        It cannot be read, is not an MCAP file, or unpacks to too much.
+        It cannot be read, is not an MCAP file, or exceeds the budget.
     """
     found = Damage() if damage is None else damage
-    try:
-        stream = open_regular(file, follow=False)
+    with _opened(file) as stream:
+        budget = budget or Budget([file])
         size = os.fstat(stream.fileno()).st_size
-    except OSError as error:
-        raise UserError(
-            f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
-        ) from error
-    with stream:
         if (magic := stream.read(len(MAGIC))) != MAGIC:
             what = 'not an MCAP file' if magic else 'empty'
             raise UserError(f'{str(file)!r} is {what}: name another bag')
         if messages:
-            yield from _described(stream)
-        stream.seek(0)
-        # A length greater than the file's is damage: no memory is allocated for it.
-        reader = _Reader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=size)
-        budget = Budget(file, size)
-        whole = 0
+            yield from _described(stream, size, budget)
+        stream.seek(len(MAGIC))
+        whole = len(MAGIC)
         try:
-            for record in reader.records:
-                whole = stream.tell()
-                if not isinstance(record, Chunk):
-                    yield record
-                elif messages:
+            for opcode, body, end in _raw(stream, size, budget, messages=messages):
+                record = _parsed(opcode, body)
+                whole = end
+                if isinstance(record, Chunk):
                     yield from _whole(record, found, budget)
+                elif record:
+                    yield record
         except UserError:
             raise
         except Exception:  # noqa: BLE001 (damage may raise anything)
@@ -141,37 +176,110 @@ def _is_cut(header: bytes, size: int) -> bool:
     return opcode in _OPCODES and size - len(header) < length < 2 * CHUNK_SIZE
 
 
-class _Reader(StreamReader):
-    """Parses each record within its own length: the lengths in it can claim more."""
+def _raw(
+    stream: BinaryIO, size: int, budget: Budget, *, messages: bool = True
+) -> Iterator[tuple[int, bytes, int]]:
+    """Yield opcode, body and end of each record, from where the stream is up to the footer."""
+    at = stream.tell()
+    checksum = zlib.crc32(MAGIC)  # of the data, where they are read from their beginning
+    opcode = 0
+    while opcode != Opcode.FOOTER:
+        header = stream.read(_HEADER.size)
+        opcode, length = _HEADER.unpack(header)
+        at += _HEADER.size + length
+        if not opcode or at > size or (length > MAX_RECORD and opcode != Opcode.ATTACHMENT):
+            raise ValueError('record')
+        if length > MAX_RECORD:
+            raise UserError(
+                f'{budget.name!r} has {length} bytes of attached files, where a run has at most '
+                f'{MAX_ATTACHED}: name the bag of a run'
+            )
+        budget.charge(length)
+        if not messages and opcode in _OF_MESSAGES:
+            stream.seek(length, os.SEEK_CUR)
+            continue
+        body = stream.read(length)
+        if opcode == Opcode.DATA_END and messages:
+            known = int.from_bytes(body[:4], 'little')
+            if known not in {0, checksum}:
+                raise ValueError('checksum')
+        checksum = zlib.crc32(body, zlib.crc32(header, checksum))
+        yield opcode, body, at
+    if stream.read(len(MAGIC)) != MAGIC:
+        raise ValueError('end')
 
-    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        whole = self._stream
-        body = whole.read(length)
-        if len(body) < length:
-            raise EOFError
-        if opcode == Opcode.METADATA and length > MAX_CHUNK:
-            return None  # it would take several times its size
-        self._stream = ReadDataStream(BytesIO(body))
-        try:
-            return super()._read_record(opcode, length)
-        finally:
-            self._stream = whole
+
+def _parsed(opcode: int, body: bytes) -> McapRecord | None:
+    """Return a record; None for one of a kind that is of no use here."""
+    if opcode == Opcode.MESSAGE:
+        channel, sequence, received, published = _MESSAGE.unpack_from(body)
+        return Message(channel, received, body[_MESSAGE.size :], published, sequence)
+    if opcode not in _PARSED:
+        return None
+    if opcode == Opcode.METADATA and len(body) > MAX_METADATA:
+        return None  # it would take several times its size
+    record: McapRecord = _PARSED[opcode].read(ReadDataStream(BytesIO(body)))
+    return record
 
 
-def _described(stream: IO[bytes]) -> list[McapRecord]:
+def _described(stream: BinaryIO, size: int, budget: Budget) -> list[McapRecord]:
     """Return the schemas and channels of the summary, as a damaged chunk may hold the others."""
+    found: list[McapRecord] = []
     try:
-        summary = SeekingReader(stream, validate_crcs=True).get_summary()
-        return [*summary.schemas.values(), *summary.channels.values()] if summary else []
+        stream.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
+        opcode, _, start, _, _ = _FOOTER.unpack(stream.read(_FOOTER.size))
+        if opcode != Opcode.FOOTER or not start:
+            return []
+        stream.seek(start)
+        for kind, body, _ in _raw(stream, size, budget):
+            if kind in {Opcode.SCHEMA, Opcode.CHANNEL} and (record := _parsed(kind, body)):
+                found.append(record)
+    except UserError:
+        raise
     except Exception:  # noqa: BLE001 (damage may raise anything)
         return []
+    return found
 
 
-def _whole(chunk: Chunk, damage: Damage, budget: Budget) -> list[McapRecord]:
+def _whole(chunk: Chunk, damage: Damage, budget: Budget) -> Iterator[McapRecord]:
+    """Yield the records of a chunk, up to its damage."""
     try:
-        return budget.unpack(chunk)
+        yield from _in_chunk(_unpacked(chunk, budget), budget)
     except UserError:
         raise
     except Exception:  # noqa: BLE001 (damage may raise anything)
         damage.unreadable_chunks += 1
-        return []
+
+
+def _in_chunk(data: bytes, budget: Budget) -> Iterator[McapRecord]:
+    at = 0
+    while at < len(data):
+        opcode, length = _HEADER.unpack_from(data, at)
+        at += _HEADER.size + length
+        if at > len(data):
+            raise ValueError('record')
+        budget.charge(length if opcode != Opcode.MESSAGE else 0)
+        if opcode in _IN_CHUNKS and (record := _parsed(opcode, data[at - length : at])):
+            yield record
+
+
+def _unpacked(chunk: Chunk, budget: Budget) -> bytes:
+    """Return what is in a chunk: no more than it claims, which is charged before."""
+    size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
+    budget.charge(min(size, MAX_RECORD))
+    if size > MAX_RECORD:
+        raise ValueError('size')
+    if chunk.compression == 'zstd':
+        # The size in the frame's own header decides how much is allocated.
+        if zstandard.frame_content_size(chunk.data) > size:
+            raise ValueError('size')
+        data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
+    elif chunk.compression == 'lz4':
+        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+    elif chunk.compression:
+        raise ValueError(f'unknown compression {chunk.compression!r}')
+    else:
+        data = chunk.data
+    if len(data) != size or chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
+        raise ValueError('size or checksum')
+    return data

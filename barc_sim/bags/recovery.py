@@ -14,13 +14,15 @@ from barc_sim.bags import bounds, metadata
 from barc_sim.bags.file import BagFile
 from barc_sim.bags.metadata import METADATA_NAME, Span, Topic
 from barc_sim.bags.pieces import is_being_written
-from barc_sim.bags.records import Damage, files, records
+from barc_sim.bags.records import Damage, budget_of, files, records
 from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
+
+    from barc_sim.bags.bounds import Budget
 
 
 @dataclass
@@ -66,9 +68,11 @@ def recover(path: Path) -> Recovered:
     directory = files(path)[0].parent
     check_plain(directory)
     found = Recovered()
+    damaged = files(directory)
+    budget = budget_of(damaged)
     try:
-        for file in files(directory):
-            _recover_file(file, found)
+        for file in damaged:
+            _recover_file(file, found, budget)
         metadata.write(directory, _information(found))
     except OSError as error:
         raise UserError(
@@ -78,14 +82,14 @@ def recover(path: Path) -> Recovered:
     return found
 
 
-def _recover_file(file: Path, found: Recovered) -> None:
+def _recover_file(file: Path, found: Recovered, budget: Budget) -> None:
     if is_being_written(file):
         raise UserError(f'{str(file)!r} is being recorded: end the recording first')
     part = file.with_name(f'.{token_hex(8)}.part')
     damage = Damage()
     copy = _Copy(BagFile(part), found)
     try:
-        for record in records(file, damage=damage):
+        for record in records(file, budget, damage=damage):
             copy.add(record)
         found.spans[file.name] = copy.file.span
         found.counts.update(copy.file.counts)
@@ -127,6 +131,7 @@ class _Copy:
             self._topics[record.id] = _topic(record, self._schemas[record.schema_id])
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             self._found.metadata.update(record.metadata)
+            bounds.check_entries(self.file.path, self._found.metadata)
             self.file.end_chunk()
             self.file.add_metadata(record.metadata)
         elif isinstance(record, Attachment):
@@ -143,7 +148,8 @@ class _Copy:
 def _topic(channel: Channel, schema: Schema) -> Topic:
     qos: Any = None
     with suppress(ValueError):
-        qos = bounds.from_yaml(channel.metadata.get('offered_qos_profiles', ''))
+        text = channel.metadata.get('offered_qos_profiles', '')
+        qos = bounds.from_yaml(text) if len(text) <= bounds.MAX_TEXT else None
     return Topic(
         name=channel.topic,
         type=schema.name,

@@ -43,7 +43,8 @@ def run(options: Namespace) -> None:
 
     path = target(options.save, FORMATS) if options.save is not None else None
     source = options.bag or reader.newest()
-    log = reader.read(source, options.namespace)
+    bag = reader.load(source)
+    log = bag.log(options.namespace)
     directory = source if source.is_dir() else source.parent
     title = directory.resolve().name
     window = output.window(run_figures.SIZE, title) if options.show or not path else None
@@ -53,7 +54,7 @@ def run(options: Namespace) -> None:
             'tkinter; use --save FILE'
         )
     figure = run_figures.speed_figure(
-        log, title=title, settings=run_figures.settings(reader.info(source)), figure=window
+        log, title=title, settings=run_figures.settings(bag.info), figure=window
     )
     if not window and not path:
         check_plain(directory)

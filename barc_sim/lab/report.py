@@ -55,6 +55,7 @@ _SETTINGS = {
     'platform': 'Platform',
 }
 _MAX_STRETCHES = 40  #: in the table
+_MAX_SHOWN = 100_000  #: characters of code
 _VISIBLE = 0.01  #: [m] beside the road's axis
 _FORMATTER = HtmlFormatter(nowrap=True)
 #: Larger values are from a damaged bag.
@@ -93,9 +94,9 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     >>> facts.shown_lap.number
     0
     """
-    log = _sensible(reader.read(path, namespace))
-    info = reader.info(path)
-    attached = adapters.attached(reader.attachments(path))
+    bag = reader.load(path)
+    log, info = _sensible(bag.log(namespace)), bag.info
+    attached = adapters.attached(bag.attachments)
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
     for file in files(path):
         hashes[file.name] = _sha256(file)
@@ -168,11 +169,20 @@ def page(facts: Facts) -> str:
         run_up=RUN_UP,
         most_stretches=_MAX_STRETCHES,
         settling_band=f'{SETTLING_BAND:.0%}',
-        sources=[(name, _highlighted(text)) for name, text in facts.sources.items()],
+        sources=[*_shown(facts.sources)],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
         graph=graph,
         nodes=table(facts.graph) if facts.graph else [],
     )
+
+
+def _shown(sources: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield names and HTML of files, of long ones the beginning."""
+    left = _MAX_SHOWN
+    for name, text in sources.items():
+        more = f'# ... {len(text)} characters in all\n' if len(text) > left else ''
+        yield name, _highlighted(text[:left] + '\n' * bool(more) + more)
+        left = max(left - len(text), 0)
 
 
 def _highlighted(text: str) -> str:

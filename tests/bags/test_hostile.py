@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 COMMANDS = ('plot', 'report', 'regrade', 'graph', 'recover')
 SECONDS = 10.0
-MEMORY = 500 << 20  # bytes
+MEMORY = 300 << 20  # bytes
 LOG = closed_loop(distance=2.0)
 SCHEMA = definition(MESSAGE_TYPES[STATE])
 
@@ -98,12 +98,47 @@ def zstd_bomb(path: Path) -> None:
 def many_messages(path: Path) -> None:
     data = encoded(LOG, 0, STATE)
     record = struct.pack('<HIQQ', 1, 0, 0, 0) + data
-    whole = (b'\x05' + struct.pack('<Q', len(record)) + record) * 500_000
+    whole = (b'\x05' + struct.pack('<Q', len(record)) + record) * 300_000
     chunk_of(path, zstandard.compress(whole), len(whole))
 
 
 def many_fields(path: Path) -> None:
     file_of(path, [(k, encoded(LOG, k, STATE)) for k in range(3)], 'float64 a\n' * 20_000)
+
+
+def defined(name: str, fields: str, data: bytes = b'') -> Callable[[Path], None]:
+    """Return a maker of a bag whose state has another definition, with a message of its own."""
+    schema = SCHEMA.replace(name, fields)
+    assert schema != SCHEMA
+    return lambda path: file_of(path, [(0, data or encoded(LOG, 0, STATE))], schema)
+
+
+def failing_chunks(path: Path) -> None:
+    """Write chunks that unpack to much and have a wrong checksum."""
+    size = 32 << 20
+    content = zstandard.compress(bytes(size))
+    body = struct.pack('<QQQII', 0, 0, size, 1, 4) + b'zstd' + struct.pack('<Q', len(content))
+    records(path, (b'\x06' + struct.pack('<Q', len(body) + len(content)) + body + content) * 400)
+
+
+def records(path: Path, content: bytes) -> None:
+    """Write a bag of these records."""
+    path.mkdir()
+    with (path / 'run_0.mcap').open('wb') as stream:
+        Writer(stream).start(profile='ros2')
+        stream.write(content)
+
+
+def empty_records(path: Path) -> None:
+    records(path, (b'\x80' + bytes(8)) * 3_000_000)
+
+
+def large_attachment(path: Path) -> None:
+    bag(path, None, **{'student/controller.py': b'x = (1 +\n' * 4_200_000})
+
+
+def long_code(path: Path) -> None:
+    bag(path, None, **{f'student/{k}.py': b'a.' * 500_000 for k in range(8)})
 
 
 def upright(path: Path) -> None:
@@ -133,6 +168,27 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
         with_metadata('graph', json.dumps(json.loads(GRAPH) | {'topics': {}})),
         'cannot be drawn',
     ),
+    'an array of texts': (defined('float64 x ', 'string[400000000] big\nfloat64 x '), 'no states'),
+    'an array of headers': (
+        defined('float64 x ', 'std_msgs/Header[400000000] big\nfloat64 x '),
+        'no states',
+    ),
+    'seconds of text': (
+        defined('int32 sec', 'string sec', b'\0\1\0\0\4\0\0\x00999\0' + bytes(64)),
+        'no states',
+    ),
+    'a text for a number': (defined('float64 x ', 'string x '), 'no states'),
+    'a time for a number': (defined('float64 x ', 'builtin_interfaces/Time x '), 'no states'),
+    'an array for a number': (defined('float64 x ', 'float64[1] x '), 'no states'),
+    'a sequence for a number': (defined('float64 x ', 'float64[] x '), 'no states'),
+    'a type in itself': (
+        defined('float64 x ', 'barc_interfaces/ZDynBkMdl[2] a\nfloat64 x '),
+        'no states',
+    ),
+    'chunks that fail': (failing_chunks, 'unpacks to more than a recording of its size can hold'),
+    'empty records': (empty_records, 'is empty'),
+    'a large attachment': (large_attachment, 'bytes of attached files, where a run has at most'),
+    'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
     'claims of lists': (with_metadata(METADATA, '{"files": {"model": []}}'), ''),
     'a file without a name': (attached('student/'), ''),
@@ -143,7 +199,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
 
 
 #: One of each kind; the others are slow.
-SAMPLE = ('YAML aliases', 'a stamp far off', 'zstd bomb', 'many messages', 'a chain of nodes')
+SAMPLE = ('a stamp far off', 'many messages', 'a chain of nodes', 'an array of texts')
 CASES = [
     pytest.param(*case, id=name, marks=[pytest.mark.slow] * (name not in SAMPLE))
     for name, case in HOSTILE.items()
@@ -167,12 +223,12 @@ def test_a_hostile_bag_ends_in_a_result_or_a_sentence(
         options = [str(path)]
         if command == 'graph':
             options = ['--save', 'graph.svg', '--bag', str(path)]
-        began = time.monotonic()
+        began = time.process_time()
 
         code = barc([command, *options])
 
         assert code in {0, 1, 2}
-        assert time.monotonic() - began < SECONDS
+        assert time.process_time() - began < SECONDS
         captured = capsys.readouterr()
         assert 'Traceback' not in captured.err
         if code == 2:
@@ -181,13 +237,26 @@ def test_a_hostile_bag_ends_in_a_result_or_a_sentence(
     assert sentence in said
 
 
-@pytest.mark.parametrize('write', [zstd_bomb, many_messages, one_stamp_far_off])
-@pytest.mark.parametrize('command', ['plot', 'replay', 'recover'])
+@pytest.mark.parametrize(
+    'name',
+    [
+        'a stamp far off',
+        'zstd bomb',
+        'many messages',
+        'an array of texts',
+        'seconds of text',
+        'chunks that fail',
+        'empty records',
+        'a large attachment',
+    ],
+)
+@pytest.mark.parametrize('command', ['plot', 'report', 'replay', 'recover'])
 @pytest.mark.slow
-def test_a_hostile_bag_takes_little_memory(
-    tmp_path: Path, write: Callable[[Path], None], command: str
+def test_what_a_budget_stops_takes_little_time_and_memory(
+    tmp_path: Path, name: str, command: str
 ) -> None:
     path = tmp_path / 'bag'
+    write, _ = HOSTILE[name]
     write(path)
 
     process = subprocess.Popen([sys.executable, '-m', 'barc_sim', command, str(path)])
@@ -195,6 +264,7 @@ def test_a_hostile_bag_takes_little_memory(
     process.returncode = 0
 
     assert usage.ru_maxrss << 10 < MEMORY
+    assert usage.ru_utime + usage.ru_stime < SECONDS
 
 
 def test_a_length_that_lies_reads_no_more_than_its_record(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from made_bags import fill
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.metadata import Topic
-from barc_sim.bags.samples import TOPICS
+from barc_sim.bags.reader import TOPICS
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import PID

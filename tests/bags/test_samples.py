@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 
-from barc_sim.bags.samples import STATE, TOPICS, Sample, join
+from barc_sim.bags.reader import TOPICS, Samples
+from barc_sim.bags.reader import join as join_samples
+from barc_sim.simulation.log import STATE, Log
 
 PERIOD = 20_000_000
 
 
-def state(k: int, *, published: int | None = None) -> Sample:
-    """Return state `k`: its values are `k`, and it is published at `100 k` unless given."""
-    width = len(TOPICS[STATE].fields)
-    return Sample(1 + k * PERIOD, 100 * k if published is None else published, (float(k),) * width)
+class Sample(NamedTuple):
+    """A message: its stamp and publication [ns], and its fields."""
+
+    stamp: int
+    published: int
+    values: tuple[float, ...]
+
+
+def join(messages: dict[str, list[Sample]]) -> Log:
+    """Return the log of the messages of a car, by topic."""
+    made = {topic: Samples(Path('bag'), len(TOPICS[topic])) for topic in messages}
+    for topic, samples in messages.items():
+        for sample in samples:
+            made[topic].add(*sample, {})
+    return join_samples(made)
+
+
+def state(k: int) -> Sample:
+    """Return state `k`: its values are `k`, and it is published at `100 k`."""
+    return Sample(1 + k * PERIOD, 100 * k, (float(k),) * len(TOPICS[STATE]))
 
 
 def command(k: int, published: int, motor: float = 0.0) -> Sample:
@@ -32,7 +53,7 @@ def test_rows_are_in_the_order_of_the_stamps_whatever_the_order_of_the_file() ->
 
 def test_every_topic_finds_its_state_by_the_stamp() -> None:
     samples = {STATE: [state(k) for k in range(4)]}
-    for topic, (_, fields) in TOPICS.items():
+    for topic, fields in TOPICS.items():
         if topic != STATE:
             samples[topic] = [
                 Sample(1 + k * PERIOD, 100 * k + 1, (10.0 * k,) * len(fields)) for k in (3, 1)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from command_line import refused
+from made_bags import make
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -15,25 +15,16 @@ from barc_sim.bags import reader as bag
 from barc_sim.figures import output
 from barc_sim.simulation.closed_loop import closed_loop
 
-if TYPE_CHECKING:
-    from barc_sim.simulation.log import Log
-
 SIGNATURES = {'png': b'\x89PNG', 'pdf': b'%PDF', 'svg': b'<?xml'}
 
 
 @pytest.fixture
 def directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the directory of a bag that reads as a short run, on a machine without display."""
+    """Return the bag of a short run, on a machine without display."""
     log = closed_loop(distance=30.0)
     path = tmp_path / 'bags' / '2026-11-21_12-00-00'
-    path.mkdir(parents=True)
-
-    def read(source: Path, namespace: str | None = None) -> Log:
-        assert (source.absolute(), namespace) == (path, None)
-        return log
-
-    monkeypatch.setattr(bag, 'read', read)
-    monkeypatch.setattr(bag, 'info', lambda _: {'road': 'lab', 'kp': '30.0', 'python': '3.12'})
+    path.parent.mkdir()
+    make(path, log, {'road': 'lab', 'kp': '30.0', 'python': '3.12'})
     monkeypatch.setattr(bag, 'newest', lambda: path.relative_to(tmp_path))
     monkeypatch.setattr(output, 'window', lambda *_: None)
     monkeypatch.chdir(tmp_path)
@@ -82,7 +73,7 @@ def test_with_a_display_the_figure_is_shown(
     assert barc(['plot', str(directory), *args]) == 0
     assert shown == [4]
     assert Path('a.png').exists() == saved
-    assert not list(directory.iterdir())
+    assert not (directory / 'speed.png').exists()
 
 
 @pytest.mark.parametrize(
