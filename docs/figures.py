@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
+from convergence import convergence_figure
 from matplotlib import style
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, FancyArrowPatch, Rectangle
@@ -21,14 +22,12 @@ import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
 from barc_sim.figures.animation import frames
-from barc_sim.figures.convergence_figure import convergence_figure
 from barc_sim.figures.run_figures import speed_figure
 from barc_sim.figures.side_view import SIZE, SideView
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.figures.top_view import TopView
 from barc_sim.simulation.closed_loop import simulate
-from barc_sim.simulation.convergence import studies
 from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, slip_angle, step
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
@@ -246,11 +245,6 @@ def drive_of_the_lab() -> Figure:
     return speed_figure(simulate(), title='The course with the default gains')
 
 
-def convergence() -> Figure:
-    """Draw the figure of `barc validate`."""
-    return convergence_figure([*studies()])
-
-
 def kinematic_and_dynamic() -> Figure:
     """Draw yaw rate over speed, and the way of both bicycles at 20 m/s."""
     figure = Figure(figsize=(9.0, 3.8))
@@ -341,7 +335,7 @@ def windup() -> Figure:
 
 FIGURES: dict[str, Callable[[], Figure]] = {
     'bicycle': bicycle,
-    'convergence': convergence,
+    'convergence': convergence_figure,
     'course': course,
     'drive': drive_of_the_lab,
     'forces': forces_on_the_hill,

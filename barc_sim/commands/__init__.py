@@ -13,7 +13,6 @@ GROUPS = {
     'look': {
         'plot': 'draw speed, grade and command of a run',
         'replay': 'play a run in a window, a web page or a video',
-        'validate': 'measure the error of each integrator',
     },
     'lab': {
         'new': 'make a folder with templates: model, controller, relay and compose.py',

@@ -1,0 +1,294 @@
+"""How fast the error of a step falls with its length, for each model and integrator.
+
+Test drives with motor and servo held end somewhere: a closed form, or a far finer solution, says
+where. `python docs/convergence.py` prints the errors.
+"""
+
+from __future__ import annotations
+
+from itertools import groupby
+from math import atanh, cos, hypot, inf, log, pi, radians, sin, sinh, sqrt
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib import style
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle
+from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
+from barc_sim.vehicle.integrators import INTEGRATORS
+from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from matplotlib.axes import Axes
+
+#: [s] The lab's step, halved again and again.
+STEPS = tuple(0.02 / 2**k for k in range(5))
+#: [s] That of the solution by rk4 that stands for the true one where there is no closed form.
+FINE = 0.02 / 128
+#: [m] Errors below this are rounding's, not the method's.
+ROUNDING = 1e-11
+_COLUMNS = 3  #: of panels
+_COLOURS = {'euler': VERMILLION, 'rk4': BLUE}
+_NAMES = {'euler': 'forward Euler', 'rk4': 'Runge-Kutta (rk4)'}
+#: Marker, whether it is filled, and its size: both models are visible if their errors are equal.
+_MARKERS = {'kinematic': ('o', True, 4.5), 'dynamic': ('s', False, 8.0)}
+_SLOPES = {1: 2e-3, 4: 1e-9}  # order, and error [m] at the longest step
+
+_LAB = Road.lab()
+
+
+class ReferenceDrive(NamedTuple):
+    """A test drive of the bicycles named in `models`."""
+
+    name: str
+    text: str
+    start: State
+    held: Command
+    grade: Callable[[float], float]  #: distance along the road [m] to incline [rad]
+    vehicle: Vehicle
+    duration: float  #: [s]
+    models: tuple[str, ...] = ('kinematic', 'dynamic')
+    exact: Callable[[ReferenceDrive], tuple[float, float]] | None = None  #: x and y [m] at the end
+
+
+def _lab(x: float) -> float:
+    return radians(_LAB.grade_deg(x))
+
+
+def _circle(test_drive: ReferenceDrive) -> tuple[float, float]:
+    """Return where a circle at constant speed ends."""
+    beta = slip_angle(test_drive.held.servo)
+    radius = test_drive.vehicle.l_r / sin(beta)
+    angle = test_drive.start.v * test_drive.duration / radius
+    return radius * (sin(angle + beta) - sin(beta)), radius * (cos(beta) - cos(angle + beta))
+
+
+def _descent(test_drive: ReferenceDrive) -> tuple[float, float]:
+    """Return how far a car rolls that slows down to where drag and friction balance gravity."""
+    vehicle = test_drive.vehicle
+    pull = -vehicle.mass * vehicle.gravity * sin(test_drive.grade(0.0)) - vehicle.friction
+    terminal = sqrt(pull / vehicle.air_drag_coeff)
+    rate = sqrt(pull * vehicle.air_drag_coeff) / vehicle.mass
+    begin = atanh(terminal / test_drive.start.v)
+    return terminal / rate * log(sinh(begin + rate * test_drive.duration) / sinh(begin)), 0.0
+
+
+def _stretches(test_drive: ReferenceDrive) -> tuple[float, float]:
+    """Return how far a car without drag comes on stretches of constant grade."""
+    vehicle, left = test_drive.vehicle, test_drive.duration
+    x, _, _, v = test_drive.start
+    for end in (*_LAB.starts[1:], inf):
+        a = test_drive.held.motor - vehicle.gravity * sin(_lab(x)) - vehicle.friction / vehicle.mass
+        time = 2.0 * (end - x) / (v + sqrt(v * v + 2.0 * a * (end - x))) if end < inf else inf
+        if time > left:
+            break
+        x, v, left = end, v + a * time, left - time
+    return x + left * (v + 0.5 * a * left), 0.0
+
+
+REFERENCE_DRIVES = (
+    ReferenceDrive(
+        name='circle',
+        text='15 m/s, 0.4 rad',
+        start=State(v=15.0),
+        held=Command(0.0, 0.4),
+        grade=lambda _: 0.0,
+        vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
+        duration=4.0,
+        models=('kinematic',),
+        exact=_circle,
+    ),
+    ReferenceDrive(
+        name='step steer',
+        text='20 m/s, 0.05 rad',
+        start=State(v=20.0),
+        held=Command(0.0, 0.05),
+        grade=lambda _: 0.0,
+        vehicle=Vehicle(),
+        duration=4.0,
+        models=('dynamic',),
+    ),
+    ReferenceDrive(
+        name='descent',
+        text='30° down, strong drag',
+        start=State(v=20.0),
+        held=Command(),
+        grade=lambda _: radians(-30.0),
+        vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
+        duration=2.0,
+        exact=_descent,
+    ),
+    ReferenceDrive(
+        name='hills',
+        text='smooth, ±10°, 0.03 rad',
+        start=State(v=10.0),
+        held=Command(0.5, 0.03),
+        grade=lambda x: radians(10.0) * sin(pi * x / 20.0),
+        vehicle=Vehicle(),
+        duration=6.0,
+    ),
+    ReferenceDrive(
+        name="lab's road",
+        text='its grade jumps',
+        start=State(v=8.0),
+        held=Command(3.0),
+        grade=_lab,
+        vehicle=Vehicle(air_drag_coeff=0.0),
+        duration=8.0,
+        exact=_stretches,
+    ),
+)
+
+
+class Study(NamedTuple):
+    """The errors of one integrator of one model in one test drive."""
+
+    test_drive: str
+    text: str
+    reference: str
+    model: str
+    integrator: str
+    errors: tuple[float, ...]  #: [m] of the position at the end, for each of `STEPS`
+    order: float  #: the slope of the errors; NaN where rounding leaves fewer than two of them
+
+
+def studies() -> Iterator[Study]:
+    """Yield the study of each test drive, model and integrator."""
+    for test_drive in REFERENCE_DRIVES:
+        for model in test_drive.models:
+            if test_drive.exact:
+                reference, (x, y) = 'the closed form', test_drive.exact(test_drive)
+            else:
+                reference, (x, y) = (
+                    'a fine solution',
+                    final_state(test_drive, model, 'rk4', FINE)[:2],
+                )
+            for integrator in INTEGRATORS:
+                ends = (final_state(test_drive, model, integrator, ts) for ts in STEPS)
+                errors = tuple(hypot(end.x - x, end.y - y) for end in ends)
+                yield Study(
+                    test_drive=test_drive.name,
+                    text=test_drive.text,
+                    reference=reference,
+                    model=model,
+                    integrator=integrator,
+                    errors=errors,
+                    order=order(errors),
+                )
+
+
+def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> State:
+    """Return the state at the end, in steps of `ts` seconds."""
+    bicycle: KinematicBicycle | DynamicBicycle = (
+        DynamicBicycle(integrator=integrator)
+        if model == 'dynamic'
+        else KinematicBicycle(integrator)
+    )
+    state = test_drive.start
+    for _ in range(round(test_drive.duration / ts)):
+        state = bicycle.step(state, test_drive.held, test_drive.grade, test_drive.vehicle, ts)
+    return state
+
+
+def order(errors: tuple[float, ...]) -> float:
+    """Return the slope of log error over log step, for errors [m] of `STEPS`."""
+    counted = [(ts, error) for ts, error in zip(STEPS, errors, strict=True) if error > ROUNDING]
+    if len(counted) < 2:  # noqa: PLR2004 (a slope's least)
+        return float('nan')
+    steps, found = np.log(counted).T
+    return float(np.polyfit(steps, found, 1)[0])
+
+
+@style.context(STYLE)
+def convergence_figure() -> Figure:
+    """Draw the errors of the studies, those of a test drive next to each other."""
+    figure = Figure(figsize=(11.0, 6.8))
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)
+    panels = [[*group] for _, group in groupby(studies(), lambda study: study.test_drive)]
+    rows = -(-(len(panels) + 1) // _COLUMNS)
+    grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
+    axes = [*grid.flat]
+    for panel, group in zip(axes, panels, strict=False):
+        _draw(panel, group)
+    for panel in axes[len(panels) :]:
+        panel.set_axis_off()
+    _explain(axes[-1])
+    for panel in axes[: len(panels)]:
+        panel.tick_params(labelbottom=True)
+        panel.set_xlabel('Step [ms]')
+    for row in grid:
+        row[0].set_ylabel('Error [m]')
+    figure.suptitle(
+        'Error of the position at the end of a drive, by the length of the step',
+        x=0.01,
+        ha='left',
+        fontsize=14,
+        fontweight='bold',
+    )
+    return figure
+
+
+def _draw(axes: Axes, group: list[Study]) -> None:
+    for study in group:
+        errors = np.maximum(study.errors, np.finfo(float).tiny)
+        axes.loglog(STEPS, errors, **_line(study.integrator, study.model))
+    for order, error in _SLOPES.items():
+        line = [error * (ts / STEPS[0]) ** order for ts in STEPS]
+        axes.loglog(STEPS, line, color=GREY, lw=0.9, ls=DASHES, zorder=1)
+        axes.annotate(
+            f'{order}',
+            (STEPS[0], error),
+            (5.0, 0.0),
+            'data',
+            'offset points',
+            color=MUTED,
+            fontsize=9,
+            va='center',
+        )
+    axes.axhspan(1e-14, ROUNDING, color=EARTH, alpha=0.6, lw=0.0, zorder=0)
+    axes.set_ylim(1e-13, 1.0)
+    axes.xaxis.set_major_locator(FixedLocator(STEPS))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda ts, _: f'{1e3 * ts:g}'))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_title(group[0].test_drive, loc='left', fontsize=11, fontweight='bold', pad=18.0)
+    text = axes.annotate(
+        f'{group[0].text}; against {group[0].reference}',
+        (0.0, 1.0),
+        (0.0, 5.0),
+        'axes fraction',
+        'offset points',
+        color=MUTED,
+        fontsize=9,
+    )
+    text.set_in_layout(False)  # a long one must not move the panels apart
+
+
+def _line(integrator: str, model: str) -> dict[str, Any]:
+    """Return the look of a line."""
+    colour, (marker, filled, size) = _COLOURS[integrator], _MARKERS[model]
+    face = colour if filled else 'none'
+    return {'c': colour, 'lw': 1.4, 'marker': marker, 'ms': size, 'mfc': face}
+
+
+def _explain(axes: Axes) -> None:
+    """Draw the legend in a panel of its own."""
+    for integrator, name in _NAMES.items():
+        for model in _MARKERS:
+            axes.plot([], [], label=f'{name}, {model}', **_line(integrator, model))
+    axes.plot([], [], color=GREY, lw=0.9, ls=DASHES, label='slopes 1 and 4')
+    axes.fill_between([], [], color=EARTH, alpha=0.6, lw=0.0, label='rounding')
+    axes.legend(loc='center left', labelcolor=INK, labelspacing=0.9)
+
+
+if __name__ == '__main__':
+    for study in studies():
+        errors = ''.join(f'{error:10.1e}' for error in study.errors)
+        print(  # noqa: T201
+            f'{study.test_drive:12}{study.model:11}{study.integrator:7}{errors}{study.order:8.2f}'
+        )
