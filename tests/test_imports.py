@@ -66,7 +66,12 @@ def imported(source: str, package: str = 'barc_sim') -> set[str]:
 
 
 def rooms_of(names: set[str]) -> set[str]:
-    found = {name.split('.')[1] for name in names if name.startswith('barc_sim.')}
+    """Return the rooms of modules; what needs no ROS may be used by `lab`, too."""
+    found = {
+        name.split('.')[1]
+        for name in names
+        if name.startswith('barc_sim.') and not name.startswith('barc_sim.ros.local')
+    }
     return found & {*ROOMS, 'run', '__main__'}
 
 
@@ -79,6 +84,24 @@ def test_room_imports_only_those_before_it(room: str) -> None:
         if (others := rooms_of(imported(path.read_text('utf-8'), module_name(path))) - allowed)
     }
     assert wrong == {}
+
+
+def test_what_stands_in_for_ros_uses_nothing_of_ros() -> None:
+    wrong = {
+        module_name(path): others
+        for path in modules('ros/local')
+        if (
+            others := rooms_of(imported(path.read_text('utf-8'), module_name(path)))
+            - {'errors', 'bags'}
+        )
+    }
+    users = {
+        path.relative_to(PACKAGE).parts[0]
+        for path in modules(*ROOMS)
+        if any('barc_sim.ros.local' in name for name in imported(path.read_text('utf-8')))
+    }
+    assert wrong == {}
+    assert users <= {'lab', 'ros', 'nodes', 'runs', 'commands'}
 
 
 def test_no_modules_import_one_another_in_a_circle() -> None:
@@ -148,12 +171,12 @@ def import_without_ros(*names: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_rooms_up_to_lab_can_be_imported_without_ros() -> None:
-    done = import_without_ros(*map(module_name, modules(*WITHOUT_ROS)))
+    done = import_without_ros(*map(module_name, modules(*WITHOUT_ROS, 'ros/local')))
     assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
 def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
-    rooms = (*WITHOUT_ROS, 'commands', 'runs/local', 'runs/terminal')
+    rooms = (*WITHOUT_ROS, 'commands', 'ros/local', 'runs/local', 'runs/terminal')
     code = 'import importlib, sys\nfor name in sys.argv[1:]: importlib.import_module(name)'
     done = subprocess.run(
         [sys.executable, '-c', code, *map(module_name, modules(*rooms))],

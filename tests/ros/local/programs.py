@@ -1,0 +1,507 @@
+"""Programs of rclpy's documented API: `programs.py ros|local` runs each and prints its results."""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from typing import Any
+
+if sys.argv[1] == 'local':
+    from barc_sim.ros import local
+
+    local.install()
+
+import rclpy
+from barc_interfaces.msg import ECU, ControllerState
+from geometry_msgs.msg import PoseWithCovariance, Twist, Vector3
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterEvent,
+    SetParametersResult,
+)
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.task import Future
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Float64, Header, String
+from std_srvs.srv import SetBool, Trigger
+
+LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def spin(node: Node, future: Future, seconds: float = 5.0) -> None:
+    rclpy.spin_until_future_complete(node, future, timeout_sec=seconds)
+    assert future.done()
+
+
+def attempt(call: Any) -> None:
+    """Print the kind of error that `call` raises, and its text."""
+    try:
+        print(call())
+    except Exception as error:
+        print(type(error).__name__, error)
+
+
+def wait_for(node: Node, count: Any, *arguments: Any, number: int = 1) -> None:
+    while count(*arguments) < number:
+        rclpy.spin_once(node, timeout_sec=0.01)
+
+
+def a_message_that_is_used_again_reaches_each_subscription_as_it_was(node: Node) -> None:
+    got: list[Any] = []
+    done = Future()
+
+    def on_twist(twist: Twist) -> None:
+        got.append(twist)
+        twist.angular.z += 1.0
+        if len(got) == 6:
+            done.set_result(None)
+
+    for _ in range(2):
+        node.create_subscription(Twist, 'cmd_vel', on_twist, 10)
+    publisher = node.create_publisher(Twist, 'cmd_vel', 10)
+    wait_for(node, publisher.get_subscription_count, number=2)
+    twist = Twist()
+    for k in range(3):
+        twist.linear.x = float(k)
+        publisher.publish(twist)
+    spin(node, done)
+    print(sorted((each.linear.x, each.angular.z) for each in got), twist.angular.z)
+
+
+def fields_of_many_kinds(node: Node) -> None:
+    done = Future()
+    node.create_subscription(ControllerState, 'state', done.set_result, 10)
+    publisher = node.create_publisher(ControllerState, 'state', 10)
+    wait_for(node, publisher.get_subscription_count)
+    state = ControllerState(header=Header(frame_id='road'), names=['kp', 'ü'], values=[1.0, 2.5])
+    publisher.publish(state)
+    state.names.append('later')
+    state.values.append(3.0)
+    spin(node, done)
+    print(done.result(), list(state.values), done.result() == state)
+    pose = PoseWithCovariance()
+    print(len(pose.covariance), pose.pose.orientation.w, float(sum(pose.covariance)))
+    print(ECU.get_fields_and_field_types(), Twist(linear=Vector3(x=1.0)))
+    attempt(lambda: publisher.publish(Twist()))
+    attempt(lambda: ECU(1.0))
+    attempt(lambda: setattr(ECU(), 'speed', 1.0))
+
+
+def a_full_queue_drops_its_oldest(node: Node) -> None:
+    got: list[float] = []
+    node.create_subscription(Float64, 'speed', lambda message: got.append(message.data), 3)
+    publisher = node.create_publisher(Float64, 'speed', 10)
+    wait_for(node, publisher.get_subscription_count)
+    for k in range(8):
+        publisher.publish(Float64(data=float(k)))
+    while len(got) < 3:
+        rclpy.spin_once(node, timeout_sec=1.0)
+    rclpy.spin_once(node, timeout_sec=0.05)
+    print(got)
+
+
+def raw_messages_and_serialization(node: Node) -> None:
+    done = Future()
+    node.create_subscription(String, 'note', done.set_result, 10, raw=True)
+    publisher = node.create_publisher(String, 'note', 10)
+    wait_for(node, publisher.get_subscription_count)
+    publisher.publish(String(data='wet'))
+    spin(node, done)
+    print(done.result(), deserialize_message(done.result(), String))
+    publisher.publish(serialize_message(String(data='dry')))
+    data = serialize_message(ControllerState(names=['a', 'bcd'], values=[0.5], saturated=True))
+    print(data, deserialize_message(data, ControllerState).names)
+
+
+def information_about_a_message(node: Node) -> None:
+    done: Future = Future()
+
+    def on_note(note: String, info: dict[str, Any]) -> None:
+        done.set_result((note.data, info))
+
+    node.create_subscription(String, 'note', on_note, 10)
+    publisher = node.create_publisher(String, 'note', 10)
+    wait_for(node, publisher.get_subscription_count)
+    publisher.publish(String(data='wet'))
+    spin(node, done)
+    text, info = done.result()
+    print(text, sorted(info), info['source_timestamp'] <= info['received_timestamp'])
+
+
+def latched_messages(node: Node) -> None:
+    publisher = node.create_publisher(String, 'road', LATCHED)
+    for text in ('a', 'b', 'c'):
+        publisher.publish(String(data=text))
+    got: list[str] = []
+    later = rclpy.create_node('later')
+    later.create_subscription(String, 'road', lambda message: got.append(message.data), LATCHED)
+    while len(got) < 2:
+        rclpy.spin_once(later, timeout_sec=1.0)
+    others: list[Any] = []
+    later.create_subscription(String, 'road', others.append, 10)
+    rclpy.spin_once(later, timeout_sec=0.1)
+    print(got, others)
+    later.destroy_node()
+
+
+def incompatible_qos(node: Node) -> None:
+    got: list[Any] = []
+    node.create_subscription(String, 'note', got.append, 10)
+    publisher = node.create_publisher(String, 'note', qos_profile_sensor_data)
+    other = node.create_subscription(
+        String, 'note', got.append, QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    wait_for(node, publisher.get_subscription_count)
+    publisher.publish(String())
+    while not got:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print(len(got), other.topic_name)
+    attempt(lambda: node.create_publisher(String, 'note', -1))
+    attempt(lambda: node.create_publisher(String, 'note', 'ten'))
+
+
+def declared_parameters(node: Node) -> None:
+    speeds = ParameterDescriptor(floating_point_range=[FloatingPointRange(to_value=10.0)])
+    print(node.declare_parameter('speed', 8.0, speeds).value)
+    laps = ParameterDescriptor(integer_range=[IntegerRange(from_value=1, to_value=9, step=2)])
+    node.declare_parameter('laps', 3, laps)
+    node.declare_parameter('road', 'lab', ParameterDescriptor(read_only=True))
+    node.declare_parameters('gains', [('kp', 1.0), ('names', ['a', 'b']), ('all', [1, 2])])
+    for name, value in (
+        *(('speed', 9.5), ('speed', 11.0), ('speed', 'x'), ('speed', 3), ('laps', 4), ('laps', 5)),
+        *(('road', 'flat'), ('gains.kp', 2.0), ('gains.names', ['c']), ('laps', 10)),
+    ):
+        (result,) = node.set_parameters([Parameter(name, value=value)])
+        print(name, value, result.successful, result.reason)
+    print([(each.name, each.value) for each in node.get_parameters(['speed', 'laps', 'gains.kp'])])
+    print(sorted(node.get_parameters_by_prefix('gains')), node.has_parameter('mass'))
+    print(node.list_parameters(['gains'], 0))
+    print(node.describe_parameter('laps').type, node.get_parameter('speed').type_)
+    attempt(lambda: node.get_parameter('mass'))
+    attempt(lambda: node.declare_parameter('speed', 1.0))
+    attempt(lambda: node.declare_parameter('top', 12.0, speeds))
+    attempt(lambda: node.declare_parameter('nothing', None, ParameterDescriptor()))
+    attempt(lambda: node.declare_parameter('typed', Parameter.Type.DOUBLE).value)
+    attempt(lambda: node.get_parameter('typed').value)
+    attempt(lambda: node.undeclare_parameter('road'))
+    attempt(lambda: Parameter('x', Parameter.Type.BOOL, 1.0))
+    attempt(lambda: Parameter('x', value={}))
+    print(node.get_parameter_or('mass', Parameter('mass', value=1.0)).value)
+
+
+def callbacks_of_parameters(node: Node) -> None:
+    node.declare_parameter('kp', 1.0)
+    said: list[str] = []
+
+    def check(parameters: list[Parameter]) -> SetParametersResult:
+        said.append('check')
+        low = any(each.value < 0.0 for each in parameters)
+        return SetParametersResult(successful=not low, reason='too low' if low else '')
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(lambda p: said.append(f'after {p[0].value}'))
+    for value in (2.0, -1.0):
+        print(node.set_parameters_atomically([Parameter('kp', value=value)]))
+    attempt(lambda: node.declare_parameter('ki', -5.0))
+    print(said, node.get_parameter('kp').value, node.has_parameter('ki'))
+
+
+def events_of_parameters(node: Node) -> None:
+    got: list[Any] = []
+    node.create_subscription(ParameterEvent, '/parameter_events', got.append, 10)
+    wait_for(node, node.count_publishers, '/parameter_events')
+    node.declare_parameter('kp', 1.0)
+    node.set_parameters([Parameter('kp', value=2.0)])
+    while len(got) < 2:
+        rclpy.spin_once(node, timeout_sec=1.0)
+    for event in got:
+        event.stamp.sec = event.stamp.nanosec = 0
+        print(event)
+
+
+def parameters_over_services(node: Node) -> None:
+    node.declare_parameter('kp', 1.0)
+    executor = SingleThreadedExecutor()
+    other = rclpy.create_node('other')
+    for each in (node, other):
+        executor.add_node(each)
+
+    def call(kind: Any, name: str, request: Any) -> Any:
+        client = other.create_client(kind, f'{node.get_fully_qualified_name()}/{name}')
+        client.wait_for_service(5.0)
+        future = client.call_async(request)
+        executor.spin_until_future_complete(future, 5.0)
+        return future.result()
+
+    for value in (3.0, 'x'):
+        message = Parameter('kp', value=value).to_parameter_msg()
+        print(call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[message])))
+    print(call(GetParameters, 'get_parameters', GetParameters.Request(names=['kp'])).values)
+    print(call(GetParameters, 'get_parameters', GetParameters.Request(names=['kp', 'x'])).values)
+    print(sorted(call(ListParameters, 'list_parameters', ListParameters.Request()).result.names))
+    executor.shutdown()
+    other.destroy_node()
+
+
+def services_and_clients(node: Node) -> None:
+    def on_pause(request: Any, response: Any) -> Any:
+        response.success, response.message = request.data, 'paused'
+        return response
+
+    client = node.create_client(SetBool, 'pause')
+    print(client.service_is_ready(), client.wait_for_service(timeout_sec=0.1))
+    service = node.create_service(SetBool, 'pause', on_pause)
+    print(client.wait_for_service(timeout_sec=5.0), client.srv_name)
+    answers = [client.call_async(SetBool.Request(data=on)) for on in (True, False)]
+    heard: list[Any] = []
+    answers[0].add_done_callback(lambda future: heard.append(future.result().success))
+    for answer in answers:
+        spin(node, answer)
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print([answer.result() for answer in answers], heard)
+    print(node.destroy_service(service), node.destroy_service(service))
+
+
+def coroutines(node: Node) -> None:
+    said: list[Any] = []
+    done = Future()
+    client = node.create_client(Trigger, 'reset', callback_group=ReentrantCallbackGroup())
+
+    async def on_reset(_: Any, response: Any) -> Any:
+        response.message = 'back'
+        return response
+
+    async def on_note(note: String) -> None:
+        said.append(note.data)
+        answer = await client.call_async(Trigger.Request())
+        said.append(answer.message)
+        done.set_result(None)
+
+    node.create_service(Trigger, 'reset', on_reset, callback_group=ReentrantCallbackGroup())
+    node.create_subscription(String, 'note', on_note, 10, callback_group=ReentrantCallbackGroup())
+    publisher = node.create_publisher(String, 'note', 10)
+    client.wait_for_service(5.0)
+    wait_for(node, publisher.get_subscription_count)
+    publisher.publish(String(data='reset'))
+    spin(node, done)
+    print(said)
+
+
+def tasks_and_futures(node: Node) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    inner = Future()
+
+    async def add(a: int, b: int) -> int:
+        return a + b + await inner
+
+    async def fail() -> None:
+        raise ValueError('no road')
+
+    task = executor.create_task(add, 1, b=2)
+    plain = executor.create_task(lambda: 7)
+    executor.spin_until_future_complete(plain, 5.0)
+    executor.spin_once(0.05)
+    print(plain.result(), task.done())
+    inner.set_result(10)
+    executor.spin_until_future_complete(task, 5.0)
+    print(task.result())
+    failing = executor.create_task(fail())
+    attempt(lambda: executor.spin_until_future_complete(failing, 5.0))
+    attempt(failing.result)
+    future = Future()
+    future.cancel()
+    print(future.cancelled(), future.done(), future.result())
+    executor.spin_until_future_complete(Future(), 0.05)
+    print(executor.get_nodes() == [node], executor.shutdown())
+
+
+def an_error_in_a_callback_ends_the_spin(node: Node) -> None:
+    def on_timer() -> None:
+        raise ValueError('no road')
+
+    timer = node.create_timer(0.01, on_timer)
+    attempt(lambda: rclpy.spin_once(node, timeout_sec=5.0))
+    timer.cancel()
+    print(timer.is_canceled())
+
+
+def timers(node: Node) -> None:
+    fired: list[int] = []
+    done = Future()
+
+    def on_timer() -> None:
+        fired.append(1)
+        if len(fired) == 3:
+            timer.cancel()
+            done.set_result(None)
+
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    timer = node.create_timer(0.02, on_timer, clock=steady, autostart=False)
+    rclpy.spin_once(node, timeout_sec=0.05)
+    print(fired, timer.is_canceled(), timer.timer_period_ns)
+    timer.reset()
+    spin(node, done)
+    rclpy.spin_once(node, timeout_sec=0.05)
+    print(fired, timer.is_canceled(), node.destroy_timer(timer))
+    late = node.create_timer(0.01, lambda: fired.append(2))
+    Clock().sleep_for(Duration(seconds=0.055))
+    rclpy.spin_once(node, timeout_sec=0.0)
+    print(fired[3:], 0 <= late.time_until_next_call() <= 10_000_000)
+
+
+def simulated_time(node: Node) -> None:
+    fired: list[float] = []
+    node.set_parameters([Parameter('use_sim_time', value=True)])
+    print(node.get_clock().now(), node.get_clock().ros_time_is_active)
+    node.create_timer(1.0, lambda: fired.append(node.get_clock().now().nanoseconds / 1e9))
+    publisher = node.create_publisher(ClockMessage, '/clock', 10)
+    wait_for(node, publisher.get_subscription_count)
+    for sec in (5, 6, 9):
+        message = ClockMessage()
+        message.clock.sec = sec
+        publisher.publish(message)
+        while node.get_clock().now().nanoseconds < sec * 1e9:
+            rclpy.spin_once(node, timeout_sec=0.5)
+        rclpy.spin_once(node, timeout_sec=0.05)
+    print(fired)
+    node.set_parameters([Parameter('use_sim_time', value=False)])
+    print(node.get_clock().now().nanoseconds > 1e18)
+
+
+def times_and_durations(_: Node) -> None:
+    a, b = Time(seconds=5, nanoseconds=3), Time(seconds=2)
+    print(a, a - b, a > b, a == b, a + Duration(seconds=1.5), a.seconds_nanoseconds(), a.to_msg())
+    print(Time.from_msg(a.to_msg()), Duration(seconds=-1), Duration(seconds=1) <= Duration())
+    attempt(lambda: a - Duration(seconds=9))
+    attempt(lambda: a < Time(clock_type=ClockType.STEADY_TIME))
+    attempt(lambda: Time(seconds=-1))
+    attempt(lambda: a == 3)
+    print(Duration(nanoseconds=1_500_000_000).to_msg(), b - a)
+
+
+def guards_and_wakes(node: Node) -> None:
+    import threading
+
+    done = Future()
+    guard = node.create_guard_condition(lambda: done.set_result('woken'))
+    threading.Timer(0.05, guard.trigger).start()
+    spin(node, done)
+    print(done.result())
+    other, publisher = Future(), node.create_publisher(String, 'note', 10)
+    node.create_subscription(String, 'note', other.set_result, 10)
+    wait_for(node, publisher.get_subscription_count)
+    threading.Timer(0.05, lambda: publisher.publish(String(data='thread'))).start()
+    spin(node, other)
+    last = Future()
+    threading.Timer(0.05, lambda: last.set_result('set')).start()
+    spin(node, last)
+    print(other.result(), last.result())
+
+
+def names(_: Node) -> None:
+    node = rclpy.create_node('car', namespace='lab/east', cli_args=[
+        '--ros-args', '-r', 'ecu:=command', '-r', '__node:=truck', '-p', 'mass:=2000.0',
+        '-p', 'truck:laps:=3', '-p', 'other:speed:=1.0', '-r', '/clock:=/time',
+    ])  # fmt: skip
+    for name in ('ecu', '~/ecu', '/ecu', 'a/b', '/clock', '{node}/x'):
+        print(name, node.resolve_topic_name(name), node.resolve_service_name(name))
+    print(node.get_name(), node.get_namespace(), node.get_fully_qualified_name())
+    print(node.declare_parameter('mass', 1.0).value, node.declare_parameter('laps', 1).value)
+    print(node.declare_parameter('speed', 5.0).value)
+    print(node.create_publisher(ECU, 'ecu', 1).topic_name, node.count_publishers('ecu'))
+    for name in ('a b', '', 'a//b', '1a', 'a/'):
+        for create in (rclpy.create_node, lambda name: node.create_publisher(ECU, name, 1)):
+            try:
+                create(name)
+            except Exception as error:
+                print(name, type(error).__name__)
+    node.destroy_node()
+
+
+def the_graph(node: Node) -> None:
+    other = rclpy.create_node('other', namespace='/east')
+    other.create_publisher(String, 'note', LATCHED)
+    node.create_subscription(String, '/east/note', print, 1)
+    other.create_service(Trigger, 'reset', print)
+    wait_for(node, node.count_publishers, '/east/note')
+    wait_for(node, node.count_services, '/east/reset')
+    wait_for(node, node.count_subscribers, '/east/note')
+    print(sorted(node.get_fully_qualified_node_names()), node.count_publishers('note'))
+    print(dict(node.get_topic_names_and_types())['/east/note'], node.count_clients('/east/reset'))
+    print(dict(node.get_service_names_and_types())['/east/reset'])
+    print(node.get_publisher_names_and_types_by_node('other', '/east'))
+    (info,) = node.get_publishers_info_by_topic('/east/note')
+    print(info.node_name, info.node_namespace, info.topic_type, info.qos_profile.durability)
+    other.destroy_node()
+    while 'other' in node.get_node_names():
+        rclpy.spin_once(node, timeout_sec=0.05)
+    print(node.count_publishers('/east/note'))
+
+
+def the_log(node: Node) -> None:
+    from rcl_interfaces.msg import Log
+
+    got: list[Any] = []
+    qos = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    logger = node.get_logger()
+    print(logger.name, logger.get_effective_level().name, logger.get_child('wheel').name)
+    for k in range(3):
+        logger.info('throttled', throttle_duration_sec=100.0)
+        logger.warning('once', once=True)
+        logger.error('not the first', skip_first=True)
+        logger.debug('nobody reads this')
+        logger.fatal(f'{k}')
+    node.create_subscription(Log, '/rosout', got.append, qos)
+    while len(got) < 7:
+        rclpy.spin_once(node, timeout_sec=1.0)
+    print([(each.level, each.name, each.msg, each.function) for each in got])
+
+
+def contexts_and_executors(node: Node) -> None:
+    context = rclpy.Context()
+    attempt(lambda: Node('early', context=context))
+    rclpy.init(context=context, args=['--ros-args', '-r', '__ns:=/lab'])
+    own = Node('own', context=context)
+    executor = MultiThreadedExecutor(context=context)
+    print(executor.add_node(own), executor.add_node(own), own.get_fully_qualified_name())
+    own.create_timer(0.01, lambda: rclpy.shutdown(context=context))
+    executor.spin()
+    print(context.ok(), rclpy.ok(), node.context.ok())
+    said: list[str] = []
+    context.on_shutdown(lambda: said.append('ended'))
+    context.try_shutdown()
+    print(said, executor.shutdown())
+
+
+PROGRAMS = [
+    value
+    for name, value in list(globals().items())
+    if callable(value) and getattr(value, '__module__', '') == __name__
+    and name not in ('spin', 'attempt', 'wait_for')
+]  # fmt: skip
+
+if __name__ == '__main__':
+    for program in PROGRAMS:
+        rclpy.init(args=[])
+        node = Node('car')
+        print('==', program.__name__, flush=True)
+        try:
+            program(node)
+        except Exception:
+            traceback.print_exc(file=sys.stdout)
+        node.destroy_node()
+        rclpy.shutdown()
+        sys.stdout.flush()
