@@ -2,52 +2,10 @@
 
 from __future__ import annotations
 
-from threading import Lock
-from typing import TYPE_CHECKING
-
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
 
-if TYPE_CHECKING:
-    from barc_sim.ros.executor.entities import Entity
-
-
-class QuickCallbackGroup(MutuallyExclusiveCallbackGroup):
-    """Callbacks that a `QuickExecutor` runs at once, in the thread that spins.
-
-    Such a callback must never block or sleep, wait for a future or for another callback, or
-    compute for long: until it returns, nothing else begins. In return it costs no hand-off to
-    another thread. For any other executor the group is an ordinary mutually exclusive one.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from barc_sim.ros.executor import QuickExecutor
-    >>> rclpy.init()
-    >>> node, executor = rclpy.create_node('clockwork'), QuickExecutor()
-    >>> timer = node.create_timer(0.01, lambda: print('tick'), QuickCallbackGroup())
-    >>> executor.add_node(node)
-    True
-    >>> executor.spin_once(timeout_sec=1.0)
-    tick
-    >>> executor.shutdown()
-    True
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.claimed = Lock()
-
-    def can_execute(self, entity: Entity) -> bool:  # noqa: ARG002 (rclpy's)
-        """Return whether none of the callbacks runs."""
-        return not self.claimed.locked()
-
-    def beginning_execution(self, entity: Entity) -> bool:  # noqa: ARG002
-        """Claim the group; return False where it is claimed already."""
-        return self.claimed.acquire(blocking=False)
-
-    def ending_execution(self, entity: Entity) -> None:  # noqa: ARG002
-        """Give the group back."""
-        self.claimed.release()
+#: The default group's type. Every group's callbacks run in the thread that polled.
+QuickCallbackGroup = MutuallyExclusiveCallbackGroup
 
 
 class PolledCallbackGroup(CallbackGroup):

@@ -114,9 +114,10 @@ def eventfd() -> int:
     return _opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC))
 
 
-def timerfd() -> int:
+def timerfd(*, blocking: bool = False) -> int:
     """Return a descriptor that is readable when its time has come."""
-    return int(_opened(partial(_LIBC.timerfd_create, _MONOTONIC, os.O_NONBLOCK | os.O_CLOEXEC)))
+    flags = os.O_CLOEXEC if blocking else os.O_CLOEXEC | os.O_NONBLOCK
+    return int(_opened(partial(_LIBC.timerfd_create, _MONOTONIC, flags)))
 
 
 def _opened(create: Callable[[], Opened]) -> Opened:

@@ -47,27 +47,17 @@ class Entry:
     node: Node
     handle: Any  #: in use for as long as the entry is kept
     take: Take  #: returns the call that is due, or None for nothing
-    quick: bool  #: whether its callbacks run in the spinning thread
-    begin: Callable[[], bool]  #: claims its callback group
+    begin: Callable[[], bool]  #: claims its callback group, where that allows another callback
     end: Callable[[], None]  #: gives the group back
     pending: int = 0  #: takes that may find something
     queued: bool = False
     found: float = 0.0  #: [s] when it was queued
     executed: float = 0.0  #: [s] when it was taken last
-    handed_off: bool = False  #: to the thread pool, where its callback has not begun
+    lasting: bool = False  #: whether its last callback lasted
     descriptor: int | None = None  #: the eventfd in which arrivals are counted
     on_taken: Callable[[Entry], None] | None = None
     #: By its take: a QoS event's last status, an action's wait set, a subscription's message taker.
     kept: Any = None
-
-    def may_begin(self) -> bool:
-        """Return whether its group allows another callback of it."""
-        return not self.handed_off and self.entity.callback_group.can_execute(self.entity)
-
-    def drop(self) -> None:
-        """Give its group back without a call, as the executor was shut down."""
-        self.handed_off = False
-        self.end()
 
     @property
     def name(self) -> str:

@@ -14,12 +14,13 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.timer import Timer
 from rclpy.waitable import Waitable
 
-from barc_sim.ros.executor.callback_groups import PolledCallbackGroup, QuickCallbackGroup
+from barc_sim.ros.executor.callback_groups import PolledCallbackGroup
 from barc_sim.ros.executor.descriptors import Descriptors, eventfd
 from barc_sim.ros.executor.entities import (
     KINDS,
@@ -47,6 +48,15 @@ if TYPE_CHECKING:
 #: [s] The longest wait. Then the context is checked, as a signal ends it without an event, and
 #: action servers, whose results expire without one.
 _CHECK_PERIOD = 0.1
+
+
+def _beginning(entity: Entity) -> Callable[[], bool]:
+    """Return what claims the entity's group, where that allows another callback."""
+    group = entity.callback_group
+    begin = partial(group.beginning_execution, entity)
+    if type(group) in (MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup):
+        return begin  # which says by itself what `can_execute` does
+    return lambda: group.can_execute(entity) and begin()
 
 
 class Events:
@@ -178,18 +188,8 @@ class Events:
         handle, take = handle_of(entity), take_of(entity)
         handle.__enter__()
         group = entity.callback_group
-        entry = Entry(
-            entity,
-            kind,
-            node,
-            handle,
-            take,
-            isinstance(group, QuickCallbackGroup),
-            partial(group.beginning_execution, entity),
-            partial(group.ending_execution, entity),
-        )
-        if type(group) is QuickCallbackGroup:
-            entry.begin, entry.end = partial(group.claimed.acquire, False), group.claimed.release
+        end = partial(group.ending_execution, entity)
+        entry = Entry(entity, kind, node, handle, take, _beginning(entity), end)
         self._entries[entity] = entry
         if isinstance(entity, Timer):
             entry.on_taken = self._timers.schedule

@@ -6,45 +6,60 @@ submits once, lets DDS count what arrives, waits with epoll, and runs the callba
 `QuickCallbackGroup` in the thread that spins.
 """
 
-# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
+
 
 from __future__ import annotations
 
-import sys
 import time
 import traceback
 import warnings
+from dataclasses import dataclass, replace
 from functools import partial
 from inspect import iscoroutinefunction
 from math import inf
-from threading import RLock, get_ident
-from typing import TYPE_CHECKING, Any
+from threading import Event, Lock, RLock, get_ident
+from typing import TYPE_CHECKING
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor, TimeoutObject
 
 from barc_sim.ros.executor.events import Events
+from barc_sim.ros.executor.leadership import LASTING, Leadership
 from barc_sim.ros.executor.rclpy_private import differing, notify_of_triggers
 from barc_sim.ros.executor.thread_pool import TaskStepper, ThreadPool
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.context import Context
     from rclpy.task import Future
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-#: In debug mode, a quick callback that takes longer is warned of [s].
-QUICK_LIMIT = 2e-3
+_CHECK_PERIOD = 0.1  # s
+#: [s] `spin_once` waits so long for its callback's end, and then returns while it runs.
+_BRIEF = 5e-3
+
+
+@dataclass(eq=False, slots=True)
+class Spin:
+    """A call of one of the methods that spin."""
+
+    future: Future | None
+    deadline: float  #: [s]
+    once: bool
+    over: Event
+    in_place: bool  #: whether callbacks run in the thread that polls, or are handed to the pool
 
 
 class QuickExecutor(MultiThreadedExecutor):
     """A `MultiThreadedExecutor` that waits for events and calls every callback exactly once.
 
-    Callbacks in a `QuickCallbackGroup` run in the spinning thread, all others in the pool, with
-    their groups' promises kept. Of several entities with messages, each is executed once in turn.
+    A callback, of any group, runs in the thread that polled; another thread of the pool polls when
+    it lasts longer than a millisecond. The promises of groups are kept, and `num_threads` callbacks
+    run at the same time at most. Of several entities with messages, each is executed once in turn.
     An exception in a callback, wherever it ran, ends the spin at once; one in rclpy's own code
-    (a clock's message with a time before 1970) is a warning. `debug` (by default in
-    `python -X dev`) warns of quick callbacks that take longer than `QUICK_LIMIT`.
+    (a clock's message with a time before 1970) is a warning.
 
     Examples
     --------
@@ -60,45 +75,50 @@ class QuickExecutor(MultiThreadedExecutor):
     True
     """
 
-    def __init__(
-        self,
-        num_threads: int | None = None,
-        *,
-        context: Context | None = None,
-        debug: bool = sys.flags.dev_mode,
-    ) -> None:
+    def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
-        self._debug = debug
-        self._in_use = RLock()  # of `_events`, by the thread that spins
+        self._in_use = RLock()  # by the thread that spins
         self._spinner = 0  # that thread
+        self._pool_spin: Spin | None = None  # for the threads of the pool to execute
+        self._calls_in_place = False  # whether the thread that spins calls callbacks, too
         self._events = Events(self.context, self._fail)
+        self._leadership = Leadership(self._events.wake)
+        self._standing_by = Lock()  # by one thread of the pool
+        self._stand_by_submitted = False
         self._pool = ThreadPool(self._executor, self._events.wake)
-        self._stepper = TaskStepper(self, self._pool, self._events.wake)
+        self._stepper = TaskStepper(self, self._events.wake)
         notify_of_triggers(self._guard, self._on_change)
 
     def __del__(self) -> None:
         """Release the entities of an executor that was never shut down."""
         if hasattr(self, '_events'):
             self._events.close()
+            self._leadership.close()
         super().__del__()
 
     def _fail(self, error: BaseException) -> None:
         self._pool.failures.append(error)
+        self._end_spin()
+
+    def _end_spin(self) -> None:
+        """Have the spin look whether it is over."""
+        if spin := self._pool_spin:
+            spin.over.set()
         self._events.wake()
 
     def _on_change(self) -> None:
-        """Look at the nodes again; a thread that spins does it by itself."""
-        self._stepper.progress += 1
+        """Look at the nodes again; a thread that polls does it by itself."""
+        self._stepper.note_change()
         self._events.stale = True
         self._events.wake()
         self._refresh()
 
     def _refresh(self) -> None:
-        while self._events.stale and not self._is_shutdown and self._in_use.acquire(blocking=False):
+        while self._events.stale and not self._is_shutdown and self._leadership.take():
             try:
                 self._events.refresh(self.get_nodes())
             finally:
-                self._in_use.release()
+                self._leadership.release()
 
     def spin(self) -> None:
         """Execute callbacks until the executor or its context is shut down."""
@@ -126,12 +146,15 @@ class QuickExecutor(MultiThreadedExecutor):
         call it again then. From within a callback it returns at once.
         """
         self._is_shutdown = True
-        self._events.wake()
-        inside = self._pool.is_inside() or self._spinner == get_ident()
+        self._end_spin()
+        self._leadership.wake_stand_by()
+        inside = self._is_inside()
         timeout = 0 if inside else -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
         ended = self._pool.close(timeout)
         if (ended or inside) and self._in_use.acquire(timeout=timeout):
-            self._events.close()  # the thread that spins does it itself
+            if self._leadership.claim(inf if timeout < 0 else timeout):
+                self._events.close()  # the thread that spins does it itself
+                self._leadership.release()
             self._in_use.release()
         elif not inside:
             return False
@@ -140,35 +163,145 @@ class QuickExecutor(MultiThreadedExecutor):
         while self._pool.failures:  # no spin is left to raise them
             traceback.print_exception(self._pool.failures.popleft())
         self._executor.shutdown(wait=wait_for_threads and not inside)
+        if ended and not inside:
+            self._leadership.close()
         # Not MultiThreadedExecutor's: a newer one waits for this thread, too.
         return bool(super(MultiThreadedExecutor, self).shutdown(timeout_sec))
+
+    def _is_inside(self) -> bool:
+        """Whether a callback of this executor runs in this thread."""
+        return self._pool.is_inside() or self._spinner == get_ident()
 
     def _spin(
         self, timeout_sec: float | None, future: Future | None = None, *, once: bool = False
     ) -> None:
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        # A spin that may have to end while its callback runs has that run in another thread.
+        endless = deadline == inf and future is None
+        spin = Spin(future, deadline, once, Event(), in_place=not once or endless)
 
-        def wake(_: Future | None = None) -> None:
+        def end(_: Future | None = None) -> None:
+            spin.over.set()
             self._events.wake()
 
         if future:
-            future.add_done_callback(wake)
-        while not self._in_use.acquire(timeout=0.05):  # another thread spins
-            if time.monotonic() > deadline or (future and not future._pending()):
-                return
-        spinner, self._spinner = self._spinner, get_ident()
+            future.add_done_callback(end)
         try:
-            self._execute_until(deadline, future, once=once)
+            if self._is_inside():
+                self._spin_within(spin)
+            else:
+                self._spin_in_turn(spin)
         finally:
-            self._spinner = spinner
-            if self._is_shutdown:
-                self._events.close()
-            self._in_use.release()
-            self._refresh()  # for what has changed meanwhile
             if future:
-                future.remove_done_callback(wake)  # rclpy leaves one behind at every call
+                future.remove_done_callback(end)  # rclpy leaves one behind at every call
+        if self._pool.failures:
+            raise self._pool.failures.popleft()
 
-    def _execute_until(self, deadline: float, future: Future | None, *, once: bool) -> None:
+    def _spin_in_turn(self, spin: Spin) -> None:
+        while not self._in_use.acquire(timeout=0.05):  # another thread spins
+            if time.monotonic() > spin.deadline or _is_done(spin.future):
+                return
+        self._spinner = get_ident()
+        leads = False
+        try:
+            leads = self._leadership.claim(inf)
+            if spin.in_place:
+                self._pool_spin = replace(spin, deadline=inf, once=False)
+            if spin.once:
+                self._calls_in_place = spin.in_place
+                if spin.in_place:
+                    self._submit_stand_by()
+                leads = self._lead(spin)
+            else:
+                leads = False
+                self._have_pool_lead(spin)
+        finally:
+            self._pool_spin = None
+            self._calls_in_place = False
+            spin.over.set()
+            try:
+                if leads or self._leadership.claim(inf):
+                    if self._is_shutdown:
+                        self._events.close()
+                    self._leadership.lend()
+            finally:
+                self._spinner = 0
+                self._in_use.release()
+                self._refresh()  # for what has changed meanwhile
+
+    def _spin_within(self, spin: Spin) -> None:
+        """Spin in a callback: lead, where no other thread does."""
+        spin.in_place = True
+        while not (self._is_over(spin) or time.monotonic() > spin.deadline):
+            if self._leadership.take():
+                if self._lead(spin):
+                    self._leadership.lend()
+                if spin.once:
+                    return
+            spin.over.wait(0.01)
+
+    def _have_pool_lead(self, spin: Spin) -> None:
+        self._leadership.release()
+        self._submit_stand_by()
+        while not self._is_over(spin):
+            left = spin.deadline - time.monotonic()
+            if left <= 0:
+                return
+            spin.over.wait(min(left, _CHECK_PERIOD))
+
+    def _submit_stand_by(self) -> None:
+        """Have a thread of the pool stand by, unless one does or none is left."""
+        if self._stand_by_submitted or self._standing_by.locked():
+            return
+        if self._calls_in_place and self._pool.is_full(besides=1):
+            return
+        self._stand_by_submitted = True
+
+        def drop() -> None:
+            self._stand_by_submitted = False
+
+        self._pool.submit(self._lead_in_pool, drop)
+
+    def _lead_in_pool(self) -> None:
+        """Stand by, and lead when a callback of another thread lasts."""
+        self._stand_by_submitted = False
+        while spin := self._stand_by():
+            self._submit_stand_by()
+            leads = True
+            try:
+                leads = self._lead(spin)
+            except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
+                self._fail(error)
+            if leads:
+                if self._is_over(spin):
+                    spin.over.set()
+                self._leadership.release()
+
+    def _stand_by(self) -> Spin | None:
+        """Return the spin for which to lead from now on, or None where none needs this thread."""
+        while (spin := self._pool_spin) and self._standing_by.acquire(blocking=False):
+            try:
+                while self._pool_spin is spin and not self._is_over(spin):
+                    if self._leadership.take_over():
+                        return spin
+                    self._leadership.wait()
+            finally:
+                self._standing_by.release()
+            if self._pool_spin is spin:
+                return None
+        return None
+
+    def _is_over(self, spin: Spin) -> bool:
+        return bool(
+            spin.over.is_set()
+            or self._pool.failures
+            or self._is_shutdown
+            or not self.context.ok()
+            or _is_done(spin.future)
+        )
+
+    def _lead(self, spin: Spin) -> bool:
+        """Poll and execute until the spin is over; return False where another thread leads."""
         events = self._events
         ready = events.ready
         events.woken = True
@@ -176,46 +309,62 @@ class QuickExecutor(MultiThreadedExecutor):
         while True:
             if events.woken:
                 events.woken = False
-                if self._is_over(future) or (self._stepper.submit(once=once) and once):
-                    return
+                if self._is_over(spin) or self._leadership.claimed:
+                    return True
+                if events.stale:
+                    events.refresh(self.get_nodes())
+                stepped = self._step_tasks(spin)
+                if stepped is None or (stepped and spin.once):
+                    return stepped is not None
                 progressed = True
-            now = events.poll(0 if progressed and ready else deadline)
-            progressed = self._execute_ready(once=once)
-            if (progressed and once) or now >= deadline:
-                return
+            now = events.poll(0 if progressed and ready else spin.deadline)
+            executed = self._execute_ready(spin)
+            if executed is None:
+                return False
+            if (executed and spin.once) or now >= spin.deadline:
+                return True
+            progressed = executed
 
-    def _is_over(self, future: Future | None) -> bool:
-        """Raise what has failed in the pool, look at the nodes; return whether the spin is over."""
-        if self._pool.failures:
-            raise self._pool.failures.popleft()
-        if self._is_shutdown or not self.context.ok() or (future and not future._pending()):
-            return True
-        self._refresh()
-        return False
+    def _execute_ready(self, spin: Spin) -> bool | None:
+        """Execute each entry that is ready once.
 
-    def _execute_ready(self, *, once: bool) -> bool:
-        """Execute each entry that is ready once; return whether any was executed."""
+        Returns whether any was executed, or None where another thread leads now.
+        """
         ready = self._events.ready
-        progressed = False
-        blocked = []
-        try:
-            for _ in range(len(ready)):
-                entry = ready.popleft()
-                if not entry.pending:
-                    entry.queued = False
-                elif not (entry.quick or entry.may_begin()) or not entry.begin():
-                    blocked.append(entry)
-                elif self._execute(entry):
-                    progressed = True
-                    if once:
-                        break
-        finally:
-            if blocked:
-                ready.extendleft(reversed(blocked))
-        return progressed
+        executed = False
+        for _ in range(len(ready)):
+            if not spin.in_place and self._pool.is_full():
+                break
+            entry = ready.popleft()
+            if not entry.pending:
+                entry.queued = False
+            elif not entry.begin():
+                ready.append(entry)
+            elif call := self._take(entry):
+                executed = True
+                if not self._run(partial(self._call, entry, call), entry.end, spin, entry):
+                    return None
+                if spin.once:
+                    break
+        return executed
 
-    def _execute(self, entry: Entry) -> bool:
-        """Take what is there for an entity and call its callback; return False for nothing."""
+    def _step_tasks(self, spin: Spin) -> bool | None:
+        """Step each task that may go on; return the same as `_execute_ready`."""
+        stepper = self._stepper
+        stepped = False
+        for task in stepper.due():
+            if not spin.in_place and self._pool.is_full():
+                break
+            stepper.begin(task)
+            stepped = True
+            if not self._run(partial(stepper.step, task), partial(stepper.drop, task), spin):
+                return None
+            if spin.once:
+                break
+        return stepped
+
+    def _take(self, entry: Entry) -> Call | None:
+        """Return what is to be called for an entity whose group is claimed, or None for nothing."""
         call = None
         entry.executed = self._events.now
         entry.pending -= 1
@@ -235,23 +384,55 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._events.ready.append(entry)
             else:
                 entry.queued = False
-        if call is None:
-            return False
-        if not entry.quick:
-            entry.handed_off = True
-            self._pool.submit(partial(self._call, entry, call), entry.drop)
-        elif self._debug:
-            self._call_timed(entry, call)
-        else:
-            self._call(entry, call)
-        return True
+        return call
+
+    def _run(
+        self,
+        function: Callable[[], object],
+        drop: Callable[[], object],
+        spin: Spin,
+        entry: Entry | None = None,
+    ) -> bool:
+        """Have a function called; return whether this thread still leads."""
+        if not spin.in_place:
+            self._hand_off(function, drop, entry)
+            return True
+        begun = self._leadership.lend(lasting=entry is not None and entry.lasting)
+        try:
+            function()
+        except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
+            self._fail(error)
+        if self._tasks:  # one may wait for this
+            self._events.woken = True
+        leads = self._leadership.take()
+        if entry:
+            entry.lasting = not leads and time.monotonic() - begun > LASTING
+        if not leads:
+            self._events.wake()  # its group is free
+        return leads
+
+    def _hand_off(
+        self, function: Callable[[], object], drop: Callable[[], object], entry: Entry | None
+    ) -> None:
+        """Call a function in the pool; wait for its end, unless it lasts."""
+        ended = Event()
+        waits = not (entry and entry.lasting)
+
+        def run() -> None:
+            begun = time.monotonic()
+            try:
+                function()
+            finally:
+                if entry:
+                    entry.lasting = time.monotonic() - begun > LASTING
+                ended.set()
+
+        self._pool.submit(run, drop)
+        if waits:
+            ended.wait(_BRIEF)
 
     def _call(self, entry: Entry, call: Call) -> None:
         """Call a callback whose group is claimed."""
-        if entry.handed_off:
-            entry.handed_off = False
-            if entry.pending:
-                self._events.wake()  # another thread may take the next, too
         callback, args = call
         claimed = True
         try:
@@ -262,19 +443,13 @@ class QuickExecutor(MultiThreadedExecutor):
         except Exception as error:  # noqa: BLE001 - warned of or raised
             entry.warn_or_raise(error)
         finally:
-            self._stepper.progress += 1
+            self._stepper.note_change()
             if claimed:
                 entry.end()
 
-    def _call_timed(self, entry: Entry, call: Call) -> None:
-        begun = time.perf_counter()
-        self._call(entry, call)
-        took = time.perf_counter() - begun
-        if took > QUICK_LIMIT:
-            entry.node.get_logger().warning(
-                f'the quick callback of {entry.name!r} took {took * 1e3:.1f} ms, more than '
-                f'{QUICK_LIMIT * 1e3:g} ms: shorten it or put it into another callback group'
-            )
+
+def _is_done(future: Future | None) -> bool:
+    return future is not None and (future.done() or future.cancelled())
 
 
 if names := differing():
@@ -286,7 +461,3 @@ if names := differing():
 
     class QuickExecutor(MultiThreadedExecutor):  # type: ignore[no-redef]
         """rclpy's own."""
-
-        def __init__(self, *args: Any, debug: bool = False, **options: Any) -> None:  # noqa: ANN401
-            del debug
-            super().__init__(*args, **options)

@@ -1,11 +1,11 @@
-"""The threads that execute callbacks beside the spinning one, and the tasks that they step."""
+"""The threads that execute callbacks, and the tasks that they step."""
 
 # ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
 
 from __future__ import annotations
 
 from collections import deque
-from functools import partial
+from itertools import count
 from threading import Condition, get_ident
 from typing import TYPE_CHECKING, Any
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 
 
 class ThreadPool:
-    """Calls each function that is submitted once, and keeps what it raises.
+    """Calls each function that is submitted once, and keeps what is raised.
 
     Parameters
     ----------
     threads
         Those that call.
-    ended
+    on_end
         Called in the thread whenever a function has returned or raised.
     """
 
-    def __init__(self, threads: ThreadPoolExecutor, ended: Callable[[], None]) -> None:
+    def __init__(self, threads: ThreadPoolExecutor, on_end: Callable[[], None]) -> None:
         self.failures: deque[BaseException] = deque()  #: for the spinning thread to raise
         self._threads = threads
-        self._ended = ended
+        self._on_end = on_end
         self._inside: set[int] = set()  # threads that call a function
         self._unfinished = 0
         self._changed = Condition()
@@ -60,7 +60,11 @@ class ThreadPool:
             with self._changed:
                 self._unfinished -= 1
                 self._changed.notify_all()
-            self._ended()
+            self._on_end()
+
+    def is_full(self, *, besides: int = 0) -> bool:
+        """Whether another function would be one too many, with so many `besides` the pool's."""
+        return self._unfinished + besides >= self._threads._max_workers
 
     def is_inside(self) -> bool:
         """Whether this thread calls a function of the pool."""
@@ -78,55 +82,61 @@ class ThreadPool:
 class TaskStepper:
     """Steps what `create_task` has made and what awaits something, whenever it may go on."""
 
-    def __init__(
-        self, executor: MultiThreadedExecutor, pool: ThreadPool, wake: Callable[[], None]
-    ) -> None:
-        self.progress = 0  #: changes when something may have ended a coroutine's wait
+    def __init__(self, executor: MultiThreadedExecutor, wake: Callable[[], None]) -> None:
         self._executor = executor
-        self._pool = pool
         self._wake = wake
-        self._stepped: set[Task] = set()  # in the pool
+        self._stepped: set[Task] = set()  # by some thread
+        self._changes = count(1)
+        self._change = 0
 
-    def submit(self, *, once: bool) -> bool:
-        """Step tasks that are new or may go on, the newest first, as in rclpy; `once`: one."""
+    def note_change(self) -> None:
+        """Note that something may have ended a coroutine's wait."""
+        self._change = next(self._changes)
+
+    def due(self) -> list[Task]:
+        """Return the tasks that are new or may go on, the newest first, as in rclpy."""
         executor = self._executor
         if not executor._tasks:
-            return False
+            return []
         nodes = (None, *executor.get_nodes())
         with executor._tasks_lock:
             executor._tasks = [
                 each for each in executor._tasks if not (each[0].done() or each[0].cancelled())
             ]
-            tasks = [
+            return [
                 task
                 for task, _, node in reversed(executor._tasks)
                 if task not in self._stepped
                 and node in nodes
-                and getattr(task, 'seen', None) != self.progress
+                and getattr(task, 'seen', None) != self._change
             ]
-        for task in tasks[:1] if once else tasks:
-            self._stepped.add(task)
-            self._pool.submit(partial(self._step, task), partial(self._stepped.discard, task))
-        return bool(tasks)
+
+    def begin(self, task: Task) -> None:
+        """Keep a task from being stepped by two threads."""
+        self._stepped.add(task)
 
     def start(self, entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
         """Step a callback's coroutine, which gives the entry's group back at its end."""
-        self._step(Task(_finish(entry, coroutine), executor=self._executor), entry)
+        self.step(Task(_finish(entry, coroutine), executor=self._executor), entry)
 
-    def _step(self, task: Task, entry: Entry | None = None) -> None:
+    def step(self, task: Task, entry: Entry | None = None) -> None:
         """Run a task until it has to wait."""
-        task.seen = self.progress
+        task.seen = self._change
         try:
             task()
         finally:
             self._stepped.discard(task)
         if task.done():
-            self.progress += 1
+            self.note_change()
             task.result()  # raises
         elif entry:
             with self._executor._tasks_lock:
                 self._executor._tasks.append((task, entry.entity, entry.node))
             self._wake()
+
+    def drop(self, task: Task) -> None:
+        """Step a task no further, as the executor was shut down."""
+        self._stepped.discard(task)
 
     def cancel_coroutines(self) -> None:
         """End the coroutines of callbacks, so that their groups are given back."""

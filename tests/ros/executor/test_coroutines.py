@@ -11,8 +11,6 @@ from rcl_interfaces.srv import ListParameters
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.task import Future
 
-from barc_sim.ros.executor import QuickCallbackGroup
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -24,7 +22,9 @@ if TYPE_CHECKING:
     Until = Callable[[Callable[[], object]], None]
 
 pytestmark = pytest.mark.timeout(60)
-GROUPS = pytest.mark.parametrize('group_type', [ReentrantCallbackGroup, QuickCallbackGroup])
+GROUPS = pytest.mark.parametrize(
+    'group_type', [ReentrantCallbackGroup, MutuallyExclusiveCallbackGroup]
+)
 
 
 @GROUPS
@@ -70,7 +70,9 @@ def test_a_waiting_coroutine_keeps_its_exclusive_group(
     other = node.create_guard_condition(lambda: order.append('other'), callback_group=group)
     other.trigger()
     ticks = []
-    timer = node.create_timer(0.001, lambda: ticks.append(1), callback_group=QuickCallbackGroup())
+    timer = node.create_timer(
+        0.001, lambda: ticks.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
     until(lambda: len(ticks) > 5)
     timer.cancel()
     assert order == ['begin']
@@ -138,7 +140,9 @@ def test_what_comes_while_a_coroutine_is_stepped_is_not_missed(
         await Late()
         return 'come'
 
-    guard = node.create_guard_condition(noticed.set, callback_group=QuickCallbackGroup())
+    guard = node.create_guard_condition(
+        noticed.set, callback_group=MutuallyExclusiveCallbackGroup()
+    )
 
     def come_late() -> None:
         stepping.wait(20.0)

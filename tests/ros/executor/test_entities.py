@@ -11,15 +11,13 @@ import pytest
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterValue
 from rcl_interfaces.srv import ListParameters
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.timer import Timer
 from rclpy.waitable import NumberOfEntities, Waitable
 from std_msgs.msg import String
-
-from barc_sim.ros.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +33,9 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.timeout(120)
 DEADLINE = 20.0
-GROUPS = pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+GROUPS = pytest.mark.parametrize(
+    'group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup]
+)
 
 
 @GROUPS
@@ -160,7 +160,7 @@ def test_a_guard_condition_is_executed_once_for_a_trigger(
 def test_a_guard_condition_is_not_forgotten_while_its_group_is_claimed(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     other = node.create_timer(1000.0, lambda: None, callback_group=group)
     calls = []
     guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group)
@@ -246,7 +246,9 @@ def test_subscriptions_come_and_go_while_spinning(node: Node, spinning: threadin
     heard = threading.Event()
     for _ in range(1000):
         subscription = node.create_subscription(Time, 'a', lambda _: None, 1)
-        timer = node.create_timer(0.0001, lambda: None, callback_group=QuickCallbackGroup())
+        timer = node.create_timer(
+            0.0001, lambda: None, callback_group=MutuallyExclusiveCallbackGroup()
+        )
         assert node.destroy_timer(timer)
         assert node.destroy_subscription(subscription)
     node.create_subscription(Time, 'a', lambda _: heard.set(), 1)
@@ -261,7 +263,7 @@ def test_nodes_come_and_go_while_spinning(
 ) -> None:
     other = make_node('other')
     ticked = threading.Event()
-    other.create_timer(0.0001, ticked.set, callback_group=QuickCallbackGroup())
+    other.create_timer(0.0001, ticked.set, callback_group=MutuallyExclusiveCallbackGroup())
     for _ in range(1000):
         executor.remove_node(other)
         assert executor.add_node(other)
@@ -334,7 +336,7 @@ def test_a_destroyed_subscription_leaves_the_graph_while_spinning(
 def test_what_is_destroyed_behind_the_nodes_back_is_not_executed(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     calls = []
     subscription = node.create_subscription(Time, 'a', calls.append, 1, callback_group=group)
     timer = node.create_timer(0.001, lambda: calls.append(1), callback_group=group)
@@ -355,7 +357,7 @@ def test_what_is_destroyed_behind_the_nodes_back_is_not_executed(
 
 
 def test_a_callback_destroys_what_is_ready_beside_it(node: Node, until: Until) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     calls = []
 
     def fire() -> None:
@@ -385,7 +387,7 @@ def test_a_node_is_destroyed_by_its_own_callback(
         executor.remove_node(doomed)
         doomed.destroy_node()
 
-    doomed.create_timer(0.001, fire, callback_group=QuickCallbackGroup())
+    doomed.create_timer(0.001, fire, callback_group=MutuallyExclusiveCallbackGroup())
     other = make_node('other')
     ticks = []
     other.create_timer(0.001, lambda: ticks.append(1))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -17,7 +18,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
-from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor, entities
+from barc_sim.ros.executor import QuickExecutor, entities
 from barc_sim.ros.executor.rclpy_private import message_taker
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ def test_entities_created_and_destroyed_by_several_threads_under_traffic(
 
     def churn(number: int) -> None:
         for round_ in range(300):
-            group = QuickCallbackGroup() if round_ % 2 else None
+            group = MutuallyExclusiveCallbackGroup() if round_ % 2 else None
 
             def receive(message: Header) -> None:
                 (received if message.frame_id == str(number) else wrong).append(number)
@@ -171,7 +172,7 @@ def test_entities_created_and_destroyed_by_several_threads_under_traffic(
 
 def test_a_thousand_subscriptions(node: Node, until: Until) -> None:
     received: list[int] = []
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     for number in range(1000):
         node.create_subscription(
             Time, 'a', lambda _, number=number: received.append(number), 10, callback_group=group
@@ -236,7 +237,7 @@ def test_a_message_that_cannot_be_read_is_warned_of_and_dropped(
     quick: bool,
 ) -> None:
     received: list[str] = []
-    group = QuickCallbackGroup() if quick else None
+    group = MutuallyExclusiveCallbackGroup() if quick else None
 
     def failing_taker(subscription: Subscription) -> Callable[[], Header | None]:
         take = message_taker(subscription)
@@ -289,7 +290,7 @@ def test_a_busy_thread_and_a_flood_do_not_starve_one_another(node: Node, until: 
         floods.append(counted[0])
         publisher.publish(message)
 
-    node.create_subscription(Time, 'a', go_on, 10, callback_group=QuickCallbackGroup())
+    node.create_subscription(Time, 'a', go_on, 10, callback_group=MutuallyExclusiveCallbackGroup())
     publisher.publish(Time())
     thread = threading.Thread(target=count)
     thread.start()

@@ -1,18 +1,18 @@
-"""The executor warns of slow quick callbacks, and does without rclpy's private names."""
+"""The executor does without rclpy's private names."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 
-from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor, rclpy_private
+from barc_sim.ros.executor import QuickExecutor, rclpy_private
 from barc_sim.ros.executor.rclpy_private import differing
 
 if TYPE_CHECKING:
@@ -23,14 +23,13 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.timeout(60)
 
 PROGRAM = """if True:
-    import threading
     import warnings
     from rclpy.executors import Executor, MultiThreadedExecutor
     for name in ({names}):
         delattr(Executor, name)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
-        from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
+        from barc_sim.ros.executor import QuickExecutor
     for each in caught:
         if 'QuickExecutor' in str(each.message):
             print(each.message)
@@ -38,13 +37,11 @@ PROGRAM = """if True:
     from rclpy.node import Node
     rclpy.init()
     node = Node('tested')
-    threads = {{'quick': set(), 'pool': set()}}
-    quick = QuickCallbackGroup()
-    node.create_timer(0.001, lambda: threads['quick'].add(threading.get_ident()), quick)
-    node.create_timer(0.001, lambda: threads['pool'].add(threading.get_ident()))
+    ticks = []
+    node.create_timer(0.001, lambda: ticks.append(1))
     with QuickExecutor(2) as executor:
         executor.add_node(node)
-        while not all(threads.values()):
+        while not ticks:
             executor.spin_once(timeout_sec=1.0)
         node.create_timer(0.001, lambda: 1 / 0)
         try:
@@ -106,7 +103,9 @@ def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
     monkeypatch.setattr(rclpy_private, '_setter', lambda _: lambda *_: 1)
     node = Node('tested', context=ros)
     received: list[Time] = []
-    node.create_subscription(Time, 'a', received.append, 10, callback_group=QuickCallbackGroup())
+    node.create_subscription(
+        Time, 'a', received.append, 10, callback_group=MutuallyExclusiveCallbackGroup()
+    )
     node.create_subscription(Time, 'a', received.append, 10)
     with QuickExecutor(2, context=ros) as executor:
         with pytest.warns(UserWarning, match='the middleware has no listeners'):
@@ -119,27 +118,3 @@ def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
     node.destroy_node()
 
     assert sorted(message.sec for message in received) == [1, 1, 2, 2, 3, 3]
-
-
-@pytest.mark.parametrize('debug', [True, False])
-def test_a_slow_quick_callback_is_named_in_debug_mode(
-    ros: Context, capfd: pytest.CaptureFixture[str], debug: bool
-) -> None:
-    waits = threading.Event()
-    node = Node('slow_node', context=ros)
-    called = []
-
-    def receive(_: Time) -> None:
-        waits.wait(0.005)
-        called.append(1)
-
-    node.create_subscription(Time, 'state', receive, 1, callback_group=QuickCallbackGroup())
-    node.create_publisher(Time, 'state', 1).publish(Time())
-    with QuickExecutor(2, context=ros, debug=debug) as executor:
-        executor.add_node(node)
-        while not called:
-            executor.spin_once(timeout_sec=1.0)
-    node.destroy_node()
-
-    warning = capfd.readouterr().err
-    assert all((part in warning) == debug for part in ('slow_node', "'state'", 'more than 2 ms'))

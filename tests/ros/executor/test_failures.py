@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.callback_groups import ReentrantCallbackGroup
-
-from barc_sim.ros.executor import QuickCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +22,9 @@ if TYPE_CHECKING:
     Until = Callable[[Callable[[], object]], None]
 
 pytestmark = pytest.mark.timeout(60)
-GROUPS = pytest.mark.parametrize('group_type', [ReentrantCallbackGroup, QuickCallbackGroup])
+GROUPS = pytest.mark.parametrize(
+    'group_type', [ReentrantCallbackGroup, MutuallyExclusiveCallbackGroup]
+)
 
 
 class BrokenError(Exception):
@@ -99,7 +99,7 @@ def test_that_is_to_end_the_process(executor: QuickExecutor, error: type[BaseExc
 
 
 def test_while_other_callbacks_keep_the_executor_busy(node: Node, executor: QuickExecutor) -> None:
-    quick = QuickCallbackGroup()
+    quick = MutuallyExclusiveCallbackGroup()
 
     def go_on() -> None:
         guard.trigger()

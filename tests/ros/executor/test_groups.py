@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import threading
 import time
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.action import ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future
 from std_srvs.srv import Empty
 
-from barc_sim.ros.executor import QuickCallbackGroup
+from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.callback_groups import CallbackGroup
-    from rclpy.node import Node
-
-    from barc_sim.ros.executor import QuickExecutor
+    from rclpy.context import Context
 
     Until = Callable[[Callable[[], object]], None]
 
@@ -51,11 +52,8 @@ class Overlap:
             self._running -= 1
 
 
-@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
-def test_callbacks_of_an_exclusive_group_never_overlap(
-    node: Node, until: Until, group_type: type[CallbackGroup]
-) -> None:
-    group = group_type()
+def test_callbacks_of_an_exclusive_group_never_overlap(node: Node, until: Until) -> None:
+    group = MutuallyExclusiveCallbackGroup()
     overlap = Overlap()
     received: dict[str, list[int]] = {topic: [] for topic in 'abc'}
     ticks = []
@@ -112,44 +110,144 @@ def test_exclusive_groups_run_beside_one_another(node: Node, until: Until) -> No
     until(lambda: len(met) == 2)
 
 
-def test_quick_callbacks_run_in_the_spinning_thread_and_others_do_not(
-    node: Node, until: Until
+@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
+def test_short_callbacks_of_all_groups_run_in_one_thread(
+    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
 ) -> None:
-    threads: dict[str, set[int]] = {'quick': set(), 'other': set()}
-    for name, group in (('quick', QuickCallbackGroup()), ('other', None)):
-        node.create_timer(
-            0.001, lambda name=name: threads[name].add(threading.get_ident()), callback_group=group
-        )
+    """No other thread is woken for them, though one may take over now and then."""
+    threads: list[int] = []
+    done = Future()
 
-    until(lambda: all(threads.values()))
+    def note(message: Time) -> None:
+        threads.append(threading.get_ident())
+        publisher.publish(message)
+        if len(threads) == 4000:
+            done.set_result(None)
 
-    assert threads['quick'] == {threading.get_ident()}
-    assert threading.get_ident() not in threads['other']
+    for topic in 'ab':
+        node.create_subscription(Time, topic, note, DEPTH, callback_group=group_type())
+    publisher = node.create_publisher(Time, 'a', DEPTH)
+    node.create_publisher(Time, 'b', DEPTH).publish(Time())
+    executor.spin_until_future_complete(done, DEADLINE)
+
+    switches = sum(a != b for a, b in pairwise(threads))
+    assert done.done()
+    assert switches < len(threads) / 20
 
 
-def test_quick_callbacks_go_on_while_another_blocks(node: Node, until: Until) -> None:
+@pytest.mark.parametrize('lasting', ['sleeps', 'computes'])
+@pytest.mark.parametrize('spun', ['for ever', 'once', 'once, in a time'])
+def test_callbacks_go_on_while_another_lasts(
+    node: Node, executor: QuickExecutor, lasting: str, spun: str
+) -> None:
     enough = threading.Event()
-    released = []
+    done = Future()
     ticks = []
 
     def block() -> None:
         blocker.cancel()
-        released.append(enough.wait(DEADLINE))
+        end = time.monotonic() + DEADLINE
+        while lasting == 'computes' and not enough.is_set() and time.monotonic() < end:
+            pass
+        done.set_result(enough.wait(DEADLINE))
 
     def tick() -> None:
         ticks.append(1)
         if len(ticks) == 20:
             enough.set()
 
-    blocker = node.create_timer(0.001, block)
-    node.create_timer(0.001, tick, callback_group=QuickCallbackGroup())
+    blocker = node.create_timer(0.001, block, callback_group=MutuallyExclusiveCallbackGroup())
+    node.create_timer(0.001, tick, callback_group=MutuallyExclusiveCallbackGroup())
 
-    until(lambda: released)
+    if spun == 'for ever':
+        executor.spin_until_future_complete(done, DEADLINE)
+    while not done.done():
+        executor.spin_once(DEADLINE if 'time' in spun else None)
 
-    assert released == [True]
+    assert done.result()
 
 
-@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+@pytest.mark.parametrize('spun', ['for ever', 'once'])
+def test_no_more_callbacks_overlap_than_there_are_threads(
+    node: Node, executor: QuickExecutor, until: Until, spun: str
+) -> None:
+    overlap = Overlap()
+    release = threading.Event()
+    begun = []
+    done = Future()
+
+    def block() -> None:
+        with overlap:
+            begun.append(1)
+            release.wait(DEADLINE)
+
+    def end() -> None:
+        release.set()
+        done.set_result(None)
+
+    for _ in range(8):
+        guard = node.create_guard_condition(block, callback_group=ReentrantCallbackGroup())
+        guard.trigger()
+    enough = threading.Timer(0.3, end)  # by then a fifth would have begun
+    enough.start()
+    if spun == 'once':
+        while not done.done():
+            executor.spin_once()
+    else:
+        executor.spin_until_future_complete(done, DEADLINE)
+    until(lambda: len(begun) == 8)
+    enough.join()
+
+    assert overlap.most == 4
+
+
+def test_a_reentrant_callback_overlaps_itself_once_it_lasts(
+    node: Node, executor: QuickExecutor
+) -> None:
+    meeting = threading.Barrier(3, timeout=DEADLINE)
+    done = Future()
+
+    def receive(_: Time) -> None:
+        if meeting.wait() == 0:
+            done.set_result(None)
+
+    node.create_subscription(Time, 'a', receive, DEPTH, callback_group=ReentrantCallbackGroup())
+    publisher = node.create_publisher(Time, 'a', DEPTH)
+    for _ in range(3):
+        publisher.publish(Time())
+
+    executor.spin_until_future_complete(done, DEADLINE)
+
+    assert done.done()
+
+
+def test_one_thread_executes_everything_in_turn(ros: Context) -> None:
+    with pytest.warns(UserWarning, match='single thread'):
+        executor = QuickExecutor(1, context=ros)
+    node = Node('tested', context=ros)
+    executor.add_node(node)
+    overlap = Overlap()
+    ticks: list[int] = []
+    done = Future()
+
+    def tick() -> None:
+        with overlap:
+            ticks.append(1)
+        if len(ticks) == 30:
+            done.set_result(None)
+
+    for _ in range(2):
+        node.create_timer(0.001, tick, callback_group=ReentrantCallbackGroup())
+    executor.spin_until_future_complete(done, DEADLINE)
+    for _ in range(10):
+        executor.spin_once()
+    executor.shutdown()
+    node.destroy_node()
+
+    assert overlap.most == 1
+
+
+@pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
 def test_a_flood_starves_neither_timers_nor_other_topics_of_its_group(
     node: Node, until: Until, group_type: type[CallbackGroup]
 ) -> None:
@@ -188,7 +286,7 @@ def test_a_flooding_timer_does_not_starve_the_topics_of_its_group(node: Node, un
 def test_what_is_ready_at_once_is_executed_in_rclpys_order(
     node: Node, executor: QuickExecutor, until: Until, blocked: bool
 ) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     calls: list[str] = []
 
     def serve(_: Empty.Request, response: Empty.Response) -> Empty.Response:
@@ -215,7 +313,7 @@ def test_what_is_ready_at_once_is_executed_in_rclpys_order(
 def test_what_rclpy_executes_first_does_not_starve_the_others(
     node: Node, executor: QuickExecutor
 ) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     requests: list[Empty.Request] = []
     publisher = node.create_publisher(Time, 'a', 10)
     node.create_subscription(Time, 'a', publisher.publish, 10, callback_group=group)
@@ -322,7 +420,7 @@ def test_messages_that_must_wait_do_not_keep_the_executor_busy(
 def test_a_group_claimed_by_something_else_is_executed_when_it_is_given_back(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     heard = []
     other = node.create_timer(1000.0, lambda: None, callback_group=group)
     node.create_subscription(Time, 'a', heard.append, DEPTH, callback_group=group)
@@ -361,7 +459,7 @@ def test_a_group_of_the_users_own_is_asked_whether_it_can_execute(
     until(lambda: heard)
 
 
-class CountingGroup(QuickCallbackGroup):
+class CountingGroup(MutuallyExclusiveCallbackGroup):
     """Counts how often it is claimed."""
 
     claims = 0
@@ -379,12 +477,12 @@ def test_a_timer_that_waits_for_its_group_claims_it_once(
     group = CountingGroup()
     calls = []
     timer = node.create_timer(0.001, lambda: calls.append(timer.cancel()), callback_group=group)
-    other = node.create_timer(1000.0, lambda: None)
-    group.claimed.acquire()
+    other = node.create_timer(1000.0, lambda: None, callback_group=group)
+    assert MutuallyExclusiveCallbackGroup.beginning_execution(group, other)
     for _ in range(5):
         other.reset()  # then the executor looks at all timers
         executor.spin_once(timeout_sec=0.002)
-    group.claimed.release()
+    group.ending_execution(other)
 
     until(lambda: calls)
     for _ in range(5):

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 
-from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,12 +30,14 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.timeout(120)
 DEADLINE = 20.0
-GROUPS = pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+GROUPS = pytest.mark.parametrize(
+    'group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup]
+)
 
 
 def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) -> None:
     calls = []
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     for name in 'ab':
         guard = node.create_guard_condition(
             lambda name=name: calls.append(name), callback_group=group
@@ -50,7 +52,7 @@ def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) ->
 
 def test_what_was_ready_survives_another_timeout(node: Node, executor: QuickExecutor) -> None:
     calls = []
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     node.create_subscription(Time, 'a', calls.append, 10, callback_group=group)
     guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group)
     node.create_publisher(Time, 'a', 10).publish(Time())
@@ -132,7 +134,9 @@ class CountingFuture(Future):
 def test_a_future_is_not_burdened_by_being_waited_for(node: Node, executor: QuickExecutor) -> None:
     future = CountingFuture()
     calls = []
-    node.create_timer(0.0001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    node.create_timer(
+        0.0001, lambda: calls.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
     executor.spin_until_future_complete(future, 0.1)
     assert len(calls) > 10
     assert future.waiting <= 1
@@ -235,7 +239,7 @@ def test_what_waits_for_a_thread_is_dropped_by_a_shutdown_and_its_group_is_free(
 def test_a_coroutine_that_still_waits_gives_its_group_back_at_shutdown(
     node: Node, executor: QuickExecutor, until: Until
 ) -> None:
-    group = QuickCallbackGroup()
+    group = MutuallyExclusiveCallbackGroup()
     begun = []
 
     async def wait() -> None:
@@ -347,7 +351,9 @@ def test_an_hour_of_lock_step_takes_no_memory(node: Node, executor: QuickExecuto
         else:
             done.set_result(None)
 
-    node.create_subscription(Time, 'state', step, 10, callback_group=QuickCallbackGroup())
+    node.create_subscription(
+        Time, 'state', step, 10, callback_group=MutuallyExclusiveCallbackGroup()
+    )
 
     def blocks_after(seconds: int) -> int:
         nonlocal done
@@ -366,7 +372,9 @@ def test_an_hour_of_lock_step_takes_no_memory(node: Node, executor: QuickExecuto
 
 def test_rclpys_own_functions_spin_it(node: Node, executor: QuickExecutor) -> None:
     calls = []
-    node.create_timer(0.001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    node.create_timer(
+        0.001, lambda: calls.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
     rclpy.spin_once(node, executor=executor, timeout_sec=DEADLINE)
     rclpy.spin_until_future_complete(node, Future(), executor=executor, timeout_sec=0.05)
     assert len(calls) > 1

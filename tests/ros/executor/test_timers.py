@@ -6,12 +6,10 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-
-from barc_sim.ros.executor import QuickCallbackGroup
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +22,9 @@ if TYPE_CHECKING:
     Until = Callable[[Callable[[], object]], None]
 
 pytestmark = pytest.mark.timeout(60)
-GROUPS = pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, QuickCallbackGroup])
+GROUPS = pytest.mark.parametrize(
+    'group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup]
+)
 
 
 @GROUPS
@@ -34,7 +34,9 @@ def test_a_cancelled_timer_rests_until_it_is_reset(
     calls = []
     timer = node.create_timer(0.001, lambda: calls.append(1), callback_group=group_type())
     other = []
-    node.create_timer(0.001, lambda: other.append(1), callback_group=QuickCallbackGroup())
+    node.create_timer(
+        0.001, lambda: other.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
     until(lambda: calls)
 
     timer.cancel()
@@ -70,7 +72,9 @@ def test_a_timer_cancelled_as_it_is_taken_does_not_end_the_spin(
         call(handle)
 
     monkeypatch.setattr(_rclpy.Timer, 'call_timer', cancel_and_call)
-    timer = node.create_timer(0.001, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    timer = node.create_timer(
+        0.001, lambda: calls.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
     executor.spin_once(timeout_sec=0.05)
 
     assert timer.is_canceled()
@@ -81,7 +85,9 @@ def test_timers_cancelled_and_reset_by_another_thread_never_end_the_spin(
     node: Node, until: Until
 ) -> None:
     calls = []
-    timer = node.create_timer(1e-6, lambda: calls.append(1), callback_group=QuickCallbackGroup())
+    timer = node.create_timer(
+        1e-6, lambda: calls.append(1), callback_group=MutuallyExclusiveCallbackGroup()
+    )
     enough = threading.Event()
 
     def disturb() -> None:
