@@ -13,7 +13,7 @@ from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
@@ -69,6 +69,8 @@ PARAMETERS = [
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
 _DEPTH = 16  # of the queue of commands: only the newest counts
+#: In lock-step the simulator goes on while a callback of another node lasts, or this thread rests.
+_ALL_STATES = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -151,7 +153,7 @@ class MirrorNode(Node):
         if on & {'markers', 'joint_states', 'diagnostics'}:
             self._commands = polled(self, ECU, names.ECU, _DEPTH, PolledCallbackGroup())
         if on:
-            subscription(self, ZDynBkMdl, names.STATE, self._on_state, group)
+            subscription(self, ZDynBkMdl, names.STATE, self._on_state, group, qos=_ALL_STATES)
         if 'diagnostics' in on:
             self._diagnostics_pub = publisher(self, DiagnosticArray, names.DIAGNOSTICS)
             steady = Clock(clock_type=ClockType.STEADY_TIME)

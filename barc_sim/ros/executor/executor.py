@@ -6,8 +6,6 @@ submits once, lets DDS count what arrives, waits with epoll, and runs the callba
 `QuickCallbackGroup` in the thread that spins.
 """
 
-
-
 from __future__ import annotations
 
 import time
@@ -233,7 +231,8 @@ class QuickExecutor(MultiThreadedExecutor):
         """Spin in a callback: lead, where no other thread does."""
         spin.in_place = True
         while not (self._is_over(spin) or time.monotonic() > spin.deadline):
-            if self._leadership.take():
+            free = self._leadership.take()
+            if free or (self._pool.is_full() and self._leadership.claim(0.01)):
                 if self._lead(spin):
                     self._leadership.lend()
                 if spin.once:
@@ -330,7 +329,8 @@ class QuickExecutor(MultiThreadedExecutor):
 
         Returns whether any was executed, or None where another thread leads now.
         """
-        ready = self._events.ready
+        events = self._events
+        ready = events.ready
         executed = False
         for _ in range(len(ready)):
             if not spin.in_place and self._pool.is_full():
@@ -344,7 +344,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 executed = True
                 if not self._run(partial(self._call, entry, call), entry.end, spin, entry):
                     return None
-                if spin.once:
+                if spin.once or events.woken:  # it may be over
                     break
         return executed
 
@@ -397,16 +397,16 @@ class QuickExecutor(MultiThreadedExecutor):
         if not spin.in_place:
             self._hand_off(function, drop, entry)
             return True
-        begun = self._leadership.lend(lasting=entry is not None and entry.lasting)
+        lent = self._leadership.lend(lasting=entry is not None and entry.lasting)
         try:
             function()
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._fail(error)
         if self._tasks:  # one may wait for this
             self._events.woken = True
-        leads = self._leadership.take()
+        leads = self._leadership.take_back(lent)
         if entry:
-            entry.lasting = not leads and time.monotonic() - begun > LASTING
+            entry.lasting = not leads and time.monotonic() - lent > LASTING
         if not leads:
             self._events.wake()  # its group is free
         return leads

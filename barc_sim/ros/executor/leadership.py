@@ -36,7 +36,7 @@ class Leadership:
     def __init__(self, wake: Callable[[], None]) -> None:
         """Lead nowhere: the first `take` succeeds."""
         self._wake = wake
-        self._free = [True]
+        self._free = [0.0]  # when it was lent [s], unless a thread has it
         self._lent = 0.0  # [s] when it was lent
         self._claims: list[bool] = []
         self._released = Event()
@@ -53,23 +53,35 @@ class Leadership:
         return True
 
     def lend(self, *, lasting: bool = False) -> float:
-        """Let others take it while this thread calls a callback; return the time [s].
+        """Let others take it while this thread calls a callback; return what `take_back` is given.
 
-        Of a callback that is expected to be `lasting`, the thread that stands by takes it at once.
+        That is the time [s]. If the callback is expected to be `lasting`, the thread that stands by
+        takes it at once.
         """
         now = time.monotonic()
         self._lent = now - LASTING if lasting else now
-        self._free.append(True)
+        self._free.append(now)
         if lasting or now >= self._put_off:
             self._set_timer(now, 0.0 if lasting else LASTING + _PUT_OFF)
         if self._claims:
             self._released.set()
         return now
 
+    def take_back(self, lent: float) -> bool:
+        """Take back what `lend` has lent; return False where another thread has led since."""
+        try:
+            free = self._free.pop()
+        except IndexError:
+            return False
+        if free is lent:
+            return True
+        self.release()
+        return False
+
     def release(self) -> None:
         """Have the thread that stands by take it."""
         self._lent = 0.0
-        self._free.append(True)
+        self._free.append(0.0)
         self._released.set()
         self.wake_stand_by()
 

@@ -17,6 +17,7 @@ from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
+from std_srvs.srv import Empty
 
 from barc_sim.ros.executor import QuickExecutor
 
@@ -378,3 +379,98 @@ def test_rclpys_own_functions_spin_it(node: Node, executor: QuickExecutor) -> No
     rclpy.spin_once(node, executor=executor, timeout_sec=DEADLINE)
     rclpy.spin_until_future_complete(node, Future(), executor=executor, timeout_sec=0.05)
     assert len(calls) > 1
+
+
+@pytest.mark.parametrize('threads', [1, 3])
+@pytest.mark.parametrize('spun', ['for ever', 'once', 'once, in a time'])
+@pytest.mark.filterwarnings('ignore:MultiThreadedExecutor is used with a single thread')
+def test_a_callback_spins_until_an_answer_comes(ros: Context, threads: int, spun: str) -> None:
+    executor, node = QuickExecutor(threads, context=ros), Node('tested', context=ros)
+    executor.add_node(node)
+    answered = Future()
+    groups = [MutuallyExclusiveCallbackGroup() for _ in range(3)]
+    node.create_service(Empty, 'serve', lambda _, answer: answer, callback_group=groups[0])
+    client = node.create_client(Empty, 'serve', callback_group=groups[1])
+    assert client.wait_for_service(DEADLINE)
+
+    def ask() -> None:
+        timer.cancel()
+        answer = client.call_async(Empty.Request())
+        executor.spin_until_future_complete(answer, DEADLINE)
+        answered.set_result(answer.done())
+
+    timer = node.create_timer(0.001, ask, callback_group=groups[2])
+    if spun == 'for ever':
+        executor.spin_until_future_complete(answered, DEADLINE)
+    while not answered.done():
+        executor.spin_once(DEADLINE if 'time' in spun else None)
+    executor.shutdown()
+    node.destroy_node()
+
+    assert answered.result()
+
+
+def test_a_spin_ends_in_time_while_all_threads_are_in_callbacks(
+    node: Node, executor: QuickExecutor
+) -> None:
+    release = threading.Event()
+    begun = []
+
+    def block() -> None:
+        begun.append(1)
+        release.wait(DEADLINE)
+
+    for _ in range(4):  # as many as there are threads
+        node.create_guard_condition(
+            block, callback_group=MutuallyExclusiveCallbackGroup()
+        ).trigger()
+    executor.spin_until_future_complete(Future(), 0.2)
+    assert len(begun) == 4
+    future = Future()
+    threading.Thread(target=future.set_result, args=(1,)).start()
+    executor.spin_until_future_complete(future)
+    for _ in range(5):
+        executor.spin_once(timeout_sec=0.01)
+    assert not release.is_set()
+    release.set()
+
+
+def test_an_exception_ends_the_spin_while_another_callback_lasts(
+    node: Node, executor: QuickExecutor
+) -> None:
+    release = threading.Event()
+    groups = [MutuallyExclusiveCallbackGroup() for _ in range(2)]
+    blocker = node.create_guard_condition(lambda: release.wait(DEADLINE), callback_group=groups[0])
+    node.create_timer(0.02, lambda: 1 / 0, callback_group=groups[1])
+    blocker.trigger()
+
+    with pytest.raises(ZeroDivisionError):
+        executor.spin()
+
+    assert not release.is_set()
+    release.set()
+
+
+def test_spins_follow_one_another_while_callbacks_last(node: Node, executor: QuickExecutor) -> None:
+    """Whoever leads at a spin's end, the next spin goes on."""
+    calls = [0, 0]
+
+    def work(number: int) -> None:
+        calls[number] += 1
+        time.sleep(0.0015 * (calls[number] % 3))
+
+    for number in range(2):
+        node.create_timer(
+            0.0005,
+            lambda number=number: work(number),
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+    for round_ in range(300):
+        if round_ % 3:
+            executor.spin_once(DEADLINE if round_ % 2 else None)
+        else:
+            executor.spin_until_future_complete(Future(), 0.002)
+    before = list(calls)
+    executor.spin_until_future_complete(Future(), 0.2)
+
+    assert all(after > count for after, count in zip(calls, before, strict=True))
