@@ -20,7 +20,6 @@ GROUPS = {
         'tune': 'search the gains that hold the speed best',
         'report': 'write a run as one HTML page to hand in',
         'submit': 'pack code, bags, figures and a description as one zip',
-        'regrade': 'check that a bag can come from its code',
         'grade': 'grade one submission or a class',
     },
     'bags': {

@@ -33,7 +33,7 @@ _ON_A_CLUSTER = 64
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Grade submissions: results.json (for Gradescope), report.html and report.png for each, '
+        'Grade submissions: results.json (for Gradescope) and report.html for each, '
         'class.csv for all. Their code can read only Python, NumPy and its own files; it cannot '
         'write files, start processes or use the network.'
     )
@@ -85,9 +85,8 @@ def run(options: Namespace) -> int:
     """
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
 
+    from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
     from barc_sim.lab.grade import batch, rubric, similarity, submissions, summary  # noqa: PLC0415
-    from barc_sim.lab.grade.process import check  # noqa: PLC0415
-    from barc_sim.lab.grade.start import Limits  # noqa: PLC0415
     from barc_sim.tuning.workers import cores  # noqa: PLC0415
 
     points = rubric.load(options.rubric)

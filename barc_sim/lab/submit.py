@@ -16,8 +16,7 @@ from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import settings, speed_figure
-from barc_sim.lab.grade.archives import MAX_ARCHIVE
-from barc_sim.lab.grade.submissions import listed, take
+from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
 from barc_sim.lab.report import Facts, page, read
 from barc_sim.lab.user_code import source
 from barc_sim.lab.user_code.gains import find_gains

@@ -97,7 +97,8 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
     Path('/proc/self/clear_refs').write_text('5', encoding='ascii')  # the peak begins anew
     trial = Trial(number, damaged, RESULT)
     for use in kind.uses(chance):
-        began = time.monotonic()
+        clock = getattr(kind, 'clock', time.monotonic)
+        began = clock()
         try:
             use(path)
         except UserError:
@@ -106,7 +107,7 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
             trial = trial._replace(outcome=TRACEBACK, why=traceback.format_exc())
             break
         finally:
-            seconds = max(time.monotonic() - began, trial.seconds)
+            seconds = max(clock() - began, trial.seconds)
             trial = trial._replace(seconds=seconds, mebibytes=_peak())
         if seconds > SECONDS or trial.mebibytes > MEBIBYTES:
             outcome = HANG if seconds > SECONDS else MEMORY

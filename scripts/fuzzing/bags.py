@@ -1,6 +1,6 @@
 """Damaged bags: any bytes, and each field of each kind of record of the file's format, MCAP.
 
-Each bag goes through one of `plot`, `replay`, `report`, `regrade` and `graph`, and through
+Each bag goes through one of `plot`, `replay`, `report` and `graph`, and through
 `recover`; what that leaves is read again.
 """
 
@@ -25,9 +25,7 @@ from mcap.records import Attachment
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.recovery import recover
-from barc_sim.commands.regrade import in_words
 from barc_sim.figures import run_figures, side_view
-from barc_sim.lab.regrade.judging import judge
 from barc_sim.lab.report import page, read
 
 if TYPE_CHECKING:
@@ -154,10 +152,6 @@ def _report(path: Path) -> None:
     page(read(path))
 
 
-def _regrade(path: Path) -> None:
-    in_words(judge(path))
-
-
 def _graph(path: Path) -> None:
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         barc(['graph', '--save', str(path.with_name('graph.svg')), '--bag', str(path)])
@@ -165,4 +159,4 @@ def _graph(path: Path) -> None:
 
 def uses(chance: Random) -> list[Callable[[Path], object]]:
     """Return what to do with a file, one after the other."""
-    return [chance.choice((_plot, _replay, _report, _regrade, _graph)), recover, reader.read]
+    return [chance.choice((_plot, _replay, _report, _graph)), recover, reader.read]

@@ -1,16 +1,23 @@
-"""Damaged archives of submissions: any bytes, the fields of a .zip, and names and kinds of files.
+"""Archives of submissions: damaged ones, and ones whose headers are generated field by field.
 
-Each is read as `grade` does, and its files are written to a folder; none may leave it.
+Each is read as `grade` does, and its files are written to a folder; none may leave it. Some places
+of archives are taken by pipes, links, sockets and folders of those.
 """
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import io
+import lzma
+import os
+import socket
 import stat
 import struct
 import tarfile
 import warnings
 import zipfile
+import zlib
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -32,15 +39,33 @@ _RECORDS = {
     b'PK\1\2': ('an entry', 'HHHHHHIIIHHHHHII'),
     b'PK\5\6': ('the end', 'HHHHIIH'),
 }
+_PACKERS: dict[str, Callable[[bytes], bytes]] = {
+    '': bytes,
+    '.gz': gzip.compress,
+    '.bz2': bz2.compress,
+    '.xz': lzma.compress,
+}
+_TAR_TYPES = [bytes([each]) for each in b'\00001234567LKSVDMNxgXA']
+_PAX = (
+    *('size', 'path', 'linkpath', 'mtime', 'uid', 'uname', 'charset', 'hdrcharset', 'comment'),
+    *('GNU.sparse.map', 'GNU.sparse.size', 'GNU.sparse.realsize', 'GNU.sparse.name'),
+    *('GNU.sparse.major', 'GNU.sparse.minor', 'GNU.sparse.numblocks', 'SCHILY.xattr.x', ''),
+)
+_NUMBERS = (0, 1, -1, -512, -1536, 511, 512, 1 << 20, 1 << 31, 1 << 33, 1 << 63, 10**19, 10**400)
 
 
 def original() -> None:
     """Do nothing: the archives are made as they are needed."""
 
 
+def clock() -> float:
+    """Return the processor time [s] of this process and of those that read for it."""
+    return sum(os.times()[:4])
+
+
 def damaged(chance: Random) -> tuple[str, str, bytes]:
     """Return the suffix of a file, what is damaged in it, and its content."""
-    match chance.randrange(5):
+    match chance.randrange(10):
         case 0:
             return '.zip', 'any bytes of a .zip', damage(_zipped(chance.choice(_METHODS)), chance)
         case 1:
@@ -49,6 +74,14 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
             return f'.tar{suffix}', 'any bytes of a .tar', content
         case 2:
             return '.zip', 'names and kinds', _misnamed(chance)
+        case 3 | 4 | 5:
+            suffix = chance.choice([*_PACKERS])
+            packed = _PACKERS[suffix](_tar(chance))
+            if chance.random() < 0.1:  # noqa: PLR2004 (some)
+                packed = chance.choice((packed * 2, packed[: len(packed) // 2], packed + b'x'))
+            return f'.tar{suffix}', 'headers of a .tar', packed
+        case 6 | 7 | 8:
+            return '.zip', 'headers of a .zip', _zip(chance)
     content = bytearray(_zipped(chance.choice(_METHODS)))
     mark = chance.choice(sorted(_RECORDS))
     name, codes = _RECORDS[mark]
@@ -59,6 +92,127 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
         raw = bytes(content[begin : begin + struct.calcsize(codes[k])])
         content[begin : begin + len(raw)] = number(codes[k], raw, chance)
     return '.zip', f'fields of {name}', bytes(content)
+
+
+def _name(chance: Random) -> str:
+    parts = [
+        chance.choice(('lab', 'controller.py', 'bike_model.py', '..', '.', 'a' * 256, '\u00e9'))
+    ]
+    if chance.random() < 0.4:  # noqa: PLR2004 (some)
+        parts.append(chance.choice(_NAMES)[: chance.choice((20, 300, 5_000))])
+    return '/'.join(chance.sample(parts, len(parts)))
+
+
+def _tar(chance: Random) -> bytes:
+    """Return a .tar of generated headers, of any type, size, name and extended fields."""
+    blocks = [_tarred('')[:-1024]] if chance.random() < 0.5 else []  # noqa: PLR2004 (half)
+    for _ in range(chance.choice((1, 2, 3, 8, 40))):
+        kind = chance.choice(_TAR_TYPES)
+        data = b''
+        if kind in b'xgX':
+            data = b''.join(_pax_record(chance) for _ in range(chance.choice((1, 2, 5))))
+        elif kind in b'LK':
+            data = chance.choice(_NAMES).encode()
+        elif chance.random() < 0.5:  # noqa: PLR2004 (half)
+            data = chance.choice((b'kp = 1\n', bytes(3_000), _zipped(zipfile.ZIP_STORED)))
+        size = len(data) if chance.random() < 0.7 else chance.choice(_NUMBERS)  # noqa: PLR2004
+        blocks += [_tar_header(chance, kind, size), data, bytes(-len(data) % 512)]
+    repeated = chance.choice((1, 1, 1, 1, 50, 2_000))
+    return b''.join(blocks) * repeated + bytes(chance.choice((0, 512, 1024, 10_240)))
+
+
+def _tar_header(chance: Random, kind: bytes, size: int) -> bytes:
+    info = tarfile.TarInfo('x')
+    header = bytearray(info.tobuf(tarfile.GNU_FORMAT))
+    name = chance.choice((_name(chance), 'lab/controller.py')).encode('utf-8', 'surrogatepass')
+    link = _name(chance).encode('utf-8', 'surrogatepass')
+    header[0:100] = name[:100].ljust(100, b'\0')
+    header[124:136] = _tar_number(chance, size)
+    header[156:157] = kind
+    header[157:257] = link[:100].ljust(100, b'\0')
+    for _ in range(chance.choice((0, 0, 0, 1, 4))):
+        header[chance.randrange(512)] = chance.randrange(256)
+    header[148:156] = b' ' * 8
+    checksum = sum(header)
+    header[148:156] = f'{checksum:06o}\0 '.encode()
+    return bytes(header)
+
+
+def _tar_number(chance: Random, value: int) -> bytes:
+    """Return a number in octal digits, in base 256, or in neither."""
+    match chance.randrange(8):
+        case 0:
+            return chance.randbytes(12)
+        case 1 | 2:
+            return b'\x80' + (value % (1 << 88)).to_bytes(11, 'big')
+        case 3:
+            return b'\xff' + (value % (1 << 88)).to_bytes(11, 'big')
+    return f'{value % (1 << 33):011o}\0'.encode()
+
+
+def _pax_record(chance: Random) -> bytes:
+    """Return a field of an extended header; some lie about their length."""
+    text = chance.choice((str(chance.choice(_NUMBERS)), chance.choice(_NAMES), '1.5', '9' * 9_000))
+    record = f' {chance.choice(_PAX)}={text}\n'.encode('utf-8', 'surrogatepass')
+    length = len(record)
+    while length != len(record) + len(str(length)):
+        length = len(record) + len(str(length))
+    if chance.random() < 0.1:  # noqa: PLR2004 (some)
+        length = chance.choice((0, 1, -1, length - 1, length + 9, 10**12))
+    return str(length).encode() + record
+
+
+def _zip(chance: Random) -> bytes:
+    """Return a .zip of generated records, of any method, flag, size, name and extra field."""
+    files, directory = b'', b''
+    entries = [*_FILES.items()] if chance.random() < 0.5 else []  # noqa: PLR2004 (half)
+    entries += [
+        (_name(chance), chance.choice((b'', b'kp = 1\n', bytes(5_000), _tarred(''))))
+        for _ in range(chance.choice((1, 2, 8, 100)))
+    ]
+    for name, data in entries:
+        raw = name.encode('utf-8', 'surrogatepass')[:0xFFFF]
+        method = chance.choice((*_METHODS, 0, 8, 8, 8, 9, 99))
+        packed = zlib.compress(data)[2:-4] if method == zipfile.ZIP_DEFLATED else data
+        sizes = [zlib.crc32(data), len(packed), len(data)]
+        if chance.random() < 0.2:  # noqa: PLR2004 (some)
+            sizes[chance.randrange(3)] = chance.choice(_NUMBERS) % (1 << 32)
+        flags = chance.choice((0, 0, 0, 0x800, 1, 8, 0xFFFF))
+        extra = b''.join(_extra(chance) for _ in range(chance.choice((0, 0, 1, 4))))[:0xFFFF]
+        common = struct.pack('<HHHHH3I2H', 45, flags, method, 0, 0x21, *sizes, len(raw), len(extra))
+        mode = chance.choice((0, stat.S_IFREG, stat.S_IFLNK, stat.S_IFIFO, stat.S_IFCHR))
+        offset = len(files) if chance.random() < 0.9 else chance.choice(_NUMBERS) % (1 << 32)  # noqa: PLR2004
+        tail = struct.pack('<HHHII', 0, 0, 0, (mode | 0o644) << 16, offset)
+        files += b'PK\3\4' + common + raw + extra + packed
+        directory += b'PK\1\2' + struct.pack('<H', 0x31E) + common + tail + raw + extra
+    times = chance.choice((1, 1, 1, 1, 100, 5_000)) if len(directory) < 1_000 else 1  # noqa: PLR2004
+    directory *= times
+    counts = [len(entries) * times % (1 << 16)] * 2
+    where = [len(directory), len(files)]
+    if chance.random() < 0.2:  # noqa: PLR2004 (some)
+        where[chance.randrange(2)] = chance.choice(_NUMBERS) % (1 << 32)
+    comment = chance.choice((b'', b'x' * 100, b'PK\5\6' * 9))
+    end = struct.pack('<HH2H2IH', 0, 0, *counts, *where, len(comment))
+    far = struct.pack('<Q2H2I4Q', 44, 45, 45, 0, 0, *counts, *[n % (1 << 64) for n in where])
+    locator = struct.pack('<IQI', 0, chance.choice((len(files) + len(directory), 0, 1 << 62)), 1)
+    wide = b'PK\6\6' + far + b'PK\6\7' + locator if chance.random() < 0.2 else b''  # noqa: PLR2004
+    return files + directory + wide + b'PK\5\6' + end + comment
+
+
+def _extra(chance: Random) -> bytes:
+    """Return an extra field: sizes of ZIP64, a name in Unicode, or any."""
+    data = chance.choice(
+        (
+            struct.pack('<3Q', *(n % (1 << 64) for n in chance.sample(_NUMBERS, 3))),
+            b'\1' + chance.randbytes(4) + chance.choice(_NAMES).encode()[:400],
+            chance.randbytes(chance.randrange(40)),
+        )
+    )
+    size = len(data) if chance.random() < 0.8 else chance.randrange(1 << 16)  # noqa: PLR2004
+    return (
+        struct.pack('<HH', chance.choice((1, 0x7075, 0x5455, chance.randrange(1 << 16))), size)
+        + data
+    )
 
 
 @cache
@@ -99,13 +253,40 @@ def _grade(path: Path) -> None:
     folder = path.with_suffix('.read')
     folder.mkdir()
     submission = read(path)
-    assert submission.files or submission.notes  # noqa: S101
+    assert submission.files or submission.notes or path.is_dir()  # noqa: S101
     submission.write(folder)
-    written = [file for file in path.parent.rglob('*') if file.is_file() and file != path]
+    before = {path, *(path.rglob('*') if path.is_dir() and not path.is_symlink() else ())}
+    written = [f for f in path.parent.rglob('*') if f.is_file() and f not in before]
     assert len(written) == len(submission.files)  # noqa: S101
     assert all(file.is_relative_to(folder) for file in written)  # noqa: S101
 
 
-def uses(_: Random) -> list[Callable[[Path], object]]:
+def _place(path: Path, chance: Random) -> None:
+    """Put something else than a file at `path`, or in a folder there."""
+    place = path
+    path.unlink()
+    if chance.random() < 0.5:  # noqa: PLR2004 (half)
+        path.mkdir()
+        place = path / chance.choice(('controller.py', 'bike_model.py', 'x.zip'))
+    match chance.randrange(4):
+        case 0:
+            os.mkfifo(place)
+        case 1:
+            place.symlink_to(chance.choice(('/dev/zero', '/etc/passwd', '.', '..', place.name)))
+        case 2:
+            with socket.socket(socket.AF_UNIX) as server:
+                server.bind(os.path.relpath(place))
+        case _:
+            place.mkdir()
+            os.mkfifo(place / 'controller.py')
+
+
+def uses(chance: Random) -> list[Callable[[Path], object]]:
     """Return what to do with a file, one after the other."""
-    return [_grade]
+
+    def use(path: Path) -> None:
+        if chance.random() < 0.05:  # noqa: PLR2004 (some)
+            _place(path, chance)
+        _grade(path)
+
+    return [use]

@@ -127,3 +127,22 @@ def test_where_nothing_is_valid_no_figure_is_drawn(folder: Path) -> None:
 
     assert barc(['check', str(folder)]) == 1
     assert not (folder / 'check.png').exists()
+
+
+@pytest.mark.parametrize('value', ['1.7e308', '-1e6 * 2', '5e-324 - 1e200'])
+@pytest.mark.parametrize('part', ['model', 'controller', 'both'])
+def test_numbers_that_are_no_car_are_a_sentence_and_not_drawn(
+    folder: Path, part: str, value: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    if part != 'controller':
+        text = MODEL.replace('x + ts * v * cos(psi + beta)', value)
+        (folder / 'bike_model.py').write_text(text, encoding='utf-8')
+    if part != 'model':
+        text = CONTROLLER.replace('return self.kp', f'return {value} + self.kp')
+        (folder / 'controller.py').write_text(text, encoding='utf-8')
+
+    out = printed('check', str(folder), code=1)
+
+    assert 'Traceback' not in out
+    assert 'not a car' in out
+    assert not recwarn.list

@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from bombs import BOMBS, PACKED
 from command_line import refused
 from user_files import CONTROLLER, MODEL
 
 from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
-from barc_sim.lab.grade.process import check
+from barc_sim.lab.confined.process import check
 from barc_sim.lab.grade.report import Report
 
 if TYPE_CHECKING:
@@ -183,8 +184,9 @@ def test_everybody_is_graded(graded: Graded) -> None:
     assert {path.name for path in out.iterdir()} == {*names, 'class.csv'}
     for name in names:
         assert {file.name for file in (out / name).iterdir()} == {
-            'results.json', 'report.html', 'report.png',
-        }  # fmt: skip
+            'results.json',
+            'report.html',
+        }
     rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
     assert {row['name']: float(row['score']) for row in rows} == {
         name: results(out, name)['score'] for name in names
@@ -285,7 +287,7 @@ def test_the_same_is_found_each_time(graded: Graded, tmp_path: Path) -> None:
 
     assert barc(['grade', str(submissions / 'reference'), '--out', str(tmp_path)]) == 0
 
-    for name in ('results.json', 'report.html', 'report.png'):
+    for name in ('results.json', 'report.html'):
         assert (tmp_path / name).read_bytes() == (out / 'reference' / name).read_bytes()
 
 
@@ -413,14 +415,14 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
         path.write_bytes(data)
 
     monkeypatch.setattr(grade, '_write', write)
-    done = Report('ada', 1.0, 1.0, {}, '', {'report.png': b'1', 'results.json': b'2'})
+    done = Report('ada', 1.0, 1.0, {}, '', {'report.html': b'1', 'results.json': b'2'})
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
     reports, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
         outcomes, tmp_path, {path: tmp_path}
     )
     assert ([each.name for each in reports], interrupted) == (['ada'], True)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ['report.png', 'results.json']
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
 
 
 def test_ctrl_c_leaves_what_is_finished_whole(tmp_path: Path) -> None:
@@ -436,7 +438,7 @@ def test_ctrl_c_leaves_what_is_finished_whole(tmp_path: Path) -> None:
         text=True,
         start_new_session=True,
     ) as process:
-        while process.poll() is None and not [*out.glob('*/report.png')]:
+        while process.poll() is None and not [*out.glob('*/report.html')]:
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=60)
@@ -448,3 +450,52 @@ def test_ctrl_c_leaves_what_is_finished_whole(tmp_path: Path) -> None:
     for row in rows:
         assert results(out, row['name'])['score'] == float(row['score'])
     assert not [*out.glob('**/.*')]
+
+
+#: Honest submissions, right and wrong ones.
+_HONEST = {
+    **{f'right_{k}': {'bike_model': MODEL, 'controller': CONTROLLER} for k in range(5)},
+    **{f'model_{k}': {'bike_model': MODEL} for k in range(4)},
+    'wrong_sign': {'bike_model': MODEL.replace('ts * (a', 'ts * (-a'), 'controller': CONTROLLER},
+    'slow': {'controller': CONTROLLER.replace('error =', 'sum(range(300)); error =')},
+    'prints': {'controller': CONTROLLER.replace('error =', 'print(dt); error =')},
+    'syntax_error': {'bike_model': 'def bikeFE(:', 'controller': CONTROLLER},
+    'template': {'bike_model': 'def bikeFE(x, y):\n    raise NotImplementedError'},
+    'half': {'controller': CONTROLLER.replace('self.ki', '0.5 * self.ki')},
+}
+_TAKES_ALL = '_all = [bytearray(1 << 24) for _ in range(50)]\n'
+_HOSTILE_CODE = {
+    'loops': {'bike_model': 'while True: pass', 'controller': 'while True: pass'},
+    'sleeps': {'bike_model': 'import time\ntime.sleep(1000)'},
+    'eats': {'bike_model': _TAKES_ALL + MODEL, 'controller': 'x = [0] * 10**12'},
+    'crashes': {'bike_model': 'import ctypes\nctypes.string_at(0)'},
+    '=cmd|calc!A1': {'bike_model': ATTACKS['kill_parent'].replace('\n        ', '\n') + MODEL},
+    'class.csv': {'bike_model': 'import os\nos._exit(0)'},
+    '\x1b[2J\nright_0,100': {'controller': _WRITE_EVERYWHERE},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures('graded')  # where code can be confined
+def test_the_honest_half_of_a_class_gets_what_it_gets_alone(tmp_path: Path) -> None:
+    folder, out = tmp_path / 'class', tmp_path / 'grades'
+    for name, files in (_HONEST | _HOSTILE_CODE).items():
+        (folder / name).mkdir(parents=True)
+        for stem, text in files.items():
+            (folder / name / f'{stem}.py').write_text(text)
+    for name, (ending, made, _) in [*BOMBS.items()][:5]:
+        (folder / f'{name}{ending}').write_bytes(PACKED[ending](made()))
+    os.mkfifo(folder / 'pipe.zip')
+    (folder / 'links').symlink_to('/')
+    (folder / 'zeros.tar').symlink_to('/dev/zero')
+    assert len([*folder.iterdir()]) == 2 * len(_HONEST) == 30
+
+    code = barc(['grade', str(folder), '--out', str(out), '--jobs', '2', '--time-limit', '30'])
+
+    rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
+    assert (code, len(rows)) == (0, 30)
+    for name in _HONEST:
+        alone = tmp_path / 'alone' / name
+        assert barc(['grade', str(folder / name), '--out', str(alone), '--time-limit', '30']) == 0
+        for file in ('results.json', 'report.html'):
+            assert (alone / file).read_bytes() == (out / name / file).read_bytes()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.grade.process import check
+from barc_sim.lab.confined.process import check
 
 
 @pytest.fixture(scope='session')

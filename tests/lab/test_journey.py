@@ -88,7 +88,6 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     )
     assert done('plot').strip().endswith('speed.png')
     assert done('report').strip().endswith('report.html')
-    assert 'The bag could have come from bike_model.py and controller.py.' in done('regrade')
 
     # Task 3: the drive by hand.
     (lab / 'relay.py').write_text(RELAY)
@@ -97,7 +96,6 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     driven = read(teleop)
     assert driven.v_x.max() > 3.0
     assert driven.psi.max() > 0.1  # to the left
-    assert 'relay.py: not repeated, because its commands depend' in done('regrade', teleop)
     done('replay', teleop, '--save', 'my_lab/drive.gif')
 
     # What is handed in.
@@ -123,8 +121,3 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     assert (bob['score'], bob['remark'].endswith('there is no controller.py')) == ('0.0', True)
     results = json.loads((tmp_path / 'grades' / 'ada.zip' / 'results.json').read_text())
     assert 'gains: kp 10, ki 20, kd 0.1 (controller.py, line 15)' in results['output']
-
-    # The bag in the zip is that of the code in it.
-    with zipfile.ZipFile(tmp_path / 'class' / 'ada.zip') as archive:
-        archive.extractall(tmp_path / 'ada')
-    assert 'could have come from' in done('regrade', str(tmp_path / 'ada' / 'course'))

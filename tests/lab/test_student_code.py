@@ -11,10 +11,10 @@ from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, RELAY
 from barc_sim.lab.check.judging import Settings, judge
 from barc_sim.lab.check.worker import judge_folder, load_parts
+from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import report
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import SHIPPED, load
-from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.submissions import Submission
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import bag_of, barc, call
+from command_line import bag_of, call
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader as bag
@@ -54,13 +54,6 @@ def test_each_car_has_topics_of_its_own_and_one_keeps_the_clock(path: Path) -> N
 def test_a_car_of_the_bag_must_be_named(path: Path) -> None:
     with pytest.raises(UserError, match=r'/car1, /car2, /car3: name one'):
         bag.read(path)
-
-
-def test_each_car_is_regraded_by_its_own_parameters(path: Path) -> None:
-    for number in CARS:
-        done = barc('regrade', str(path), '--namespace', f'/car{number}')
-        assert (done.returncode, 'could have come from' in done.stdout) == (0, True)
-    assert barc('regrade', str(path)).returncode == 2
 
 
 @pytest.mark.usefixtures('ros_domain')

@@ -1,31 +1,24 @@
-"""Interfaces of the user code that is judged, and `LocalCode`, which runs it in this process."""
+"""The user code that is judged: its functions, called in this process or in another one."""
 
 from __future__ import annotations
 
-from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from itertools import count
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.errors import UserError
+from barc_sim.control.driver import RATE, STALE_AFTER
+from barc_sim.lab.user_code.gains import ChosenGains
+from barc_sim.lab.user_code.loading import Functions, UserCode
+from barc_sim.lab.user_code.ros_world import Command, TimedTwist
+from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from barc_sim.lab.user_code.gains import ChosenGains
-    from barc_sim.lab.user_code.loading import UserCode
-    from barc_sim.lab.user_code.ros_world import Command, TimedTwist
-
 
 class Row(NamedTuple):
-    """The positional arguments of `bikeFE`, in its units.
-
-    Examples
-    --------
-    >>> from barc_sim.vehicle.bike_model import bikeFE
-    >>> flat = Row(0.0, 0.0, 0.0, v=8.0, a=1.0, d_f=0.0, a0=0.0, m=2e3, Ff=0.0, theta=0.0, ts=0.02)
-    >>> bikeFE(*flat)
-    [0.16, 0.0, 0.0, 8.02]
-    """
+    """The positional arguments of `bikeFE`, in its units."""
 
     x: float
     y: float
@@ -41,30 +34,32 @@ class Row(NamedTuple):
 
 
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
+_STATE = 4  # numbers
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
-class JudgedController(Protocol):
-    """One instance of the user's `PID`; each of its errors is a UserError."""
+class JudgedCode:
+    """A user's model, controller and relay; each of their errors is a UserCodeError.
 
-    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
-        """Return the commanded acceleration [m/s²]."""
+    A subclass makes the calls, which return values of JSON, and whatever values these are.
+    """
 
-    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
-        """Return the results of `acc_calculate` for one sample after the other."""
-
-    def reset(self) -> bool:
-        """Call the user's `reset()`; return False if the class has none."""
-
-
-class JudgedCode(Protocol):
-    """A user's model, controller and relay; each of their errors is a UserError."""
+    def __init__(self) -> None:
+        """Start without a controller."""
+        self._numbers = count()
 
     def has(self, part: str, /) -> bool:
         """Return whether there is this part of `FILES`."""
+        raise NotImplementedError
+
+    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        """Return the result of a function of `Functions`."""
+        raise NotImplementedError
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
         """Return the result of `bikeFE` for each row; lengths [m] are passed if it takes them."""
+        found = self.call('model', rows, l_f, l_r)
+        return _rows('bikeFE', found, len(rows), _STATE)
 
     def new_pid(
         self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
@@ -74,77 +69,98 @@ class JudgedCode(Protocol):
         It gets the `limit` [m/s²] of its output if it takes one. With `fresh` its file is loaded
         again, so that no global variable has a value of an earlier run.
         """
-
-    def chosen_gains(self) -> ChosenGains | None:
-        """Return the gains that `controller.py` chooses; None if it has none."""
+        number = next(self._numbers)
+        self.call('new_pid', number, kp, ki, kd, limit, fresh)
+        return JudgedController(self, number)
 
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
+        found = self.call('relay', twists, duration, _relay_calls(twists, duration))
+        rows = len(found) if isinstance(found, list) else -1
+        return [Command(*row) for row in _rows('relay', found, rows, len(Command._fields))]
+
+    def chosen_gains(self) -> ChosenGains | None:
+        """Return the gains that `controller.py` chooses; None if it has none."""
+        try:
+            kp, ki, kd, origin = self._notes()['gains']
+            gains = ChosenGains(float(kp), float(ki), float(kd), str(origin))
+        except (KeyError, TypeError, ValueError, OverflowError):
+            return None
+        return gains if all(map(isfinite, gains[:3])) else None
+
+    def tolerated(self) -> tuple[str, ...]:
+        """Return what was tolerated in the files that are loaded, a phrase each."""
+        phrases = self._notes().get('tolerated')
+        return tuple(map(str, phrases)) if isinstance(phrases, list) else ()
+
+    def _notes(self) -> dict[str, Any]:
+        try:
+            notes = self.call('notes')
+        except UserCodeError:
+            return {}
+        return notes if isinstance(notes, dict) else {}
 
 
-class LocalCode:
-    """User code called in this process: nothing stops an endless loop.
+class JudgedController:
+    """One instance of the user's `PID`."""
 
-    Examples
-    --------
-    >>> from barc_sim import PID
-    >>> from barc_sim.lab.user_code.loading import UserCode
-    >>> code = LocalCode(UserCode(controller=PID))
-    >>> code.new_pid(2.0, 0.0, 0.0).acc_calculate(8.0, 7.0, 0.02)
-    2.0
-    """
+    def __init__(self, code: JudgedCode, number: int) -> None:
+        """Refer to the controller `number` of `code`."""
+        self._code, self._number = code, number
+
+    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
+        """Return the commanded acceleration [m/s²]."""
+        return self.acc_sequence([(reference, current, dt)])[0]
+
+    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
+        """Return the results of `acc_calculate` for one sample after the other."""
+        found = self._code.call('steps', self._number, rows)
+        return _numbers('PID', found, len(rows))
+
+    def reset(self) -> bool:
+        """Call the user's `reset()`; return False if the class has none."""
+        return self._code.call('reset', self._number) is True
+
+
+class LocalCode(JudgedCode):
+    """User code called in this process: nothing stops an endless loop."""
 
     def __init__(self, user_code: UserCode) -> None:
         """Judge the parts of `user_code`."""
-        self._user_code: Any = user_code
+        super().__init__()
+        self._user_code = user_code
+        self._functions = Functions(user_code)
 
     def has(self, part: str, /) -> bool:
         """Return whether there is this part of `FILES`."""
         return getattr(self._user_code, part) is not None
 
-    def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
-        """Return the result of `bikeFE` for each row."""
-        model = self._user_code.model
-        return [(x, y, psi, v) for row in rows for x, y, psi, v in [model(*row, l_f=l_f, l_r=l_r)]]
-
-    def new_pid(
-        self, kp: float, ki: float, kd: float, *, limit: float = inf, fresh: bool = True
-    ) -> JudgedController:
-        """Return a new `PID` with these gains."""
-        controller = self._user_code.controller
-        if fresh and (again := getattr(controller, 'fresh', None)):
-            controller = again()
-        return _LocalController(controller(kp, ki, kd, output_min=-limit, output_max=limit))
-
-    def chosen_gains(self) -> ChosenGains | None:
-        """Return the gains that `controller.py` chooses."""
-        return getattr(self._user_code.controller, 'chosen', None)
-
-    def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
-        """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
-        commands: list[Command] = self._user_code.relay.commands(twists, duration)
-        return commands
+    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        """Return the result of a function of `Functions`."""
+        return self._functions.call(do, *arguments)
 
 
-class _LocalController:
-    def __init__(self, pid: Any) -> None:  # noqa: ANN401 (a user's class)
-        self._pid = pid
-        # `barc_sim.lab.user_code` wraps the user's object as `instance`.
-        self._reset = getattr(getattr(pid, 'instance', pid), 'reset', None)
+def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:
+    """Return the calls of a function `relay`, as its node makes them: zeros after stale Twists."""
+    calls, nothing = [], TimedTwist(-inf, 0.0, 0.0)
+    for k in range(round(duration * RATE)):
+        t = k * (1.0 / RATE)
+        latest = max((each for each in twists if each.t <= t + 1e-9), default=nothing)
+        used = latest if t - latest.t <= STALE_AFTER else nothing
+        calls.append(used._replace(t=t))
+    return calls
 
-    def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
-        return float(self._pid.acc_calculate(reference, current, dt))
 
-    def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
-        return [self.acc_calculate(*row) for row in rows]
+def _rows(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
+    """Return rows of numbers; whatever a process sends is only numbers."""
+    if not isinstance(found, list) or len(found) != rows:
+        raise UserCodeError(f'{function} returned something else than {rows} rows of numbers')
+    return [tuple(_numbers(function, row, columns)) for row in found]
 
-    def reset(self) -> bool:
-        if self._reset is None:
-            return False
-        try:
-            self._reset()
-        except (Exception, SystemExit) as error:
-            raise UserError(
-                f'reset() raised {type(error).__name__}: {error}; expected it to clear the PID'
-            ) from error
-        return True
+
+def _numbers(function: str, found: Any, size: int) -> list[float]:  # noqa: ANN401
+    if not isinstance(found, (list, tuple)) or len(found) != size:
+        raise UserCodeError(f'{function} returned something else than {size} numbers')
+    if not all(type(value) is float and isfinite(value) for value in found):
+        raise UserCodeError(f'{function} returned numbers that are not finite')
+    return [*found]

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
 _P = ParamSpec('_P')
+#: In each unit; what code returns beyond is not drawn.
+NOT_A_CAR = 1e6
 
 
 @dataclass(frozen=True, eq=False)

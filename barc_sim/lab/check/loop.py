@@ -12,7 +12,7 @@ import numpy as np
 
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import Comparison, judges
+from barc_sim.lab.check.findings import NOT_A_CAR, Comparison, judges
 from barc_sim.lab.check.stretches import Gains, describe_worst, explain
 from barc_sim.lab.user_code.call import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import closed_loop
@@ -124,6 +124,8 @@ class _Limited(PID):
         dt = self.dt if dt is None else dt
         requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
         output = min(max(requested, self.output_min), self.output_max)
+        if abs(output) > NOT_A_CAR:
+            raise UserError(f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car')
         self.saturated = abs(requested) >= self.output_max
         return output
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import judges
+from barc_sim.lab.check.findings import NOT_A_CAR, judges
 from barc_sim.lab.check.situations import TS, Sequence, constant, wandering
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ _PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
 _PUSHES, _PULLS = 300, 600  #: calls
 _GROWN = 0.5  #: [m/s²] The least growth that shows an integral.
 _ALLOWED = 25  #: calls until the output leaves the limit
-_ABSURD = 1e6  #: [m/s²] Beyond any sum of the terms.
 
 
 @judges('pid.reset')
@@ -176,7 +175,7 @@ def _recovery(code: JudgedCode, sign: float) -> int:
         )
     pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
     greatest = float(np.abs([*pushed, *pulled]).max())
-    if not greatest < _ABSURD:
+    if not greatest < NOT_A_CAR:
         raise UserError(
             f'the output reaches {greatest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
         )

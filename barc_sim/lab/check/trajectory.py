@@ -10,7 +10,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
-from barc_sim.lab.check.findings import Trajectory, judges
+from barc_sim.lab.check.findings import NOT_A_CAR, Trajectory, judges
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import L_F, L_R, Command, State
 from barc_sim.vehicle.plant import Plant
@@ -22,22 +22,12 @@ if TYPE_CHECKING:
 
 #: [m, m, rad, m/s] Above the effect of friction's sign at a standstill, below that of any mistake.
 TOLERANCE = 1e-4
-_FAR = 1e9
 _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 
 @judges('model.trajectory')
 def judge_trajectory(code: JudgedCode) -> Judged:
-    """Return the finding on the trajectory; its score is the share of steps near the reference.
-
-    Examples
-    --------
-    >>> from barc_sim.lab.check.code import LocalCode
-    >>> from barc_sim.lab.user_code.loading import UserCode
-    >>> from barc_sim.vehicle.bike_model import bikeFE
-    >>> judge_trajectory(LocalCode(UserCode(model=bikeFE))).passed
-    True
-    """
+    """Return the finding on the trajectory; its score is the share of steps near the reference."""
     commands = _commands()
     failure = ''
 
@@ -77,16 +67,19 @@ def _commands() -> tuple[Command, ...]:
 def _fill(states: Floats, plant: Plant, commands: tuple[Command, ...]) -> None:
     """Write the state before each command, up to the first one beyond all limits."""
     for k, command in enumerate(commands):
-        states[k] = plant.state
-        if not np.all(np.abs(states[k]) < _FAR):
+        if not np.all(np.abs(plant.state) < NOT_A_CAR):
             return
+        states[k] = plant.state
         plant.advance(command)
 
 
 def _away(t: Floats, off: Floats, first: int) -> str:
     x, y, psi, v = np.nan_to_num(off[-1], nan=np.inf)
     if not isfinite(x):
-        return f'leaves the reference after {t[first]:.2f} s, and then grows without limit'
+        return (
+            f'leaves the reference after {t[first]:.2f} s, and then grows without limit: beyond '
+            f'{NOT_A_CAR:g} it is not a car'
+        )
     return (
         f'leaves the reference after {t[first]:.2f} s; at the end of the road it is '
         f'{hypot(x, y):.3g} m, {degrees(psi):.3g}° and {v:.3g} m/s away'

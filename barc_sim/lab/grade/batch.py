@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
     from pathlib import Path
 
+    from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.report import Report
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.grade.start import Limits
     from barc_sim.lab.grade.submissions import Submission
 
 _LAST_ACTS = 1.0  # [s] for a process to clean up before it ends

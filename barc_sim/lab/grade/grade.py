@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.lab.check.judging import gains_used, judge
 from barc_sim.lab.check.worker import Printed, Report, judge_files
-from barc_sim.lab.grade.code import ConfinedCode
-from barc_sim.lab.grade.start import ON_LINUX
+from barc_sim.lab.confined.code import ConfinedCode
+from barc_sim.lab.confined.process import ON_LINUX
 from barc_sim.lab.grade.submissions import PARTS, graded
-from barc_sim.lab.grade.text import printable
+from barc_sim.lab.text import printable
 from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
     from barc_sim.lab.check.findings import Comparison, Trajectory
     from barc_sim.lab.check.judging import Settings
+    from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.grade.start import Limits
     from barc_sim.lab.grade.submissions import Submission
 
 

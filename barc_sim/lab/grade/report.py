@@ -1,12 +1,14 @@
-"""The files of one graded submission: the HTML report, the sheet to print, Gradescope's results."""
+"""The files of one graded submission: the HTML report, and Gradescope's results."""
 
 from __future__ import annotations
 
+import io
 import json
+import threading
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.check.findings import LABELS
-from barc_sim.lab.grade import sheet
+from barc_sim.lab.check.figure import check_figure
+from barc_sim.lab.check.findings import LABELS, Comparison, Trajectory
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.html import data_url, render
@@ -14,10 +16,15 @@ from barc_sim.lab.html import data_url, render
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.grade import Grade
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.grade.start import Limits
     from barc_sim.lab.grade.submissions import Submission
+
+
+_DPI = 100
+# Matplotlib's settings are global, and several threads can draw.
+_DRAWING = threading.Lock()
 
 
 class Report(NamedTuple):
@@ -37,7 +44,6 @@ class Report(NamedTuple):
 def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
     """Judge a submission and return its files, in memory."""
     result = grade(submission, rubric, limits, sandbox=sandbox)
-    drawn, figures = sheet.draw(result)
     worst = max(result.items, key=lambda item: item.max_points - item.points)
     mistakes = {
         item.criterion: item.message for item in result.items if item.points < item.max_points
@@ -55,13 +61,25 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         ),
         files={
             'results.json': gradescope(result).encode(),
-            'report.html': page(result, figures).encode(),
-            'report.png': drawn,
+            'report.html': page(result, _figure(result)).encode(),
         },
         notes=result.notes,
         mistakes=mistakes,
         passages=passages(submission.files),
     )
+
+
+def _figure(grade: Grade) -> bytes:
+    """Return the runs that were judged as a PNG; empty if there are none."""
+    evidence = [item.evidence for item in grade.items]
+    runs = next((each for each in evidence if isinstance(each, Comparison)), None)
+    states = next((each for each in evidence if isinstance(each, Trajectory)), None)
+    if runs is None and states is None:
+        return b''
+    data = io.BytesIO()
+    with _DRAWING:
+        check_figure(runs, states).savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
+    return data.getvalue()
 
 
 def page(grade: Grade, figures: bytes) -> str:

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 import stat
+import tempfile
+from base64 import b64decode
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
-from barc_sim.lab.grade import archives
-from barc_sim.lab.grade.archives import Unreadable
-from barc_sim.lab.grade.text import printable
+from barc_sim.lab.confined.archives import ENDINGS, MAX_ENTRIES
+from barc_sim.lab.confined.process import ON_LINUX, Ended, Failed, Limits, Process
+from barc_sim.lab.text import printable
 from barc_sim.lab.user_code.loading import FILES, find_name
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
-
-    from barc_sim.lab.grade.archives import Member
+    from collections.abc import Callable, Collection, Iterable, Iterator
 
 #: The graded parts; a submission has at least one of them.
 PARTS = tuple(FILES)
@@ -34,6 +36,18 @@ _MAX_NAME = 255  # bytes of a file's or folder's name, as in most file systems
 _MAX_DEPTH = 20  # folders within folders
 _MAX_PATH = 1000  # bytes of a file's path in the submission
 _MAX_NOTES = 10
+MAX_ARCHIVE = 256 << 20  #: bytes
+_SECONDS, _MEMORY = 8, 300 << 20  # of processor time, and bytes, to unpack an archive
+_UNPACKING = Limits(memory=_MEMORY, cpu=_SECONDS, call=_SECONDS, wait=6.0 * _SECONDS)
+_UNKNOWN = ('.rar', '.7z', '.gz', '.xz', '.bz2', '.zst', '.tar.zst')
+
+
+class Member(NamedTuple):
+    """A file of a submission."""
+
+    path: str  #: in its folder or archive, with slashes
+    read: Callable[[int], bytes]  #: returns so many bytes at most
+    fault: str = ''  #: why it is not read, as the rest of a sentence
 
 
 @dataclass(frozen=True)
@@ -68,14 +82,14 @@ def find(path: Path) -> list[Path]:
     UserError
         if there is none.
     """
-    if path.is_file() and archives.is_archive(path):
+    if path.exists() and not path.is_dir() and is_archive(path):
         return [path.resolve()]
     if not path.is_dir():
         raise UserError(
             f'there is no folder {str(path)!r}: name one submission, or a folder of them'
         )
     found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
-    several = any(entry.is_dir() or archives.is_archive(entry) for entry in found)
+    several = any(entry.is_dir() or is_archive(entry) for entry in found)
     names = [entry.name for entry in found]
     if graded(names) if not several else any(name in names for name in _NAMES):
         return [path.resolve()]
@@ -93,8 +107,6 @@ def read(path: Path) -> Submission:
     notes: list[str] = []
     try:
         _read(path, files, notes)
-    except Unreadable as error:
-        notes.append(str(error))
     except Exception as error:  # noqa: BLE001 (a submission decides what opening it raises)
         notes.append(f'it cannot be read: {_reason(error)}')
     if len(notes) > _MAX_NOTES:
@@ -108,13 +120,56 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
         notes.append('it is a link, which is not followed: hand in the files themselves')
         return
     if path.is_dir():
-        members = listed(path)
-    elif archives.is_archive(path):
-        members = _from_the_graded(list(archives.members(path)), notes)
+        if not take(listed(path), files, notes):
+            notes.append('it is empty')
+        return
+    status = path.lstat()
+    if not stat.S_ISREG(status.st_mode):
+        notes.append('it is no regular file: hand in a .zip or a folder')
+    elif not is_archive(path):
+        unknown = path.name.lower().endswith(_UNKNOWN)
+        notes.append(
+            f'a {path.suffix} archive cannot be opened: hand in a .zip or a folder'
+            if unknown
+            else 'it is a single file: hand in a .zip, or a folder'
+        )
+    elif status.st_size > MAX_ARCHIVE:
+        notes.append(f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one')
     else:
-        raise Unreadable(archives.advice(path))
-    if not take(members, files, notes):
-        notes.append('it is empty')
+        _unpack(path, files, notes)
+
+
+def is_archive(path: Path) -> bool:
+    """Return whether the name of `path` is one of an archive that can be opened."""
+    return path.name.lower().endswith(ENDINGS)
+
+
+def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
+    """Add the files of an archive, which a process of its own reads."""
+    too_much = f'it takes more than {_SECONDS} s or {_MEMORY >> 20} MB to unpack: hand in a smaller'
+    try:
+        with (
+            tempfile.TemporaryDirectory(prefix='barc_sim_unpack_') as empty,
+            Process(Path(empty), _UNPACKING, sandbox=ON_LINUX, archive=path.absolute()) as process,
+        ):
+
+            def content(number: int, size: int) -> bytes:
+                return b64decode(process.request('read', number, size, wait=_UNPACKING.wait))[:size]
+
+            found = [
+                Member(str(name), partial(content, number), _fault_of(kind))
+                for number, (name, kind) in enumerate(
+                    process.request('members', wait=_UNPACKING.wait)
+                )
+            ]
+            if not take(_from_the_graded(found[:MAX_ENTRIES], notes), files, notes):
+                notes.append('it is empty')
+    except Ended:
+        files.clear()
+        notes[:] = [f'{too_much} one']
+    except Failed as error:
+        memory = str(error).startswith('MemoryError')
+        notes.append(f'{too_much} one' if memory else f'it cannot be read: {error}')
 
 
 def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -> int:
@@ -137,7 +192,9 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
             continue
         try:
             data = member.read(MAX_FILE + 1)
-        except Exception as error:  # noqa: BLE001
+        except Ended:  # of an archive: nothing more of it can be read
+            raise
+        except Exception as error:  # noqa: BLE001 (a damaged file can raise any)
             notes.append(f'{name} cannot be read: {_reason(error)}')
             continue
         if len(data) > MAX_FILE:
@@ -166,7 +223,7 @@ def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: 
     longest = max((len(os.fsencode(part)) for part in path.parts), default=0)
     faults = {
         'leads out of the archive': path.is_absolute() or '..' in path.parts,
-        'is a link, which is not followed': member.link,
+        member.fault: bool(member.fault),
         f'has a name that no file can have: at most {_MAX_NAME} bytes': '\0' in member.path
         or not 0 < longest <= _MAX_NAME,
         f'lies too deep: at most {_MAX_DEPTH} folders and {_MAX_PATH} bytes': size > _MAX_PATH
@@ -190,10 +247,10 @@ def listed(folder: Path) -> Iterator[Member]:
         for name in sorted([*names, *links]):
             path = Path(directory, name)
             if not name.startswith('.'):
-                yield archives.Member(
+                yield Member(
                     path.relative_to(folder).as_posix(),
-                    lambda size, path=path: _data(path, size),  # type: ignore[misc]
-                    link=path.is_symlink(),
+                    partial(_data, path),
+                    _fault_of(_kind(path.lstat().st_mode)),
                 )
 
 
@@ -201,19 +258,19 @@ def _of_tools(name: str) -> bool:
     return name.startswith(('.', '__pycache__', '__MACOSX'))
 
 
+def _kind(mode: int) -> str:
+    return 'link' if stat.S_ISLNK(mode) else '' if stat.S_ISREG(mode) else 'other'
+
+
+def _fault_of(kind: str) -> str:
+    faults = {'': '', 'link': 'is a link, which is not followed'}
+    return faults.get(kind, 'is no regular file')
+
+
 def _data(path: Path, size: int) -> bytes:
     """Return at most `size` bytes of a regular file."""
-    with open(path, 'rb', opener=_open) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise OSError('it is not a regular file')
+    with open_regular(path, follow=False) as file:
         return file.read(size)
-
-
-def _open(path: str, flags: int) -> int:
-    """Open without waiting for the other end of a named pipe, and without following a link."""
-    for name in ('O_NOFOLLOW', 'O_NONBLOCK'):  # Windows has neither
-        flags |= getattr(os, name, 0)
-    return os.open(path, flags)
 
 
 def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member]:

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from barc_sim.lab.check.findings import LABELS
 from barc_sim.lab.grade.similarity import in_words
-from barc_sim.lab.grade.text import one_line
+from barc_sim.lab.text import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -26,13 +26,14 @@ if TYPE_CHECKING:
 
     Alike = Mapping[str, list[tuple[str, float]]]  #: as `similarity.alike` returns it
 
-# Spreadsheets treat a cell that begins with one of these as a formula.
 _BINS, _BAR = 10, 40  # of the distribution: rows, and characters of the widest bar
 _MISTAKES, _LOOKS = 5, 20  # rows
 _SHORT = 30  # characters of a clause that needs the next one
 # Where a message begins with a call and a line of code.
 _PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py, line \d+: )?')
-_FORMULA = ('=', '+', '-', '@', '\t')
+# What a spreadsheet takes for a formula, at the beginning of a cell: after any separator, as each
+# splits at its own. Some of East Asia take the wide signs, too.
+_FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])')
 
 
 def as_csv(
@@ -67,8 +68,7 @@ def as_csv(
 
 
 def _cell(text: str) -> str:
-    line = one_line(text)
-    return f"'{line}" if line.startswith(_FORMULA) else line
+    return _FORMULA.sub(r"\1\2'", one_line(text))
 
 
 def as_table(reports: Sequence[Report], rubric: Rubric) -> Table:

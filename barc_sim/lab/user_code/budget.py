@@ -8,7 +8,7 @@ import threading
 import time
 import weakref
 from threading import get_ident
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ClassVar, ParamSpec, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,6 +25,8 @@ _raise_in_thread = ctypes.pythonapi.PyThreadState_SetAsyncExc
 
 class OutOfTime(BaseException):
     """Raised in a call that has used up its budget; `except Exception` does not catch it."""
+
+    seconds: ClassVar[float] = 0.0  #: of a call, in a process that an alarm interrupts
 
     def __init__(self) -> None:
         """Raise it again at the next line of code that catches it.

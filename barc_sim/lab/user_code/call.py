@@ -89,8 +89,8 @@ class Calls:
         call = self._call_text(args, kwargs)
         if isinstance(error, OutOfTime):
             return UserCodeError(
-                f'{place}: {call} did not return within {self._budget:g} s; expected '
-                f'{self._expected}: is there an endless loop?'
+                f'{place}: {call} did not return within {self._budget or error.seconds:g} s; '
+                f'expected {self._expected}: is there an endless loop?'
             )
         if isinstance(error, AbsentModuleError):
             return UserCodeError(f'{place}: {call} uses {error}')

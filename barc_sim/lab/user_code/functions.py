@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from inspect import signature
 from itertools import islice
-from math import inf, isfinite, nan
+from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.lab.user_code.call import Calls, defined_at, guarded, number
 from barc_sim.lab.user_code.ros_world import Command, TimedTwist
 from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, options_for
@@ -143,20 +142,10 @@ class RelayFactory:
         expected = f'two finite numbers, [{", ".join(_COMMAND)}]'
         return UserRelay(Calls(self._folder, function, self._budget, expected), dt)
 
-    def commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
-        """Return what a new one answers from 0 to `duration` [s], as the node `relay` calls it.
-
-        The node calls it `RATE` times a second with the latest of the `twists`, and with zeros
-        where that is stale.
-        """
-        relay, found = self(), []
-        dt, nothing = 1.0 / RATE, TimedTwist(-inf, 0.0, 0.0)
-        for k in range(round(duration * RATE)):
-            t = k * dt
-            latest = max((each for each in twists if each.t <= t + 1e-9), default=nothing)
-            used = latest if t - latest.t <= STALE_AFTER else nothing
-            found.append(Command(t, *relay.relay(used.linear_x, used.angular_z, dt)))
-        return found
+    def commands(self, calls: Sequence[TimedTwist]) -> list[Command]:
+        """Return what a new one answers to these calls, which are evenly spaced."""
+        relay, dt = self(), calls[1].t - calls[0].t
+        return [Command(t, *relay.relay(x, z, dt)) for t, x, z in calls]
 
 
 class UserRelay:

@@ -8,16 +8,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from barc_sim.errors import UserError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.call import BUDGET, describe_error, raised_at, short_repr
 from barc_sim.lab.user_code.functions import ControllerFactory, RelayFactory, UserModel
 from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.importing import Folder
 from barc_sim.lab.user_code.relay_program import ROS_1, RelayProgram, ros_of_program
+from barc_sim.lab.user_code.ros_world import TimedTwist
 from barc_sim.lab.user_code.source import Source, UserCodeError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from barc_sim.lab.user_code.functions import UserPid
+    from barc_sim.lab.user_code.ros_world import Command
 
 #: The file of each part in a user's folder.
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
@@ -220,11 +225,97 @@ def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -
             )
         elif isinstance(error, OutOfTime):
             fault = (
-                f'loading the file took longer than {_LOADING:g} s: is there an endless loop '
-                'outside its functions?'
+                f'loading the file took longer than {_LOADING if loading else error.seconds:g} s: '
+                'is there an endless loop outside its functions?'
             )
         raise UserCodeError(f'{raised_at(folder, error) or path.name}: {fault}') from error
     for name in names:
         if hasattr(module, name):
             return getattr(module, name)
     raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
+
+
+class Functions:
+    """The functions of a user's files, called by name; each file is loaded at its first call."""
+
+    def __init__(self, code: UserCode | None = None) -> None:
+        """Call those of `code`, or of the files in the current folder."""
+        self._parts: dict[str, Any] = {}
+        self._faults: dict[str, UserError] = {}
+        self._tolerated: dict[str, None] = {}
+        self._controllers: dict[int, UserPid] = {}
+        if code:
+            self._parts = {part: getattr(code, part) for part in FILES}
+            self._tolerated = dict.fromkeys(code.tolerated)
+
+    def call(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        """Return what the function `name` returns, one of those below."""
+        return getattr(self, name)(*arguments)
+
+    def model(self, rows: Sequence[Sequence[float]], l_f: float, l_r: float) -> list[list[float]]:
+        """Return the result of `bikeFE` for each row of its arguments."""
+        model: UserModel = self._part('model')
+        return [model(*row, l_f=l_f, l_r=l_r) for row in rows]
+
+    def new_pid(
+        self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
+    ) -> None:
+        """Make the controller `number`; with `fresh`, of its file loaded again."""
+        new: ControllerFactory = self._part('controller')
+        if fresh and hasattr(new, 'fresh'):
+            new = new.fresh()
+        self._controllers[number] = new(kp, ki, kd, output_min=-limit, output_max=limit)
+
+    def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
+        """Return the outputs of a controller for one row after the other."""
+        controller = self._controller(number)
+        return [controller.acc_calculate(*row) for row in rows]
+
+    def reset(self, number: int) -> bool:
+        """Call the `reset` of a controller; return whether there is one."""
+        pid = self._controller(number)
+        instance = getattr(pid, 'instance', pid)
+        if not hasattr(instance, 'reset'):
+            return False
+        try:
+            instance.reset()
+        except (Exception, SystemExit) as error:
+            raise UserCodeError(
+                f'reset() raised {describe_error(error)}; expected it to clear the PID'
+            ) from error
+        return True
+
+    def relay(
+        self,
+        twists: Sequence[tuple[float, float, float]],
+        duration: float,
+        calls: Sequence[tuple[float, float, float]],
+    ) -> list[Command]:
+        """Return what a relay commands: for `twists` a program, in these `calls` a function."""
+        relay: RelayFactory | RelayProgram = self._part('relay')
+        if isinstance(relay, RelayProgram):
+            return relay.commands([TimedTwist(*twist) for twist in twists], duration)
+        return relay.commands([TimedTwist(*call) for call in calls])
+
+    def notes(self) -> dict[str, Any]:
+        """Return the chosen gains, and what was tolerated in the files that are loaded."""
+        gains = getattr(self._parts.get('controller'), 'chosen', None)
+        return {'gains': gains, 'tolerated': [*self._tolerated]}
+
+    def _controller(self, number: int) -> UserPid:
+        if number not in self._controllers:
+            raise UserCodeError('PID: the process of this controller has ended')
+        return self._controllers[number]
+
+    def _part(self, part: str) -> Any:  # noqa: ANN401 (of the part's type)
+        if part in self._faults:
+            raise self._faults[part]
+        if part not in self._parts:
+            try:
+                loaded = load_folder(Path(), [part], budget=None, packages=False)
+            except UserError as error:
+                self._faults[part] = error
+                raise
+            self._tolerated |= dict.fromkeys(loaded.tolerated)
+            self._parts[part] = getattr(loaded, part)
+        return self._parts[part]

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER
 
+from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import batch, rubric
-from barc_sim.lab.grade.start import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

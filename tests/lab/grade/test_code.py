@@ -11,8 +11,8 @@ from user_files import CONTROLLER, MODEL
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Row
-from barc_sim.lab.grade.code import ConfinedCode
-from barc_sim.lab.grade.start import Limits
+from barc_sim.lab.confined.code import ConfinedCode
+from barc_sim.lab.confined.process import Limits
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
@@ -32,6 +32,9 @@ class PID:
     def acc_calculate(self, speed_reference, speed_current):
         while speed_current == 5.0:
             pass
+        if speed_current == 6.0:
+            import ctypes
+            ctypes.string_at(0)
         return 1.0
 """
 
@@ -82,9 +85,9 @@ def test_an_answer_that_is_no_state_is_refused(folder: Callable[..., Path], answ
 
 def test_an_infinity_that_is_forged_is_refused(folder: Callable[..., Path]) -> None:
     text = """
-import os, struct
+import os
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
-    frame = struct.pack('=III4d', 1, 0, 4, *[float('inf')] * 4)
+    frame = b'{"serial": 1, "result": [[Infinity, 0.0, 0.0, 0.0]]}\\n'
     for i in range(3, 64):
         try:
             os.write(i, frame)
@@ -103,8 +106,10 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
     with ConfinedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
         stuck = code.new_pid(1.0, 1.0, 1.0)
-        with pytest.raises(UserError, match=r'within 0.3 s'):
+        with pytest.raises(UserError, match=r'line 6: acc_calculate.* not return within 0.3 s'):
             stuck.acc_calculate(8.0, 5.0, 0.02)
+        with pytest.raises(UserError, match=r'crashed'):
+            stuck.acc_calculate(8.0, 6.0, 0.02)
 
         with pytest.raises(UserError, match='the process of this controller has ended'):
             stuck.acc_calculate(8.0, 4.0, 0.02)

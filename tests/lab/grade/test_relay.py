@@ -14,9 +14,9 @@ from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, RELAY, Finding
 from barc_sim.lab.check.judging import Settings, judge
 from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import SHIPPED, load
-from barc_sim.lab.grade.start import Limits
 from barc_sim.lab.grade.submissions import read
 from barc_sim.lab.user_code.loading import load_folder
 

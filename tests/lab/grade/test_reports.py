@@ -10,15 +10,16 @@ import re
 import numpy as np
 import pytest
 from markupsafe import escape
-from PIL import Image
 from rich.console import Console
 
 from barc_sim.lab.check.findings import Comparison, Trajectory
-from barc_sim.lab.grade import report, sheet, summary
+from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.grade import report, summary
 from barc_sim.lab.grade.batch import Failure
 from barc_sim.lab.grade.grade import Grade, Item
 from barc_sim.lab.grade.report import Report
 from barc_sim.lab.grade.rubric import Rubric
+from barc_sim.lab.grade.submissions import Submission
 from barc_sim.simulation.closed_loop import closed_loop
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
@@ -85,25 +86,16 @@ def test_the_html_report_needs_no_network() -> None:
     assert not re.search(r'https?:', text)
 
 
-def test_the_page_has_the_proportions_of_a4() -> None:
-    drawn, figures = sheet.draw(grade())
-
-    image = Image.open(io.BytesIO(drawn))
-    assert image.size == (1240, 1753)
-    assert image.info['dpi'] == pytest.approx((150, 150), abs=0.1)
-    assert Image.open(io.BytesIO(figures)).width == 1240
-
-
-def test_without_anything_to_draw_there_are_no_figures() -> None:
-    drawn, figures = sheet.draw(grade(drawn=False))
-
-    assert Image.open(io.BytesIO(drawn)).size == (1240, 1753)
-    assert figures == b''
-
-
-def test_the_page_takes_any_text_and_is_the_same_each_time() -> None:
-    assert sheet.draw(grade(''))[0]
-    assert sheet.draw(grade(HOSTILE)) == sheet.draw(grade(HOSTILE))
+def test_the_report_has_its_figure_where_there_is_one_to_draw(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for drawn in (True, False):
+        monkeypatch.setattr(report, 'grade', lambda *_, d=drawn, **__: grade(HOSTILE, drawn=d))
+        one, other = (
+            report.report(Submission('ada'), RUBRIC, Limits(), sandbox=True) for _ in range(2)
+        )
+        assert one.files == other.files
+        assert (b'data:image/png' in one.files['report.html']) == drawn
 
 
 def report_of(name: str, points: float, remark: str = '') -> Report:
@@ -126,14 +118,17 @@ def test_the_class_is_listed_by_name() -> None:
     ]
 
 
-def test_no_cell_of_the_class_is_a_formula() -> None:
-    text = summary.as_csv(
-        [report_of('=1+1', 3.0, '@SUM(A1)\nnext')], {}, RUBRIC, {'=1+1': [('-x', 1.0)]}
-    )
+@pytest.mark.parametrize('sign', '=+-@\uff1d\uff0b\uff0d\uff20')
+@pytest.mark.parametrize('before', ['', ' ', '\t', '\r\n', ' "', 'a;', 'a; ', 'a,', 'a\t', 'a|"'])
+def test_no_cell_is_a_formula_wherever_a_spreadsheet_splits_the_line(
+    before: str, sign: str
+) -> None:
+    text = before + sign + 'SUM(A1)'
 
-    assert [*csv.reader(io.StringIO(text))][1] == [
-        "'=1+1", '10.0', '10.0', '3.0', '7.0', "'-x 100%", "'@SUM(A1) next",
-    ]  # fmt: skip
+    line = summary.as_csv([report_of(text, 3.0, text)], {}, RUBRIC, {text: [(text, 1.0)]})
+
+    cells = re.split(r'[,;\t|\n]', line)
+    assert not [cell for cell in cells if cell.strip('"\' ').startswith(sign) and "'" not in cell]
 
 
 def printed(*reports: Report) -> list[list[str]]:

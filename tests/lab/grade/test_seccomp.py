@@ -8,7 +8,7 @@ from struct import iter_unpack, pack
 
 import pytest
 
-from barc_sim.lab.grade.seccomp import MACHINES, program
+from barc_sim.lab.confined.seccomp import MACHINES, program
 
 ALLOWED, KILLED, ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
 REFUSED = ERRNO | EPERM

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import gzip
 import os
+import resource
 import tarfile
 import zipfile
 from typing import TYPE_CHECKING
 
 import pytest
+from bombs import BOMBS, PACKED
 
 from barc_sim.errors import UserError
 from barc_sim.lab.grade.submissions import MAX_FILE, MAX_FILES, find, read
@@ -116,7 +117,7 @@ def test_what_is_no_regular_file_is_not_read(folder: Callable[..., Path]) -> Non
     path = folder(controller='')
     os.mkfifo(path / 'bike_model.py')
 
-    assert only_the_controller(path) == ('bike_model.py cannot be read: it is not a regular file',)
+    assert only_the_controller(path) == ('bike_model.py is no regular file',)
 
 
 def test_a_file_that_may_not_be_read_is_told_of(
@@ -124,10 +125,10 @@ def test_a_file_that_may_not_be_read_is_told_of(
 ) -> None:
     path = folder(controller='', bike_model='')
 
-    def refuse(path: str, flags: int) -> int:
-        if path.endswith('bike_model.py'):
+    def refuse(path: Path, flags: int, **options: int) -> int:
+        if str(path).endswith('bike_model.py'):
             raise PermissionError(13, 'Permission denied')
-        return opened(path, flags)
+        return opened(path, flags, **options)
 
     opened = os.open
     monkeypatch.setattr('os.open', refuse)
@@ -240,12 +241,36 @@ def test_a_tar_is_read_as_a_zip_is(
     assert submission.notes == ('bike_model.py is a link, which is not followed',)
 
 
-def test_a_tar_that_swells_is_not_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('barc_sim.lab.grade.archives._MAX_UNPACKED', 1 << 20)
-    path = tmp_path / 'bomb.tar.gz'
-    path.write_bytes(gzip.compress(bytes(2 << 20)))
+@pytest.mark.usefixtures('confinement')
+@pytest.mark.parametrize('name', BOMBS)
+def test_an_archive_that_is_too_much_has_one_sentence(tmp_path: Path, name: str) -> None:
+    ending, made, sentence = BOMBS[name]
+    path = tmp_path / f'bomb{ending}'
+    path.write_bytes(PACKED[ending](made()))
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
 
-    assert read(path).notes == ('it unpacks to more than 1 MiB',)
+    submission = read(path)
+
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert submission.files == {}
+    assert len(submission.notes) == 1
+    assert sentence in submission.notes[0]
+    assert after.ru_utime + after.ru_stime < before.ru_utime + before.ru_stime + 10.0
+
+
+def test_a_pipe_with_the_name_of_an_archive_does_not_hang(
+    folder: Callable[..., Path], tmp_path: Path
+) -> None:
+    folder('ada', controller='')
+    os.mkfifo(tmp_path / 'pipe.zip')
+
+    found = {path.name: read(path).notes for path in find(tmp_path)}
+
+    assert found == {
+        'ada': (),
+        'pipe.zip': ('it is no regular file: hand in a .zip or a folder',),
+    }
+    assert read(*find(tmp_path / 'pipe.zip')).notes == found['pipe.zip']
 
 
 @pytest.mark.parametrize(('names', 'note'), [

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
 
+from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.user_code.loading import (
     RelayFactory,
     RelayProgram,
+    UserCode,
     UserCodeError,
     load_folder,
 )
@@ -19,7 +21,6 @@ from barc_sim.lab.user_code.ros_world import Command, TimedTwist
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from barc_sim.lab.user_code.loading import UserCode
 
 #: Forward and left from 1 to 2 s, released at 2 s.
 HELD = [TimedTwist(1.0 + 0.05 * k, 1.0, 1.0) for k in range(20)] + [TimedTwist(2.0, 0.0, 0.0)]
@@ -30,6 +31,10 @@ ENDLESS = '4 s of the relay took longer than'
 
 
 Load = Callable[[str], RelayFactory | RelayProgram]
+
+
+def judged(relay: Any, twists: list[TimedTwist], duration: float) -> list[Command]:  # noqa: ANN401
+    return LocalCode(UserCode(relay=relay)).relay_commands(twists, duration)
 
 
 @pytest.fixture
@@ -65,16 +70,16 @@ def at(commands: list[Command], t: float) -> Command:
 def test_every_kind_of_relay_answers_the_keys(
     load: Load, text: str, motor: float, servo: float
 ) -> None:
-    commands = load(text).commands(HELD, 4.0)
+    commands = judged(load(text), HELD, 4.0)
     held, released = at(commands, 1.9), at(commands, 3.0)
     assert (held.motor, held.servo) == pytest.approx((motor, servo))
     assert (released.motor, released.servo) == pytest.approx((0.0, 0.0))
-    assert commands == load(text).commands(HELD, 4.0)
+    assert commands == judged(load(text), HELD, 4.0)
 
 
 @pytest.mark.parametrize('text', [FUNCTION, CLASS, ROS_1, ROS_2])
 def test_its_rate_is_that_of_its_own_loop(load: Load, text: str) -> None:
-    commands = load(text).commands([], 10.0)
+    commands = judged(load(text), [], 10.0)
     assert len(commands) == pytest.approx(200, abs=1)
 
 
@@ -87,7 +92,7 @@ def test_other_ways_to_wait_are_a_relay_too(load: Load) -> None:
     unguarded = ROS_2.replace("if __name__ == '__main__':\n    main()\n", '')
     expected = load(ROS_2).commands(HELD, 4.0)
     for text in (executor, unguarded):
-        assert load(text).commands(HELD, 4.0) == expected
+        assert judged(load(text), HELD, 4.0) == expected
     for t in (0.5, 1.9, 3.0):
         assert at(load(once).commands(HELD, 4.0), t)[1:] == at(expected, t)[1:]
 
@@ -96,7 +101,7 @@ def test_python_sleep_takes_simulated_time(load: Load) -> None:
     text = ROS_1.replace('self.rate.sleep()', 'time.sleep(0.1)').replace(
         'import rospy\n', 'import rospy\nimport time\n', 1
     )
-    assert len(load(text).commands([], 10.0)) == pytest.approx(100, abs=2)
+    assert len(judged(load(text), [], 10.0)) == pytest.approx(100, abs=2)
 
 
 def test_speed_of_the_car_reaches_a_relay_that_subscribes_to_it(load: Load) -> None:
@@ -114,7 +119,7 @@ rospy.Subscriber('z_vhcl', Z_DynBkMdl, on_state)
 rospy.Subscriber('cmd_vel', Twist, print)
 rospy.spin()
 """
-    commands = load(text).commands([], 5.0)
+    commands = judged(load(text), [], 5.0)
     assert at(commands, 1.5).motor == 1.0
     assert at(commands, 2.5).motor == 0.0
 
@@ -140,7 +145,7 @@ def test_what_is_wrong_is_a_sentence(
 ) -> None:
     monkeypatch.setattr('barc_sim.lab.user_code.relay_program._BUDGET', 0.5)
     with pytest.raises(UserCodeError) as caught:
-        load(text).commands(HELD, 4.0)
+        judged(load(text), HELD, 4.0)
     assert sentence in str(caught.value)
 
 

@@ -40,7 +40,7 @@ _ALLOWED = """
     brk mmap mprotect munmap mremap madvise
     rt_sigaction rt_sigprocmask rt_sigreturn sigaltstack
     exit exit_group futex set_robust_list rseq sched_yield sched_getaffinity
-    nanosleep clock_nanosleep clock_gettime clock_getres gettimeofday time times
+    nanosleep clock_nanosleep clock_gettime clock_getres gettimeofday time times setitimer
     getpid getppid gettid getuid geteuid getgid getegid getrlimit getrusage
     uname sysinfo getrandom
 """

@@ -1,0 +1,1 @@
+"""Processes for what strangers hand in: their code, and the archives that it comes in."""

@@ -1,0 +1,193 @@
+"""The process for a submission: it calls its functions, or reads its archive, as requests ask.
+
+A script that `process.py` starts without site-packages and with an empty environment. Requests and
+replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
+`{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply, with the serial 0,
+comes unasked: the process is confined. It has no score, no rubric and no law of the vehicle or of
+control: whatever a submission finds or changes here can only change its own results.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import sys
+from importlib.abc import MetaPathFinder
+from importlib.util import spec_from_file_location
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from importlib.machinery import ModuleSpec
+    from types import FrameType, ModuleType
+
+MAX_TEXT = 4000  #: characters of an error; what is longer is cut
+NO_PIPES = 97  #: exit code of a process whose pipes have been closed
+_SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
+_MODE_FILTER, _RESTRICT_SELF = 2, 446
+_INSTRUCTION = 8  # bytes of a seccomp program
+
+
+class _NumPy(MetaPathFinder):
+    """Finds NumPy, and no other package installed beside it."""
+
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Find the package; its own path then leads to its modules."""
+        del path, target
+        if name != 'numpy':
+            return None
+        return spec_from_file_location(
+            name, f'{self._folder}/__init__.py', submodule_search_locations=[self._folder]
+        )
+
+
+def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
+    """Return what answers the requests: on an archive, or on the files of the current folder.
+
+    A request of the second kind may use so many `seconds` of processor time.
+    """
+    if archive is not None:
+        from barc_sim.lab.confined.archives import Archive  # noqa: PLC0415
+
+        return Archive(archive).call
+    from barc_sim.lab.user_code.budget import OutOfTime  # noqa: PLC0415
+    from barc_sim.lab.user_code.loading import Functions  # noqa: PLC0415
+
+    call = Functions().call
+    if not hasattr(signal, 'setitimer'):  # Windows: the grader ends the process
+        return call
+
+    def out_of_time(_: int, __: FrameType | None) -> None:
+        raise OutOfTime
+
+    def limited(*arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        signal.setitimer(signal.ITIMER_PROF, seconds)
+        try:
+            return call(*arguments)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            sys.settrace(None)
+
+    OutOfTime.seconds = seconds
+    signal.signal(signal.SIGPROF, out_of_time)
+    return limited
+
+
+def _forget_packages(packages: str) -> None:
+    """Make it impossible to import more of barc_sim, or of what is installed beside it."""
+    sys.path.remove(packages)
+    for name, module in sys.modules.items():
+        if name.partition('.')[0] == 'barc_sim' and hasattr(module, '__path__'):
+            module.__path__ = []
+    sys.path_importer_cache.clear()
+
+
+def _limit(memory: int, cpu: int, parent: int) -> None:
+    """Limit memory [bytes], processor time [s] and files; end with the process `parent`."""
+    import resource  # noqa: PLC0415 (not on Windows)
+
+    _called('prctl', _SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)  # it has already ended
+    _called('prctl', _SET_DUMPABLE, 0, 0, 0, 0)
+    for kind, amount in (
+        (resource.RLIMIT_AS, memory),
+        (resource.RLIMIT_CPU, cpu),
+        (resource.RLIMIT_FSIZE, 0),
+        (resource.RLIMIT_CORE, 0),
+        (resource.RLIMIT_NOFILE, 64),
+        (resource.RLIMIT_NPROC, 0),
+    ):
+        # A lower hard limit stays.
+        hard = resource.getrlimit(kind)[1]
+        lower = amount if hard == resource.RLIM_INFINITY else min(amount, hard)
+        resource.setrlimit(kind, (lower, lower))
+
+
+def _confine(ruleset: int, program: bytes) -> None:
+    """Allow only the files of a Landlock `ruleset`, and the system calls of a seccomp `program`."""
+    _called('prctl', _SET_NO_NEW_PRIVS, 1, 0, 0, 0)
+    _called('syscall', _RESTRICT_SELF, ruleset, 0)
+    os.close(ruleset)
+    buffer = ctypes.create_string_buffer(program, len(program))
+    filter_program = _FilterProgram(len(program) // _INSTRUCTION, ctypes.addressof(buffer))
+    _called('prctl', _SET_SECCOMP, _MODE_FILTER, ctypes.addressof(filter_program), 0, 0)
+
+
+class _FilterProgram(ctypes.Structure):
+    _fields_ = (('length', ctypes.c_ushort), ('filter', ctypes.c_void_p))
+
+
+def _called(function: str, number: int, *arguments: int) -> None:
+    """Call a function of the C library; its integers are pointers, sizes and flags."""
+    wide = [ctypes.c_ulong(value) for value in arguments]
+    if getattr(ctypes.CDLL(None, use_errno=True), function)(number, *wide) < 0:
+        error = ctypes.get_errno()
+        raise OSError(error, f'{function} {number} failed: {os.strerror(error)}')
+
+
+def _answer(handler: Callable[..., Any], serial: int, do: str, arguments: list[Any]) -> bytes:
+    reply: dict[str, Any] = {'serial': serial}
+    try:
+        data = json.dumps(reply | {'result': handler(do, *arguments)})
+    except BaseException as error:  # noqa: BLE001 (SystemExit, too: it is the submission's)
+        data = json.dumps(reply | {'error': _text(error)})
+    return data.encode() + b'\n'
+
+
+def _text(error: BaseException) -> str:
+    try:
+        # The sentences of barc_sim are whole; other exceptions have their names before them.
+        own = type(error).__module__.startswith('barc_sim.')
+        return (str(error) if own else f'{type(error).__name__}: {error}')[:MAX_TEXT]
+    except BaseException:  # noqa: BLE001 (its text is the submission's, too)
+        return 'an exception that cannot be printed'
+
+
+def _serve(handler: Callable[..., Any], requests: int, replies: int) -> None:
+    """Answer requests until they end."""
+    with open(requests, 'rb') as lines, open(replies, 'wb', buffering=0) as out:
+        out.write(b'{"serial": 0, "result": null}\n')
+        for line in lines:
+            data = _answer(handler, **json.loads(line))
+            while data:
+                data = data[out.write(data) or 0 :]
+
+
+def _main() -> None:
+    start = json.loads(sys.argv.pop())
+    sys.path.pop(0)  # the script's own folder
+    # What a submission reads and prints is not what the grader reads and prints.
+    requests, replies = os.dup(0), os.dup(1)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.close(nothing)
+    os.dup2(2, 1)
+    try:
+        sys.path.append(start['packages'])
+        handler = _handler(start['archive'], start['call'])
+        _forget_packages(start['packages'])
+        sys.meta_path.insert(0, _NumPy(start['numpy']))
+        if sys.platform == 'linux':
+            _limit(start['memory'], start['cpu'], start['parent'])
+        if start['ruleset'] is not None:
+            _confine(start['ruleset'], bytes.fromhex(start['program']))
+    except Exception as error:  # noqa: BLE001 (the grader prints it)
+        os.write(replies, json.dumps({'serial': 0, 'error': _text(error)}).encode() + b'\n')
+        sys.exit(1)
+    try:
+        _serve(handler, requests, replies)
+    except (OSError, ValueError):
+        # The submission has closed the pipes, or the grader has ended.
+        os._exit(NO_PIPES)
+
+
+if __name__ == '__main__':
+    _main()

@@ -1,1 +1,0 @@
-"""Judges whether a bag could have come from the code that is attached to it."""
