@@ -44,6 +44,6 @@ NODES = {
     'keyboard': ('keyboard', 'on_stdin'),
     'mirror': ('mirrors.node', 'MirrorNode'),
     'relay': ('relay', 'Relay'),
-    'vehicle_simulator': ('simulator.node', 'VehicleSimulator'),
+    'vehicle_simulator': ('simulator', 'VehicleSimulator'),
     'view': ('view.node', 'announced'),
 }

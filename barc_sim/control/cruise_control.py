@@ -86,6 +86,7 @@ class CruiseControl:
         self.controller = as_controller(controller) if controller else _of_type(declare)
         self.is_pid = self.controller.terms.keys() == PID.terms.keys()
         self.values: dict[str, Any] = {}
+        self._awaits_error = True  # whether a state is answered only once its error is there
         self.configure(declare(self.parameters(acceleration_limit)))
         self.reset()
 
@@ -113,6 +114,9 @@ class CruiseControl:
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set parameters."""
+        if self.values and values.get('subtract_error'):
+            # The present state came without its error: it is answered as measured.
+            self._awaits_error = False
         self.values.update(values)
         controller = self.controller
         for name in controller.gains:
@@ -138,7 +142,7 @@ class CruiseControl:
 
     def take_state(self, stamp: int, speed: float) -> Answer | None:
         """Return the answer to a state stamped `stamp` [ns]; None if it is not due, or refused."""
-        if not self.values['subtract_error']:
+        if not (self.values['subtract_error'] and self._awaits_error):
             return self.answer(stamp, speed)
         self._state = stamp, speed
         return self._join()
@@ -147,7 +151,7 @@ class CruiseControl:
         """Take the error of a measured speed [m/s]; return as `take_state` does."""
         if not self.values['subtract_error']:
             return None
-        self._error = stamp, error
+        self._error, self._awaits_error = (stamp, error), True
         return self._join()
 
     def _join(self) -> Answer | None:

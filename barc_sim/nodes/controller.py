@@ -19,6 +19,7 @@ from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
+    from rclpy.subscription import Subscription
     from std_msgs.msg import Header
 
     from barc_sim.control.controller import Controller
@@ -37,21 +38,17 @@ class CruiseController(Node):
     >>> import rclpy
     >>> rclpy.init()
     >>> node = CruiseController()
-    >>> node.set_parameters([rclpy.Parameter('speed_reference', value=10.0)])[0].successful
-    True
+    >>> _ = node.set_parameters([rclpy.Parameter('speed_reference', value=10.0)])
     >>> node.values['speed_reference']
     10.0
     >>> node.destroy_node()
     >>> rclpy.shutdown()
     """
 
+    _error_sub: Subscription | None = None
     description = 'holds the speed; each state that arrives is answered by a command'
-    #: The topics that it subscribes to.
-    inputs: ClassVar[dict[str, type[Any]]] = {
-        names.STATE: ZDynBkMdl,
-        names.STATE_ERROR: EZDynBkMdl,
-        names.SPEED_REFERENCE: Float64,
-    }
+    #: The topics that it subscribes to from its start.
+    inputs: ClassVar = {names.STATE: ZDynBkMdl, names.SPEED_REFERENCE: Float64}
 
     def __init__(
         self,
@@ -85,16 +82,22 @@ class CruiseController(Node):
         self._computed_type = PidState if self._control.is_pid else ControllerState
         self._computed_pub = self.create_publisher(self._computed_type, topic, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
-        self.create_subscription(EZDynBkMdl, names.STATE_ERROR, self._on_state_error, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
-        newest = names.QOS_NEWEST
-        self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_reference, newest)
+        self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
+        self._subscribe_to_errors()
         self.create_service(Trigger, names.RESET_CONTROLLER, self._on_reset)
+
+    def _subscribe_to_errors(self) -> None:
+        if self.values['subtract_error'] and not self._error_sub:
+            self._error_sub = self.create_subscription(
+                EZDynBkMdl, names.STATE_ERROR, self._on_state_error, names.QOS
+            )
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
         self._control.configure({parameter.name: parameter.value for parameter in parameters})
+        self._subscribe_to_errors()
 
-    def _on_reference(self, message: Float64) -> None:
+    def _on_speed(self, message: Float64) -> None:
         self._control.refer(message.data)
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -46,7 +46,7 @@ class Relay(Node):
 
     description = "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz"
     #: The topics that it subscribes to.
-    inputs: ClassVar[dict[str, type[Any]]] = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}
+    inputs: ClassVar = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}
 
     def __init__(self, *, driver: Driver | None = None, **options: Any) -> None:  # noqa: ANN401
         """Declare the parameters, and publish commands; `driver` replaces barc_sim's own.

@@ -155,6 +155,18 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
     return [end for end in ends if own is None or not _is_dead(bytes(end.endpoint_gid), own[_HOST])]
 
 
+def check_unique(node: Node, topic: str) -> None:
+    """Check that `node` alone publishes `topic`.
+
+    Raises
+    ------
+    UserError
+        Another node does, too.
+    """
+    if len(living_publishers(node, topic)) > 1:
+        raise UserError(taken(node.resolve_topic_name(topic), node.context.get_domain_id()))
+
+
 def types_here(node: Node, topic: str) -> set[str]:
     """Return the types that the participant's other nodes give `topic`: DDS accepts one.
 

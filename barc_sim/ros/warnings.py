@@ -10,12 +10,9 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-#: [s]
-_PERIOD = 1.0
-
 
 class RateLimitedWarning:
-    """Warns at most once a second.
+    """Warns at most once in a period.
 
     The logger's own throttle inspects the stack at each message, which takes 0.3 ms; here a
     suppressed warning costs next to nothing.
@@ -32,16 +29,16 @@ class RateLimitedWarning:
     [0]
     """
 
-    def __init__(self, node: Node) -> None:
-        """Warn with the logger of `node`."""
+    def __init__(self, node: Node, period: float = 1.0) -> None:
+        """Warn with the logger of `node`, once in `period` [s] at most."""
         self._logger = node.get_logger()
-        self._next = 0.0
+        self._period, self._next = period, 0.0
 
     def warn(self, sentence: Callable[[], str]) -> None:
-        """Log what `sentence` returns, unless the last warning is less than a second old."""
+        """Log what `sentence` returns, unless the last warning is less than a period old."""
         now = time.monotonic()
         if now >= self._next:
-            self._next = now + _PERIOD
+            self._next = now + self._period
             self._logger.warning(sentence())
 
 

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from barc_sim.lab.user_code.loading import UserCode
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.runs.engine import Engine
-    from barc_sim.simulation.simulator import Simulator
 
 
 class RunBag:
@@ -57,12 +57,12 @@ class RunBag:
         self.recorder.add_metadata(_description(argv, self._engine.parameters()))
         self._add_graph()
 
-    def end(self, simulators: Sequence[Simulator]) -> None:
+    def end(self, simulators: Sequence[VehicleSimulator]) -> None:
         """Add the results; to be called while the nodes still exist."""
         results = {
-            'steps': sum(simulator.states for simulator in simulators),
-            'missed_deadlines': sum(simulator.missed for simulator in simulators),
-            'slipped_periods': sum(simulator.slipped for simulator in simulators),
+            'steps': sum(simulator.stepper.states for simulator in simulators),
+            'missed_deadlines': sum(simulator.stepper.missed for simulator in simulators),
+            'slipped_periods': sum(simulator.stepper.slipped for simulator in simulators),
         }
         self.recorder.add_metadata({name: str(value) for name, value in results.items()})
         self._add_graph()

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.lab.user_code.loading import UserCode
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.engine import Engine
     from barc_sim.runs.terminal.display import Display
     from barc_sim.runs.terminal.user_output import UserOutput
-    from barc_sim.simulation.simulator import Simulator
     from barc_sim.vehicle.road import Road
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
@@ -70,7 +70,7 @@ class Run(ABC):
             self.bag.begin(options.argv)
 
     @abstractmethod
-    def compose(self, setup: Setup) -> Sequence[Simulator]:
+    def compose(self, setup: Setup) -> Sequence[VehicleSimulator]:
         """Create the nodes and the display; return the simulators, one for each car."""
 
     @abstractmethod
@@ -98,12 +98,12 @@ class Run(ABC):
     @property
     def has_begun(self) -> bool:
         """Whether a state has been published."""
-        return any(simulator.states for simulator in self.simulators)
+        return any(simulator.stepper.states for simulator in self.simulators)
 
     @property
     def slipped(self) -> int:
         """Periods by which simulated time has fallen behind the wall clock, of all cars."""
-        return sum(simulator.slipped for simulator in self.simulators)
+        return sum(simulator.stepper.slipped for simulator in self.simulators)
 
     def fail(self, failure: str) -> None:
         """Keep the error that ended the run, also in the bag."""

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from barc_sim.cli.signals import StopSignals
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.runs.composition import Setup
     from barc_sim.runs.terminal.display import Status
     from barc_sim.simulation.metrics import Summary
-    from barc_sim.simulation.simulator import Simulator
     from barc_sim.vehicle.plant import Observation
 
 #: [m] The lab's road ends there.
@@ -44,7 +44,7 @@ class CruiseControl(Run):
 
     _driven_with = ''  #: gains and limit of a user's controller
 
-    def compose(self, setup: Setup) -> list[Simulator]:
+    def compose(self, setup: Setup) -> list[VehicleSimulator]:
         """Return the simulators, one for each car.
 
         Raises
@@ -75,7 +75,7 @@ class CruiseControl(Run):
     def _car(self, setup: Setup, namespace: str, number: int) -> Car:
         options, road, user_code = setup.options, setup.road, setup.user_code
         car = Car(namespace, self._controller(setup, namespace))
-        car.simulator = setup.engine.simulator(
+        car.simulator = setup.engine.simulator(  # type: ignore[assignment]
             road=road,
             distance=_DISTANCE,
             keeps_clock=number == 0,
@@ -181,7 +181,7 @@ def _check_no_options_for_controller(options: Namespace) -> None:
 class Car:
     """A simulator, the laps of its car, and whether that still gets on."""
 
-    simulator: Simulator
+    simulator: VehicleSimulator
     distance = inf  #: [m] of the run's end
 
     def __init__(self, name: str, reference: Callable[[], float]) -> None:
@@ -203,9 +203,9 @@ class Car:
         x, speed, reference = seen.true.x, seen.true.v_x, self._reference()
         lap = self._laps.add(t, x, seen.true.y, speed, reference, seen.theta_deg)
         if lap == len(self._missed):
-            self._missed.append(self.simulator.missed)
+            self._missed.append(self.simulator.stepper.missed)
         if self._progress.add(t, x, speed, reference):
-            self.simulator.end()
+            self.simulator.stepper.end()
         if self.show:
             self.show(CruiseStatus(t, x, speed, reference - speed, seen.theta_deg, lap))
 
@@ -217,7 +217,7 @@ class Car:
     def summaries(self) -> dict[str, Summary]:
         """Return the summary of each lap's speed errors, by the name of the car, or of the lap."""
         laps = [*self._laps]
-        counts = [*self._missed, self.simulator.missed]
+        counts = [*self._missed, self.simulator.stepper.missed]
         missed = [after - before for before, after in pairwise(counts)]
         named = {}
         for lap, count in zip(laps, missed[-len(laps) :], strict=True):

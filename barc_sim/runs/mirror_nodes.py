@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from barc_sim.nodes.recorder.node import BagRecorder
-    from barc_sim.nodes.simulator.node import VehicleSimulator
+    from barc_sim.nodes.simulator import VehicleSimulator
 
 
 def mirrors(
@@ -60,9 +60,10 @@ def _mirror(
     )
 
     def facts() -> Facts:
-        known = Facts(simulator.missed, simulator.slipped, simulator.paused, factor, noise)
+        stepper = simulator.stepper
+        known = Facts(stepper.missed, stepper.slipped, stepper.paused, factor, noise)
         if factor == 1.0:
-            known = known._replace(stamp_lag=simulator.stamp_lag)
+            known = known._replace(stamp_lag=stepper.stamp_lag)
         if not recorder:
             return known
         return known._replace(

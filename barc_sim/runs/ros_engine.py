@@ -12,7 +12,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.page.desktop import open_page
 from barc_sim.page.protocol import Status
 from barc_sim.ros.executor import QuickExecutor
@@ -200,7 +200,7 @@ class RosEngine:
 
 
 def _status(simulator: VehicleSimulator) -> Status:
-    return Status(simulator.missed, simulator.slipped, simulator.paused)
+    return Status(simulator.stepper.missed, simulator.stepper.slipped, simulator.stepper.paused)
 
 
 def _overrides(given: Mapping[str, Any]) -> list[Parameter]:

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from barc_sim.cli.signals import StopSignals
     from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard import Terminal
+    from barc_sim.nodes.simulator import VehicleSimulator
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.composition import Setup
-    from barc_sim.simulation.simulator import Simulator
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -75,7 +75,7 @@ class Teleop(Run):
         if terminal and not setup.options.quiet:
             print(_HELP.format(drive=_DRIVE[setup.options.input or PEDAL]))  # noqa: T201
 
-    def compose(self, setup: Setup) -> list[Simulator]:
+    def compose(self, setup: Setup) -> list[VehicleSimulator]:
         """Return the simulator."""
         options, road = setup.options, setup.road or Road.flat()
         self.display = display(quiet=options.quiet)
@@ -103,7 +103,7 @@ class Teleop(Run):
             )
         if self._terminal:
             setup.engine.keyboard(self._terminal)
-        return [simulator]
+        return [simulator]  # type: ignore[list-item]
 
     def _add_relay(self, setup: Setup) -> Driver | None:
         """Add the node `relay`, and return its driver; None where another process is the relay."""
@@ -170,4 +170,4 @@ class Teleop(Run):
     def print_result(self) -> None:
         """Print how many deadlines were missed and periods slipped."""
         (simulator,) = self.simulators
-        print(f'missed deadlines {simulator.missed}, clock slips {self.slipped}')  # noqa: T201
+        print(f'missed deadlines {simulator.stepper.missed}, clock slips {self.slipped}')  # noqa: T201

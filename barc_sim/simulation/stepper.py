@@ -1,28 +1,114 @@
 """The state machine of a simulator: when it starts, steps, pauses, resets and ends.
 
-It imports no ROS and starts no thread or timer. An engine (the node `vehicle_simulator`) passes
-events to it and implements its `Outputs`.
+It imports no ROS and starts no thread or timer. The node `vehicle_simulator` passes events to it
+and implements its `Outputs`.
 """
 
 from __future__ import annotations
 
 import time
 from enum import Enum
-from typing import TYPE_CHECKING, Literal
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
+from barc_sim.errors import UserError
 from barc_sim.simulation.commands import Commands, out_of_order
 from barc_sim.simulation.pacing import TOLERATED, Pace
-from barc_sim.simulation.stepper_interface import Settings
+from barc_sim.vehicle.bike_model import Command
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, REALTIME_FACTORS, Parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
-    from barc_sim.simulation.stepper_interface import Outputs
-    from barc_sim.vehicle.bike_model import Command, State
-    from barc_sim.vehicle.plant import Plant
+    from barc_sim.vehicle.bike_model import State
+    from barc_sim.vehicle.plant import Observation, Plant
 
 RESET = 'reset: the car is back at the start'
 _NANOSECONDS = 1_000_000_000
+_WARNING_PERIOD, _TIMEOUT_WARNING_PERIOD = 1.0, 10.0  #: [s]
+
+
+class Settings(NamedTuple):
+    """The limits and times of a `Stepper`.
+
+    Examples
+    --------
+    >>> Settings(realtime_factor=0.0, distance=180.0).laps
+    1
+    """
+
+    realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
+    distance: float = inf  #: [m] a lap ends here
+    laps: int = 1  #: the run ends after so many; 0: it goes on
+    command_timeout: float = 0.0  #: [s] without a command, after which the car brakes; 0: never
+    timeout_braking: float = 8.0  #: [m/s²] deceleration then
+    max_command: Command = Command(100.0, 1.5)  #: a command beyond is refused
+
+    @classmethod
+    def of_parameters(cls, values: Mapping[str, Any]) -> Settings:
+        """Return the settings of the values of `parameters`.
+
+        Raises
+        ------
+        UserError
+            There are several laps, and no distance at which one ends; or time would hardly pass.
+        """
+        low, high = REALTIME_FACTORS
+        if 0.0 < values['realtime_factor'] < low:
+            raise UserError(
+                f'realtime_factor {values["realtime_factor"]:g} is so small that time hardly '
+                f'passes: expected 0, or {low:g} to {high:g}'
+            )
+        if values['laps'] != 1 and not values['distance']:
+            raise UserError(
+                f'laps {values["laps"]} with distance 0, at which no lap ends: expected a distance '
+                'above 0, or one lap'
+            )
+        return cls(
+            realtime_factor=values['realtime_factor'],
+            distance=values['distance'] or inf,
+            laps=values['laps'],
+            command_timeout=values['command_timeout'],
+            timeout_braking=values['timeout_braking'],
+            max_command=Command(values['refuse_motor_above'], values['refuse_servo_above']),
+        )
+
+
+def parameters(distance: float = 0.0) -> list[Parameter]:
+    """Return a simulator's parameters; `distance` [m] is the default of the parameter."""
+    table = [parameter._replace(read_only=parameter.name not in LIVE) for parameter in PARAMETERS]
+    end = 'a lap ends here [m]; 0: it does not end'
+    count = 'the run ends after so many; 0: it goes on'
+    return [
+        *table,
+        Parameter('distance', distance, end, (0.0, 1e6), read_only=True),
+        Parameter('laps', 1, count, (0, 10**6), read_only=True),
+    ]
+
+
+class Outputs(Protocol):
+    """What a `Stepper` calls: the node `vehicle_simulator`."""
+
+    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+        """Publish the state `t` [s] after the start, with its stamp [ns]."""
+
+    def run_deadlines(self, *, on: bool) -> None:
+        """Call `Stepper.pass_deadline` every `deadline_period` from now on, or no longer."""
+
+    def defer_decision(self) -> None:
+        """Call `Stepper.decide` once the commands that have arrived are delivered."""
+
+    def prepare_start(self, why: str) -> None:
+        """Log `why`, reset the node that commands, and call `Stepper.start` when it is ready."""
+
+    def finish(self) -> None:
+        """End the run; may be called from any thread."""
+
+    def warn(self, sentence: str, period: float) -> None:
+        """Warn; of the sentences with one `period` [s], once in it at most."""
+
+    def begin_clock(self) -> bool:
+        """Publish the simulated time from now on; return whether that is allowed."""
 
 
 class Phase(Enum):
@@ -111,6 +197,7 @@ class Stepper:
         self._warned = False  # that stamps are behind, since the start or the latest reset
         self._first_state = self._stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
+        self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
         self._place: State | None = None
         self._ends = False
         self._change: Callable[[Plant], None] | None = None
@@ -136,14 +223,14 @@ class Stepper:
         self._publish()
         self._start_deadlines()
 
-    def refusal(self, stamp: int) -> str | None:
-        """Return why a command with this `stamp` [ns; 0: none] is refused; None if it is not."""
-        accepted = self._commands.accepts(stamp, self._stamp)
-        return None if accepted else out_of_order(stamp, self._stamp)
-
     def take_command(self, command: Command, stamp: int) -> str | None:
-        """Store a command, or return why it is refused; take the step that waits for it."""
+        """Store a command with this `stamp` [ns; 0: none], and take the step that waits for it.
+
+        Return why it is refused, if it is.
+        """
         limit = self._settings.max_command
+        if not self._commands.accepts(stamp, self._stamp):
+            return out_of_order(stamp, self._stamp)
         # Written so that NaN is out of range, too.
         if not (abs(command.motor) <= limit.motor and abs(command.servo) <= limit.servo):
             return (
@@ -157,22 +244,35 @@ class Stepper:
         return None
 
     def pass_deadline(self) -> None:
-        """Step, as the next state is due."""
+        """Step, as the next state is due; if the present one is unanswered, `decide` later."""
         if not self._pace:
             return
         punctual = self._pace.pass_deadline(self._clock())
-        if self.phase is Phase.RUNNING and not self._commands.answered:
-            self._outputs.deliver_commands()  # the answer may have arrived, but not been delivered
         if self.phase is not Phase.RUNNING:
             return
+        if self._commands.answered:
+            self._step()
+        else:  # the answer may have arrived, but not been delivered
+            self._undecided = 'punctual' if punctual else 'late'
+            self._outputs.defer_decision()
+
+    def decide(self) -> None:
+        """Step, or let a late deadline slip, after what has arrived by then is delivered."""
+        deadline, self._undecided = self._undecided, None
+        if not (deadline and self._pace):
+            return
         if not self._commands.answered:
-            if not punctual:
+            if deadline == 'late':
                 # The machine held up the whole process, perhaps the controller, too: it gets
                 # another period to answer.
                 self._pace.slipped += 1
                 return
             self.missed += 1
-            self._outputs.warn_missed(self.states - 1, self.missed)
+            self._outputs.warn(
+                f'missed deadline {self.missed}: no command answers state {self.states - 1} in '
+                'time; the last one holds',
+                _WARNING_PERIOD,
+            )
         self._step()
 
     def pause(self, *, on: bool) -> bool:
@@ -180,7 +280,7 @@ class Stepper:
         changed, self.paused = self.paused != on, on
         if on and self.phase is Phase.RUNNING:
             self.phase = Phase.PAUSED
-            self._outputs.stop_deadlines()
+            self._stop_deadlines()
         elif not on and self.phase is Phase.PAUSED:
             self.phase = Phase.RUNNING
             if self._request == 'step':
@@ -251,7 +351,10 @@ class Stepper:
             plant.place(self._place)
             self._place, self._ends = None, False
         elif self._commands.timed_out(self._clock()):
-            self._outputs.warn_timeout(settings.command_timeout)
+            self._outputs.warn(
+                f'no command for {settings.command_timeout:g} s: the car brakes to a standstill',
+                _TIMEOUT_WARNING_PERIOD,
+            )
             plant.brake(settings.timeout_braking)
         else:
             plant.advance(self._commands.latest)
@@ -267,7 +370,7 @@ class Stepper:
                 self._restart(f'lap {self.laps} is driven: the road begins anew')
                 return
         self.phase = Phase.FINISHED
-        self._outputs.stop_deadlines()
+        self._stop_deadlines()
         self._outputs.finish()
 
     def _publish(self) -> None:
@@ -275,10 +378,20 @@ class Stepper:
             self.stamp_lag = max((self._wall_clock() - self._stamp) / _NANOSECONDS, 0.0)
             if self.stamp_lag > TOLERATED and not self._warned:
                 self._warned = True
-                self._outputs.warn_behind(self.stamp_lag)
+                self._warn_of_lag()
         t = (self.states - self._first_state) * self._plant.ts
         self._outputs.publish_state(t, self._plant.observe(), self._stamp)
         self.states += 1
+
+    def _warn_of_lag(self) -> None:
+        begun = self._outputs.begin_clock()
+        where = '; /clock has the simulated time from now on' if begun else ''
+        self._outputs.warn(
+            f'stamps are {self.stamp_lag:.1f} s behind the wall clock, because simulated time was '
+            f'paused{where}: set use_sim_time in nodes that compare stamps with their clock, or '
+            'reset the run',
+            0.0,
+        )
 
     def _restart(self, why: str = RESET) -> None:
         if self.phase is Phase.FINISHED:
@@ -286,7 +399,7 @@ class Stepper:
         self.phase = Phase.STARTING
         self._request = self._place = None
         self._ends = False
-        self._outputs.stop_deadlines()
+        self._stop_deadlines()
         self._plant = self._new_plant()
         self._commands = Commands(self._settings.command_timeout)
         self._first_state = self.states
@@ -295,4 +408,8 @@ class Stepper:
     def _start_deadlines(self) -> None:
         if self._pace and self.phase is Phase.RUNNING:
             self._pace.begin(self._clock())
-            self._outputs.start_deadlines()
+            self._outputs.run_deadlines(on=True)
+
+    def _stop_deadlines(self) -> None:
+        self._undecided = None
+        self._outputs.run_deadlines(on=False)

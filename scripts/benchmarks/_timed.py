@@ -53,7 +53,7 @@ class TimedRun(CruiseControl):
             'without waits, ms': float(np.percentile(without, 99)),
             'p50, ms': float(np.percentile(off, 50)),
             'max, ms': float(off.max()),
-            'missed': self._car.simulator.missed,
+            'missed': self._car.simulator.stepper.missed,
             'slipped': self.slipped,
             'core, %': (processor[-1] - processor[0]) / taken * 100.0,
         }

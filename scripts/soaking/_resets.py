@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros import names
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros

@@ -8,7 +8,7 @@ import pytest
 
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.relay import Relay
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 
 if TYPE_CHECKING:
     from rclpy.context import Context

@@ -105,7 +105,7 @@ def test_bag_holds_each_step_once_on_each_topic(path: Path) -> None:
 def test_bag_holds_the_log_of_all_nodes(tmp_path: Path) -> None:
     talk = """
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 for node in (CruiseController, VehicleSimulator):
     def begin(self, *, begun=node.__init__, **options):
         begun(self, **options)
@@ -152,11 +152,11 @@ def test_bag_holds_what_a_publisher_sends_that_comes_and_goes(
 def test_our_own_fault_is_shown_and_the_bag_is_whole(tmp_path: Path) -> None:
     fault = """
 from barc_sim.nodes.controller import CruiseController
-answer = CruiseController._answer
-def broken(self, state, speed):
-    assert speed < 0.5, 'a fault of ours'
-    answer(self, state, speed)
-CruiseController._answer = broken
+publish = CruiseController._publish
+def broken(self, header, answer):
+    assert answer.speed < 0.5, 'a fault of ours'
+    publish(self, header, answer)
+CruiseController._publish = broken
 """
     done = acc(tmp_path, '--realtime-factor', 'max', script=fault)
     assert done.returncode == 1
@@ -168,12 +168,14 @@ CruiseController._answer = broken
     assert bag.info(path)['steps'] == str(len(found['/z_vhcl']))
 
 
-@pytest.mark.parametrize(('moment', 'folder_exists'), [('__init__', False), ('_begin', True)])
+@pytest.mark.parametrize(
+    ('moment', 'folder_exists'), [('__init__', False), ('publish_state', True)]
+)
 def test_refused_run_leaves_nothing(tmp_path: Path, moment: str, *, folder_exists: bool) -> None:
     refusal = f"""
 from barc_sim.errors import UserError
-from barc_sim.nodes.simulator.node import VehicleSimulator
-def refuse(self, **_):
+from barc_sim.nodes.simulator import VehicleSimulator
+def refuse(self, *_, **__):
     raise UserError('not here')
 VehicleSimulator.{moment} = refuse
 """
@@ -240,16 +242,16 @@ RunBag.__init__ = remove_first
 def test_error_after_the_first_state_leaves_the_bag_whole(tmp_path: Path) -> None:
     script = """
 from barc_sim.errors import UserError
-from barc_sim.nodes.simulator.node import VehicleSimulator
-begin = VehicleSimulator._begin
+from barc_sim.simulation.stepper import Stepper
+begin = Stepper.start
 begun = []
 def refuse_the_second(self):
     if begun:
         raise UserError('not again')
     begun.append(self)
     begin(self)
-    self.create_timer(0.2, self._stepper.reset)
-VehicleSimulator._begin = refuse_the_second
+    self._outputs.create_timer(0.2, self.reset)
+Stepper.start = refuse_the_second
 """
     done = acc(tmp_path, script=script)
     assert done.returncode == 1

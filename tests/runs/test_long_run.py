@@ -53,7 +53,7 @@ def resident():
 
 def watched(car, t, seen):
     on_step(car, t, seen)
-    steps = car.simulator.states + 1
+    steps = car.simulator.stepper.states + 1
     if steps in (3000, last):
         # What the recorder has not taken yet is a backlog, and no leak.
         while bags[0].recorder.counts.get('/z_vhcl', 0) < steps - 1:

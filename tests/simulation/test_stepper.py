@@ -10,8 +10,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from barc_sim.simulation.stepper import Phase, Stepper
-from barc_sim.simulation.stepper_interface import Settings
+from barc_sim.simulation.stepper import Phase, Settings, Stepper
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, State
 from barc_sim.vehicle.plant import Observation, Plant
@@ -46,15 +45,13 @@ class Engine:
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         self.published.append((t, seen, stamp_ns))
 
-    def start_deadlines(self) -> None:
-        self.deadlines = True
+    def run_deadlines(self, *, on: bool) -> None:
+        self.deadlines = on
 
-    def stop_deadlines(self) -> None:
-        self.deadlines = False
-
-    def deliver_commands(self) -> None:
+    def defer_decision(self) -> None:
         while self.late:
             self.stepper.take_command(*self.late.pop(0))
+        self.stepper.decide()
 
     def prepare_start(self, why: str) -> None:
         self.log.append(why)
@@ -63,14 +60,11 @@ class Engine:
     def finish(self) -> None:
         self.ends += 1
 
-    def warn_missed(self, state: int, missed: int) -> None:
-        self.warnings.append(f'state {state}, missed {missed}')
+    def warn(self, sentence: str, _: float) -> None:
+        self.warnings.append(sentence.partition(':')[0])
 
-    def warn_timeout(self, timeout: float) -> None:
-        self.warnings.append(f'nothing for {timeout:g} s')
-
-    def warn_behind(self, behind: float) -> None:
-        self.warnings.append(f'{behind:g} s behind')
+    def begin_clock(self) -> bool:
+        return True
 
     @property
     def stamp(self) -> int:
@@ -82,7 +76,6 @@ class Engine:
 
     def answer(self, motor: float = 1.0) -> None:
         """Answer the present state."""
-        assert self.stepper.refusal(self.stamp) is None
         assert self.stepper.take_command(Command(motor), self.stamp) is None
 
     def deadline(self, late: float = 0.0) -> None:
@@ -174,7 +167,7 @@ def test_missed_command_is_counted_and_the_last_one_holds() -> None:
     assert engine.stepper.states == 3
     assert engine.speed == pytest.approx(0.04, rel=1e-3)
     assert engine.stepper.missed == 1
-    assert engine.warnings == ['state 1, missed 1']
+    assert engine.warnings == ['missed deadline 1']
 
 
 def test_late_deadline_slips_and_the_state_can_still_be_answered() -> None:
@@ -236,7 +229,7 @@ def test_command_out_of_order_is_refused() -> None:
     engine = lock_step()
     engine.answer()
     engine.answer()
-    assert engine.stepper.refusal(START) == (
+    assert engine.stepper.take_command(Command(1.0), START) == (
         'a command stamped -0.04 s from the present state: a newer one or its answer holds'
     )
 
@@ -320,7 +313,7 @@ def test_car_without_commands_brakes_after_the_timeout() -> None:
     assert not engine.warnings
     for _ in range(200):
         engine.deadline()
-    assert engine.warnings[0] == 'nothing for 0.5 s'
+    assert engine.warnings[0] == 'no command for 0.5 s'
     assert top > 1.5
     assert engine.speed == pytest.approx(0.0, abs=1e-9)
     assert engine.stepper.missed == 0
@@ -367,7 +360,8 @@ def test_stamps_that_a_pause_left_behind_are_warned_of_once_until_a_reset() -> N
         engine.answer()
         engine.wall += PERIOD
         engine.deadline()
-    assert engine.warnings == ['6.05 s behind']
+    assert len(engine.warnings) == 1
+    assert engine.warnings[0].startswith('stamps are 6.0 s behind the wall clock')
     assert engine.stepper.stamp_lag == 12.05
 
     engine.answer()
@@ -546,8 +540,7 @@ class AnyEvents(RuleBasedStateMachine):
     @rule(motor=st.floats(-8.0, 8.0), age=st.integers(-3, 3))
     def command(self, motor: float, age: int) -> None:
         stamp = (self.engine.stamp if self.engine.published else START) + age * PERIOD
-        if self.stepper.refusal(stamp) is None:
-            self.stepper.take_command(Command(motor), stamp)
+        self.stepper.take_command(Command(motor), stamp)
 
     @precondition(lambda self: self.engine.deadlines)
     @rule(late=st.floats(0.0, 0.1))

@@ -38,7 +38,7 @@ class LocalEngine:
     ...     road=None, on_step=lambda t, seen: None, model=bikeFE, given={}, distance=50.0
     ... )
     >>> engine.spin()
-    >>> simulator.states, simulator.missed
+    >>> simulator.stepper.states, simulator.stepper.missed
     (339, 0)
     >>> engine.close()
     """
@@ -164,11 +164,12 @@ class LocalEngine:
         from barc_sim.runs.local.view import LocalClients, serve  # noqa: PLC0415
 
         simulator, host = self._simulator, self._host
+        stepper = simulator.stepper
         self._page = page = RunPage(
             options.mode,
             options.view_host,
             options.view_port,
-            lambda: Status(simulator.missed, simulator.slipped, simulator.paused),
+            lambda: Status(stepper.missed, stepper.slipped, stepper.paused),
             simulator.road,
             simulator.finish,
         )

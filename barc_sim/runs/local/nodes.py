@@ -7,16 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.simulation.publishers import AnswerPublishers, StatePublishers
-from barc_sim.simulation.simulator import (
-    CHECK_PERIOD,
-    Simulator,
-    commands_lost,
-    missed_deadline,
-    parameters,
-    publishes_clock,
-    stamps_behind,
-)
-from barc_sim.simulation.stepper import Phase
+from barc_sim.simulation.stepper import Phase, Settings, Stepper, parameters
+from barc_sim.vehicle.parameters import plant, retune
+from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -25,10 +18,9 @@ if TYPE_CHECKING:
     from barc_sim.runs.local.host import LocalHost
     from barc_sim.vehicle.bike_model import Command, Model
     from barc_sim.vehicle.plant import Observation
-    from barc_sim.vehicle.road import Road
 
 
-class LocalSimulator(Simulator):
+class LocalSimulator:
     """Steps the car, and passes each state to who commands it.
 
     Attributes
@@ -60,44 +52,53 @@ class LocalSimulator(Simulator):
         """
         self._host = host
         self._node = node = host.node('vehicle_simulator')
-        values = node.declare(parameters(distance), given)
-        self._set_up(values, road, model, on_step)
+        self.values = values = node.declare(parameters(distance), given)
+        self.road = road or Road.named(values['road'])
+        new_plant = partial(plant, values, model, self.road)
+        self.stepper = Stepper(new_plant, self, Settings.of_parameters(values))
+        self._on_step = on_step
         self.finished = False
         self.on_state: Callable[[int, Observation], Command | None] = lambda *_: None
         self.on_reset: Callable[[], None] = lambda: None
-        self._state_publishers = StatePublishers(node.publisher, clock=publishes_clock(values))
-        if period := self._stepper.deadline_period:
-            self._deadlines = host.loop.timer(period, self._stepper.pass_deadline)
-        host.loop.timer(CHECK_PERIOD, self._check).reset()
+        clock = values['clock'] or values['realtime_factor'] != 1.0
+        self._state_publishers = StatePublishers(node.publisher, clock=clock)
+        self._deadlines = None
+        if period := self.stepper.deadline_period:
+            self._deadlines = host.loop.timer(period, self.stepper.pass_deadline)
+        host.loop.timer(1.0, self._check).reset()
         self._checked = 0
+
+    @property
+    def keeps_clock(self) -> bool:
+        """Whether it publishes `/clock`."""
+        return self._state_publishers.keeps_clock
 
     def command(self, command: Command, stamp: int) -> None:
         """Take a command for the state stamped `stamp` [ns]; 0: it holds until the next."""
-        why = self._stepper.refusal(stamp) or self._stepper.take_command(command, stamp)
-        if why:
+        if why := self.stepper.take_command(command, stamp):
             self._node.warning(f'refused {why}', period=1.0)
 
     def tune(self, name: str, value: float) -> str:
         """Set a parameter while the run goes on; return why that is refused, or ''."""
         if why := self._node.tune(parameters(), name, value):
             return why
-        self._change({name: value})
+        self.values[name] = value
+        self.stepper.change(partial(retune, self.values))
         return ''
 
     def pause(self, *, on: bool) -> None:
         """Pause simulated time, or resume it."""
-        if self._stepper.pause(on=on):
+        if self.stepper.pause(on=on):
             self._node.info('paused' if on else 'running')
 
     def reset(self) -> None:
         """Put the car back to the start."""
-        self._stepper.reset()
-
-    # What the stepper calls, beside the methods of `Simulator`.
+        self.stepper.reset()
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns], and have it answered."""
-        super().publish_state(t, seen, stamp_ns)
+        self._state_publishers.publish(seen, stamp_ns)
+        self._on_step(t, seen)
         # Later, as an answer steps to the next state, which is answered again.
         self._host.loop.soon(partial(self._answer, stamp_ns, seen))
 
@@ -106,10 +107,19 @@ class LocalSimulator(Simulator):
         if command is not None:
             self.command(command, stamp)
 
+    def run_deadlines(self, *, on: bool) -> None:
+        """Start or stop the timer of the deadlines."""
+        if self._deadlines:
+            (self._deadlines.reset if on else self._deadlines.cancel)()
+
+    def defer_decision(self) -> None:
+        """Decide after what is ready."""
+        self._host.loop.soon(self.stepper.decide)
+
     def begin(self) -> None:
         """Reset who commands, and start time."""
         self.on_reset()
-        self._stepper.start()
+        self.stepper.start()
 
     def prepare_start(self, why: str) -> None:
         """Begin anew."""
@@ -121,25 +131,21 @@ class LocalSimulator(Simulator):
         self.finished = True
         self._host.loop.call(lambda: None)  # wakes the loop
 
-    def warn_missed(self, state: int, missed: int) -> None:
-        """Warn of a missed deadline, once a second at most."""
-        self._node.warning(missed_deadline(state, missed), period=1.0)
+    def warn(self, sentence: str, period: float) -> None:
+        """Warn once in `period` [s] at most."""
+        self._node.warning(sentence, period=period)
 
-    def warn_timeout(self, timeout: float) -> None:
-        """Warn that commands are lost, every ten seconds at most."""
-        self._node.warning(commands_lost(timeout), period=10.0)
-
-    def warn_behind(self, behind: float) -> None:
-        """Warn that stamps are behind the wall clock, and publish `/clock` from now on."""
+    def begin_clock(self) -> bool:
+        """Publish `/clock` from now on."""
         self._state_publishers.begin_clock()
-        self._node.warning(stamps_behind(behind, clock=True))
+        return True
 
     def _check(self) -> None:
-        self._stepper.check()
+        self.stepper.check()
         # As the node does: a tick a second while time stands still.
-        if self._stepper.phase is Phase.PAUSED and self.states == self._checked:
+        if self.stepper.phase is Phase.PAUSED and self.stepper.states == self._checked:
             self._state_publishers.publish_clock()
-        self._checked = self.states
+        self._checked = self.stepper.states
 
 
 class LocalController:

@@ -7,7 +7,7 @@ from barc_sim.control.keyboard import Terminal
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.recorder.node import BagRecorder
 from barc_sim.nodes.relay import Relay
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 
 
 def make_nodes():

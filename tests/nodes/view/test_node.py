@@ -26,7 +26,7 @@ from websockets.sync.client import connect
 from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view.node import ViewNode
 from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
 from barc_sim.ros import names

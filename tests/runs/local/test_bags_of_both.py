@@ -159,7 +159,7 @@ def replay(engine: RosEngine | LocalEngine, drive: dict[float, DriverInput], bag
         while waiting and waiting[0][0] <= t + 1e-9:
             publish(waiting.pop(0)[1])
         if t >= END - 1e-9:
-            simulator.end()
+            simulator.stepper.end()
 
     recorder = engine.recorder(bags, Recording(), {}, {})
     # A stall of the machine for less than `dt` changes no order.

@@ -22,7 +22,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from barc_sim.errors import UserError
-from barc_sim.nodes.simulator.node import VehicleSimulator
+from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
 
@@ -126,7 +126,7 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     assert stamps(world.states)[:20] == expected
     assert stamps(errors)[:20] == stamps(environments)[:20] == expected
     assert abs(begin - time.time_ns()) < 3600e9
-    assert simulator.missed == 0
+    assert simulator.stepper.missed == 0
 
 
 def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) -> None:
@@ -162,7 +162,7 @@ def test_on_step_is_called_with_simulated_time_and_state(world: World) -> None:
         on_step=lambda t, seen: calls.append((t, seen.true.v_x)),
     )
     world.until(simulator.finished.done)
-    assert len(calls) == simulator.states > 3
+    assert len(calls) == simulator.stepper.states > 3
     assert [t for t, _ in calls] == pytest.approx([0.02 * k for k in range(len(calls))])
     assert calls[-1][1] > calls[0][1] == 0.0
 
@@ -183,14 +183,14 @@ def test_waits_for_a_controller_with_one_warning(world: World, capfd: Capture) -
         return len(ticks) > 10 and sentence in log
 
     world.until(waited_for)
-    assert simulator.states == 0
+    assert simulator.stepper.states == 0
     assert log.count(sentence) == 1
 
 
 def test_run_without_a_controller_counts_missed_commands(world: World, capfd: Capture) -> None:
     simulator = world.simulator(wait_for_controller=False, realtime_factor=10.0)
-    world.until(lambda: simulator.states >= 5)
-    assert simulator.missed == simulator.states - 1
+    world.until(lambda: simulator.stepper.states >= 5)
+    assert simulator.stepper.missed == simulator.stepper.states - 1
     assert 'missed deadline 1: no command answers state 0 in time' in capfd.readouterr().err
 
 
@@ -203,20 +203,20 @@ def test_command_that_is_not_finite_is_refused(world: World, capfd: Capture) -> 
     commands.publish(command(1.0, state))
     world.until(lambda: len(world.states) == 2)
     assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
-    assert simulator.states == 2
-    assert simulator.refused == 1
+    assert simulator.stepper.states == 2
+    assert simulator.refused.count == 1
     assert 'beyond ±100 m/s² or ±1.5 rad: nan, 0.0' in capfd.readouterr().err
 
 
 def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
     world.driver()
     simulator = world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
-    world.until(lambda: simulator.states == 1)
+    world.until(lambda: simulator.stepper.states == 1)
     world.driver(partial(command, 1.0))
-    world.until(lambda: simulator.states > 3)
+    world.until(lambda: simulator.stepper.states > 3)
     waited = stamps(world.states)[0]
     world.until(lambda: stamps(world.states).count(waited) >= 2)
-    assert simulator.missed == 0
+    assert simulator.stepper.missed == 0
 
 
 def test_incompatible_publisher_is_named_once(world: World, capfd: Capture) -> None:
@@ -225,7 +225,7 @@ def test_incompatible_publisher_is_named_once(world: World, capfd: Capture) -> N
     deaf.create_publisher(ECU, 'ecu', best_effort)
     simulator = world.simulator(check_period=OFTEN, realtime_factor=1.0)
     # Ten looks' time at least, as many as there are steps.
-    world.until(lambda: simulator.states >= 10)
+    world.until(lambda: simulator.stepper.states >= 10)
     log = capfd.readouterr().err
     assert log.count('vehicle_simulator cannot receive /ecu from joystick') == 1
 
@@ -293,7 +293,7 @@ def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: Wo
     simulator = world.simulator(wait_for_controller=False)
     with pytest.raises(UserError, match='another simulator publishes /z_vhcl'):
         world.until(simulator.finished.done)
-    assert simulator.states == 0
+    assert simulator.stepper.states == 0
 
 
 # Lost commands
@@ -304,7 +304,7 @@ def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
 ) -> None:
     commands = world.driver()
     simulator = world.simulator(command_timeout=0.2, realtime_factor=4.0, road='flat')
-    world.until(lambda: simulator.states > 0)
+    world.until(lambda: simulator.stepper.states > 0)
     commands.publish(ECU(motor=4.0, servo=0.1))
     world.until(lambda: bool(world.states) and world.states[-1].v_x > 2.0)
     world.until(lambda: world.states[-1].v_x == pytest.approx(0.0, abs=1e-9))
@@ -314,7 +314,7 @@ def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
     assert world.states[-1].x == pytest.approx(world.states[stood].x, abs=1e-6)
     braking = [b.v_x - a.v_x for a, b in pairwise(world.states)]
     assert min(braking) == pytest.approx(-8.0 * 0.02, rel=0.02)
-    assert simulator.missed == 0
+    assert simulator.stepper.missed == 0
     assert 'no command for 0.2 s: the car brakes to a standstill' in capfd.readouterr().err
 
 
@@ -353,11 +353,11 @@ def test_reset_gives_the_same_states_again_with_later_stamps(world: World, facto
     for run in (2, 3, 4):
         reset(world)
         world.until(lambda run=run: calls.count(0.0) == run and calls[-1] > 0.6)
-    world.until(lambda: len(world.states) == len(calls) == simulator.states)
+    world.until(lambda: len(world.states) == len(calls) == simulator.stepper.states)
     starts = [k for k, t in enumerate(calls) if t == 0.0]
     assert len(starts) == 4
     runs = [rows(world.states[k : k + 30]) for k in starts]
-    if simulator.missed == 0:
+    if simulator.stepper.missed == 0:
         assert runs[0] == runs[1] == runs[2] == runs[3]
     times = stamps(world.states)
     assert all(a < b for a, b in pairwise(times))
@@ -367,7 +367,7 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     calls: list[int] = []
 
     def on_reset(_: Any, response: Any) -> Any:  # noqa: ANN401
-        calls.append(simulator.states)
+        calls.append(simulator.stepper.states)
         return response
 
     world.driver(partial(command, 1.0))
@@ -377,8 +377,8 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     world.until(lambda: len(world.states) >= 10)
     reset(world)
     world.until(lambda: bool(calls))
-    world.until(lambda: simulator.states > calls[0] + 5)
-    world.until(lambda: len(world.states) == simulator.states)
+    world.until(lambda: simulator.stepper.states > calls[0] + 5)
+    world.until(lambda: len(world.states) == simulator.stepper.states)
     assert len(calls) == 1
     assert world.states[calls[0]].x == 0.0
     assert world.states[calls[0] - 1].x > 0.0
@@ -392,8 +392,8 @@ def test_reset_continues_without_the_controllers_answer(world: World, capfd: Cap
     simulator = world.simulator(realtime_factor=LOCK_STEP)
     world.until(lambda: len(world.states) >= 5)
     reset(world)
-    before = simulator.states
-    world.until(lambda: simulator.states > before + 3)
+    before = simulator.stepper.states
+    world.until(lambda: simulator.stepper.states > before + 3)
     assert 'has not answered its reset' in capfd.readouterr().err
 
 
@@ -411,7 +411,7 @@ def test_initial_pose_puts_the_car_there_at_rest_unless_it_is_not_finite(world: 
     places = chooser.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
     world.until(lambda: len(world.states) >= 5 and places.get_subscription_count() == 1)
     places.publish(pose(math.nan, 0.0, 0.0, 1.0))
-    world.until(lambda: simulator.refused == 1)
+    world.until(lambda: simulator.refused.count == 1)
     places.publish(pose(-30.0, 5.0, 0.6, 0.8))
     world.until(lambda: any(state.x < -29.0 for state in world.states))
     placed = next(state for state in world.states if state.x < -29.0)

@@ -9,67 +9,58 @@ from std_srvs.srv import Trigger
 
 from barc_sim.ros import names
 from barc_sim.ros.endpoints import incompatible_peers
-from barc_sim.ros.peers import is_own, living_publishers
+from barc_sim.ros.peers import check_unique, is_own, living_publishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.client import Client
     from rclpy.clock import Clock
     from rclpy.node import Node
     from rclpy.task import Future
-
-    from barc_sim.simulation.publishers import StatePublishers
 
 _POLL_PERIOD = 0.01  #: [s]
 #: Polls from the first that finds a controller to the first state. The controller may discover this
 #: node a little later than it is discovered; messages sent meanwhile would be lost.
 _POLLS = 10
 #: The same for a controller in another process: our recorder discovers topics every 0.2 s.
-_POLLS_APART = 40
+_POLLS_OTHER_PROCESS = 40
 _RESET_TIMEOUT = 0.5  #: [s] for the nodes that command to answer their reset
 
 
 class StartGate:
     """Delays the first step until a controller publishes `ecu` and has been reset.
 
-    The reset is needed because the controller may have driven another run.
+    The reset is needed because the controller may have driven another run. A second publisher of
+    the states is an error.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        group: CallbackGroup,
-        clock: Clock,
-        begin: Callable[[], None],
-        *,
-        wait: bool,
-    ) -> None:
-        """Poll the graph of `node` by the wall `clock`, in `group`, and call `begin` at the end.
+    def __init__(self, node: Node, clock: Clock, begin: Callable[[], None], *, wait: bool) -> None:
+        """Poll the graph of `node` by the wall `clock`, and call `begin` at the end.
 
         If `wait` is false, no controller is needed.
         """
         self._node = node
         self._begin = begin
         self._wait = wait
-        self._group = group
         self._clients: dict[str, Client] = {}
         self._new: list[Client] = []  # to be called once they have found their servers
         self._answers: list[Future] = []
         self._give_up_at = 0.0
-        self._reset = False
-        self._found, self._needed = 0, _POLLS
-        self._timer = node.create_timer(_POLL_PERIOD, self._poll, group, clock)
+        self._is_reset = False
+        self._polls_found, self._polls_required = 0, _POLLS
+        self._timer = node.create_timer(_POLL_PERIOD, self._poll, clock=clock)
 
-    def close(self) -> None:
+    def restart(self) -> None:
         """Reset the nodes that command, and call `begin` again after that."""
         known = [client for client in self._clients.values() if client.service_is_ready()]
         self._answers = [client.call_async(Trigger.Request()) for client in known]
         self._new = self._add_clients()
         self._give_up_at = time.monotonic() + _RESET_TIMEOUT
-        self._found = min(self._found, self._needed - 1)  # discovered already: one poll is enough
-        self._reset = True
+        self._polls_found = min(
+            self._polls_found, self._polls_required - 1
+        )  # discovered already: one poll is enough
+        self._is_reset = True
         self._timer.reset()
 
     def _add_clients(self) -> list[Client]:
@@ -80,7 +71,7 @@ class StartGate:
         new = []
         for name in (names.RESET_CONTROLLER, names.RESET_RELAY):
             if name not in self._clients and self._node.count_services(name):
-                new.append(self._node.create_client(Trigger, name, callback_group=self._group))
+                new.append(self._node.create_client(Trigger, name))
                 self._clients[name] = new[-1]
         return new
 
@@ -94,53 +85,56 @@ class StartGate:
             self._node.get_logger().warning('a node that commands has not answered its reset')
             self._new, self._answers = [], []
         ends = living_publishers(self._node, names.ECU)
-        self._needed = _POLLS if all(map(is_own, ends)) else _POLLS_APART
-        self._found = self._found + 1 if ends or not self._wait else 0
+        self._polls_required = _POLLS if all(map(is_own, ends)) else _POLLS_OTHER_PROCESS
+        self._polls_found = self._polls_found + 1 if ends or not self._wait else 0
         self._add_clients()
-        if self._found < self._needed:
+        if self._polls_found < self._polls_required:
             return
-        if not self._reset:
-            self.close()
+        if not self._is_reset:
+            self.restart()
             return
         self._timer.cancel()
+        check_unique(self._node, names.STATE)
         self._begin()
 
 
 class PeerWatch:
     """Warns, each sentence once, of what keeps a simulator from being commanded.
 
-    While time waits for the answer to a state, it publishes that state again for a controller that
+    While time waits for the answer to a state, that state is published again for a controller that
     has started since.
     """
 
-    def __init__(self, node: Node, publishers: StatePublishers) -> None:
-        """Watch the peers of `node`, which publishes its states with `publishers`."""
+    def __init__(
+        self, node: Node, republish: Callable[[], None], publish_clock: Callable[[], None]
+    ) -> None:
+        """Watch the peers of `node`; the functions publish its latest state and time again."""
         self._node = node
-        self._publishers = publishers
-        self._steps = 0
+        self._republish, self._publish_clock = republish, publish_clock
+        self._states = 0
         self._warned: set[str] = set()
         # Who publishes commands: at the latest check, and at the last one before the present state.
         self._commanders: set[bytes] = set()
         self._reached: set[bytes] = set()
 
-    def check(self, steps: int, *, waits: bool) -> None:
-        """Check the peers; `steps` states are published, and time `waits` for the next answer."""
+    def check(self, states: int, *, waits: bool) -> None:
+        """Check the peers; `states` are published, and time `waits` for the next answer."""
         ends = living_publishers(self._node, names.ECU)
         commanders = {bytes(end.endpoint_gid) for end in ends}
-        stands_still = steps == self._steps
-        if not steps:
+        stands_still = states == self._states
+        if not states:
             topic = self._node.resolve_topic_name(names.ECU)
             self._warn(f'waiting for a controller that publishes {topic}')
         elif waits and stands_still:
-            self._warn(f'waiting for the command that answers state {steps - 1}')
+            self._warn(f'waiting for the command that answers state {states - 1}')
             if commanders - self._reached:
-                self._publishers.republish()
+                self._republish()
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        if steps and stands_still:
-            self._publishers.publish_clock()  # for nodes that have started since
-        self._steps = steps
+        if states and stands_still:
+            self._publish_clock()  # for nodes that have started since
+        self._states = states
         for sentence in incompatible_peers(self._node):
             self._warn(sentence)
 

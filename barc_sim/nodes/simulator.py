@@ -1,0 +1,223 @@
+"""The node `vehicle_simulator`: owns time, and steps the car with the commands that it receives."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import SetBool, Trigger
+
+from barc_sim.nodes.start_gate import PeerWatch, StartGate
+from barc_sim.ros import names
+from barc_sim.ros.conversions import to_header, to_nanoseconds, to_state_at_rest
+from barc_sim.ros.parameters import declare
+from barc_sim.ros.peers import claim
+from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
+from barc_sim.simulation.stepper import Settings, Stepper, parameters
+from barc_sim.vehicle.bike_model import Command, bikeFE
+from barc_sim.vehicle.parameters import plant, retune
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.parameter import Parameter
+
+    from barc_sim.vehicle.bike_model import Model
+    from barc_sim.vehicle.plant import Observation
+
+
+class VehicleSimulator(Node):
+    """Publishes the state, and steps it with the command that answers it.
+
+    `stepper` has the rules, and counts `states`, `missed` deadlines and `slipped` periods. This
+    node converts, calls and publishes. State `k` is stamped `t_0 + k·T_s`.
+
+    If `realtime_factor` is not 1, or the parameter `clock` is true, each state's stamp is published
+    on `/clock` before the state, and again every second while time stands still. At factor 1 this
+    begins once stamps are more than 0.1 s behind the wall clock.
+
+    The service `reset` restarts the run once the present state is answered; the controller or relay
+    is reset, too. `pause` stops and resumes simulated time; meanwhile `step` takes one step. A
+    message on `initialpose` puts the car there, at rest. `finished` is done at the run's end, and
+    `refused` counts invalid messages.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from rclpy.executors import MultiThreadedExecutor
+    >>> from barc_sim.nodes.controller import CruiseController
+    >>> rclpy.init()
+    >>> lock_step = [rclpy.Parameter('realtime_factor', value=0.0)]
+    >>> simulator = VehicleSimulator(distance=50.0, parameter_overrides=lock_step)
+    >>> executor, nodes = MultiThreadedExecutor(), (CruiseController(), simulator)
+    >>> _ = [executor.add_node(node) for node in nodes]
+    >>> executor.spin_until_future_complete(simulator.finished)
+    >>> simulator.stepper.states, simulator.stepper.missed
+    (339, 0)
+    >>> _ = executor.shutdown()
+    >>> for node in nodes:
+    ...     node.destroy_node()
+    >>> rclpy.shutdown()
+    """
+
+    description = 'owns time, and steps the car with the commands that it receives'
+    #: The topics that it subscribes to.
+    inputs: ClassVar = {names.ECU: ECU, names.INITIAL_POSE: PoseWithCovarianceStamped}
+
+    def __init__(
+        self,
+        *,
+        road: Road | None = None,
+        distance: float = 0.0,
+        keeps_clock: bool = True,
+        on_step: Callable[[float, Observation], None] | None = None,
+        model: Model = bikeFE,
+        check_period: float = 1.0,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        """Claim the topic, and wait for a controller.
+
+        `road` replaces that of the parameter; `distance` [m] is the default of the parameter. Of
+        several cars in a domain only one `keeps_clock`. `on_step` gets the simulated time [s] and
+        what is published; it must be quick. `model` steps the car. `check_period` is in seconds.
+
+        Raises
+        ------
+        UserError
+            if a parameter is out of range, or the topic has a simulator already.
+        """
+        super().__init__('vehicle_simulator', **options)
+        self.values = values = declare(self, parameters(distance))
+        self.road = road or Road.named(values['road'])
+        new_plant = partial(plant, values, model, self.road)
+        self.stepper = Stepper(new_plant, self, Settings.of_parameters(values))
+        self.add_post_set_parameters_callback(self._on_parameters)
+        self._claim = claim(self, names.STATE)
+        self.finished = Future()
+        self.refused = RefusedInput(self)
+        self._warnings: dict[float, RateLimitedWarning] = {}
+        self._on_step = on_step
+
+        self._may_keep_clock, self.keeps_clock = keeps_clock, False
+        if values['clock'] or values['realtime_factor'] != 1.0:
+            self.begin_clock()
+        self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
+        self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
+        self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
+        self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
+        self.create_subscription(
+            PoseWithCovarianceStamped, names.INITIAL_POSE, self._on_pose, names.QOS_NEWEST
+        )
+        self.create_service(Trigger, names.RESET_SIMULATOR, self._on_reset)
+        self.create_service(SetBool, names.PAUSE_SIMULATOR, self._on_pause)
+        self.create_service(Trigger, names.STEP_SIMULATOR, self._on_single_step)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        period, deadline = self.stepper.deadline_period, self.stepper.pass_deadline
+        self._deadlines = self.create_timer(period, deadline, clock=wall) if period else None
+        self.run_deadlines(on=False)
+        self._deferred = self.create_guard_condition(self.stepper.decide)
+        self._peers = PeerWatch(self, self._publish_state, self._publish_clock)
+        self.create_timer(check_period, self._check_peers, clock=wall)
+        self._gate = StartGate(self, wall, self.stepper.start, wait=values['wait_for_controller'])
+
+    def destroy_node(self) -> None:
+        """Release the topic, and destroy the node."""
+        self._claim.close()
+        super().destroy_node()
+
+    def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
+        """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
+        self._seen, self._header = seen, to_header(stamp_ns)
+        self._publish_clock()
+        if self._environment_pub.get_subscription_count():
+            road = {'theta': seen.theta_deg, 'elevation': seen.elevation}
+            forces = seen.forces._asdict()
+            self._environment_pub.publish(Environment(header=self._header, **road, **forces))
+        self._publish_state()
+        if self._on_step:
+            self._on_step(t, seen)
+
+    def run_deadlines(self, *, on: bool) -> None:
+        """Call `Stepper.pass_deadline` every period from now on, or no longer."""
+        if self._deadlines:
+            (self._deadlines.reset if on else self._deadlines.cancel)()
+
+    def defer_decision(self) -> None:
+        """Call `Stepper.decide` after the commands that have arrived are delivered."""
+        self._deferred.trigger()
+
+    def prepare_start(self, why: str) -> None:
+        """Reset the nodes that command, and begin after that."""
+        self._gate.restart()
+        self.get_logger().info(why)
+
+    def finish(self) -> None:
+        """End the run; may be called from any thread."""
+        self.finished.set_result(None)
+
+    def warn(self, sentence: str, period: float) -> None:
+        """Warn; of the sentences with one `period` [s], once in it at most."""
+        self._warnings.setdefault(period, RateLimitedWarning(self, period)).warn(lambda: sentence)
+
+    def begin_clock(self) -> bool:
+        """Publish `/clock` with each state from now on; return whether this node may do so."""
+        if self._may_keep_clock and not self.keeps_clock:
+            self._clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
+            self.keeps_clock = True
+        return self.keeps_clock
+
+    def _publish_clock(self) -> None:
+        if self.keeps_clock and self._clock_pub.get_subscription_count():
+            self._clock_pub.publish(ClockMessage(clock=self._header.stamp))
+
+    def _publish_state(self) -> None:
+        header, seen = self._header, self._seen
+        if self._error_pub.get_subscription_count():
+            self._error_pub.publish(EZDynBkMdl(header=header, **seen.error._asdict()))
+        self._state_pub.publish(ZDynBkMdl(header=header, **seen.measured._asdict()))
+
+    def _on_command(self, command: ECU) -> None:
+        why = self.stepper.take_command(
+            Command(command.motor, command.servo), to_nanoseconds(command.header.stamp)
+        )
+        if why:
+            self.refused.add(lambda: why)
+
+    def _on_parameters(self, changed: list[Parameter]) -> None:
+        self.values.update({parameter.name: parameter.value for parameter in changed})
+        self.stepper.change(partial(retune, self.values))
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        pose = message.pose.pose
+        if place := to_state_at_rest(pose):
+            self.stepper.place(place)
+        else:
+            self.refused.add(lambda: f'an initial pose that is not finite or no rotation: {pose}')
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.stepper.reset()
+        response.success, response.message = True, 'the car is back at the start'
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        changed = self.stepper.pause(on=request.data)
+        response.success, response.message = True, 'paused' if request.data else 'running'
+        if changed:
+            self.get_logger().info(response.message)
+        return response
+
+    def _on_single_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self.stepper.single_step()
+        return response
+
+    def _check_peers(self) -> None:
+        self.stepper.check()
+        waits = not (self._deadlines or self.stepper.paused)
+        self._peers.check(self.stepper.states, waits=waits)

@@ -1,1 +1,0 @@
-"""The node `vehicle_simulator`."""
