@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from barc_sim.simulation.closed_loop import simulate
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
-    from barc_sim.tuning.sweep import sweep
+    from barc_sim.tuning.goal import sweep
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.road import Road
 
@@ -84,7 +84,7 @@ _EXPORTS = {
     'read_bag': ('bags.reader', 'read'),
     'simulate': ('simulation.closed_loop', 'simulate'),
     'summary': ('simulation.metrics', 'summary'),
-    'sweep': ('tuning.sweep', 'sweep'),
+    'sweep': ('tuning.goal', 'sweep'),
 }
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.tuning.goal import Goal
-    from barc_sim.tuning.surface import Surface
+    from barc_sim.tuning.search import Surface
     from barc_sim.tuning.workers import Costs
 
     Floats = NDArray[np.float64]
@@ -44,14 +44,14 @@ def run(options: Namespace) -> None:
     import numpy as np  # noqa: PLC0415 (slow: not for --help)
 
     from barc_sim.lab.user_code.adapters import UserControllerFile  # noqa: PLC0415
-    from barc_sim.tuning import search, surface  # noqa: PLC0415
+    from barc_sim.tuning import search  # noqa: PLC0415
     from barc_sim.tuning import terminal as console  # noqa: PLC0415
 
     began = time.monotonic()
     path = target(options.save, FORMATS) if options.save is not None else None
     low, high = tune_options.ranges(options)
     if path:
-        surface.free_axes(low, high)
+        search.free_axes(low, high)
     start = np.array([getattr(options, gain) for gain in tune_options.GAINS])
     goal = tune_options.goal(
         options, UserControllerFile(options.controller) if options.controller else None
@@ -76,7 +76,7 @@ def run(options: Namespace) -> None:
                 'roads that the car can climb'
             )
         took = time.monotonic() - began
-        plane = surface.surface(cost, low, high, start, found.gains, points) if path else None
+        plane = search.surface(cost, low, high, start, found.gains, points) if path else None
     for course in goal.courses:
         console.print_scores(goal, course, {'start': start, 'found': found.gains})
     print(f'{found.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
-    from barc_sim.tuning.surface import Surface
+    from barc_sim.tuning.search import Surface
 
     Floats = NDArray[np.float64]
     #: Logs, each with the style of its line.

@@ -24,8 +24,8 @@ from barc_sim.control.pid import (
     speed_controller,
 )
 from barc_sim.errors import UserError
-from barc_sim.simulation import straight_loop
 from barc_sim.simulation.log import Log, recordable
+from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.plant import Plant
@@ -168,8 +168,8 @@ def closed_loop(
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
     steps = round(max_duration / plant.ts)
-    if type(controller) is PID and plant.is_straight and progress is None:
-        log = straight_loop.log_of(plant, controller, speed_reference, distance, steps)
+    if type(controller) is PID and plant.has_fast_path and progress is None:
+        log = pid_log(plant, controller, speed_reference, distance, steps)
         if log is not None:
             return log
     terms = recordable(controller.terms)

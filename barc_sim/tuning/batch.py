@@ -1,25 +1,40 @@
-"""Many closed loops at once: the arithmetic of `straight_loop` on NumPy arrays, all loops in step.
+"""Many closed loops at once: the arithmetic of `pid_loop` on NumPy arrays, all loops in step.
 
-The laws, `pid_step` and `next_speed`, stand here once more, by hand: in place on arrays that stay
-in a core's cache. Rare events (a limit reached, a change of grade, a car that stands or rolls back)
-are detected with one reduction and handled apart. Tests compare both to the last bit.
+The laws, `pid_step` and `next_speed`, stand here once more: in place on arrays that stay in a
+core's cache. Rare events (a limit reached, a change of grade, a car that stands or rolls back) are
+detected with one reduction and handled apart. Tests compare both to the last bit.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.simulation import straight_loop
-from barc_sim.simulation.straight_loop import Result
+from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
+from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
+from barc_sim.simulation.metrics import RUN_UP
+from barc_sim.simulation.pid_loop import (
+    LoopSettings,
+    RoadSegments,
+    commands,
+    drive_pid,
+    positions,
+)
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import NoiseLevels, Sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from numpy.typing import NDArray
 
-    from barc_sim.tuning.course import Course
+    from barc_sim.control.controller import Controller
+    from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]
 
@@ -27,83 +42,163 @@ if TYPE_CHECKING:
 BLOCK = 8192
 #: Up to so many loops are faster one by one.
 FEW = 48
+#: A loop fails to arrive where it takes longer than this many times the expected duration.
+_MAX_DURATION_FACTOR = 3.0
 _ROWS = 18
 
 
-def drive(course: Course, gains: Floats, block: int = BLOCK) -> Result:
-    """Drive a loop over `course` for each of `gains`, shape `(n, 3)`: kp, ki, kd.
+@dataclass(frozen=True)
+class Course:
+    """A road to drive at a speed, with noise and delay."""
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from barc_sim.tuning.course import Course
-    >>> drive(Course(), np.array([[10.0, 20.0, 0.0], [30.0, 200.0, 0.1]])).steps
-    array([1151, 1151])
-    """
+    road: Road = field(default_factory=Road.lab)
+    speed: float = SPEED_REFERENCE  #: [m/s] to hold, positive
+    distance: float = DISTANCE  #: [m] beyond the run-up
+    noise: float = 0.0  #: [m/s] standard deviation of the measured speed
+    seed: int = 0  #: of the noise, as in a run
+    delay: int = 0  #: steps from a command to its effect
+    limit: float = ACCELERATION_LIMIT  #: [m/s²] of the command, either way
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    ts: float = 0.02  #: [s]
+
+    @property
+    def max_duration(self) -> float:
+        """[s] after which a loop counts as failing to arrive."""
+        return _MAX_DURATION_FACTOR * (self.distance / self.speed + self.speed / self.limit)
+
+    @property
+    def steps(self) -> int:
+        """The greatest number of steps, as `closed_loop` counts them."""
+        return round(self.max_duration / self.ts)
+
+    def drive(self, controller: Controller) -> Log:
+        """Return the log of a run of `controller` over the course."""
+        plant = Plant(
+            road=self.road,
+            vehicle=self.vehicle,
+            ts=self.ts,
+            noise=NoiseLevels(v_x=self.noise),
+            seed=self.seed,
+            motor=Actuator(delay=self.delay * self.ts),
+        )
+        return closed_loop(
+            plant,
+            controller,
+            speed_reference=self.speed,
+            distance=self.distance,
+            max_duration=self.max_duration,
+        )
+
+    @cached_property
+    def settings(self) -> LoopSettings:
+        """The numbers that all loops have in common."""
+        return LoopSettings(
+            reference=self.speed,
+            low=-self.limit,
+            high=self.limit,
+            vehicle=self.vehicle,
+            ts=self.ts,
+            dt=round(self.ts * 1e9) / 1e9,
+            distance=self.distance,
+        )
+
+    @cached_property
+    def segments(self) -> RoadSegments:
+        """The road as the loops read it."""
+        return RoadSegments.of(self.road, self.vehicle)
+
+    @cached_property
+    def first_end(self) -> float:
+        """Where the first change of grade is [m]."""
+        road = self.road
+        pairs = zip(road.starts, road.grades_deg, strict=True)
+        return next((start for start, grade in pairs if grade != road.grades_deg[0]), inf)
+
+    @cached_property
+    def errors(self) -> list[float]:
+        """The measurement error [m/s] of each state's speed: the same for all loops."""
+        if not self.noise:
+            return [0.0] * (self.steps + 1)
+        errors, _ = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
+        return [float(error) for error in errors[3]]
+
+
+class Sums(NamedTuple):
+    """The sums of a loop, of which its scores are made; of many loops, an array of each."""
+
+    steps: Any  #: from the first state to the one at the distance; -1: it never arrived
+    squares: Any  #: [m²/s²] sum of the squared speed errors after the run-up
+    count: Any  #: how many they are
+    maximum: Any  #: [m/s] maximum absolute one of them
+    peak: Any  #: [m/s] maximum speed on the first segment
+    effort: Any  #: [m²/s⁴] sum of the squared commands
+
+
+def run_batch(course: Course, gains: Floats, block: int = BLOCK) -> Sums:
+    """Drive a loop over `course` for each of `gains`, shape `(n, 3)`: kp, ki, kd."""
     if len(gains) <= FEW:
-        rows = [drive_one(course, *each) for each in gains.tolist()]
-        return _result(np.array(rows).reshape(-1, len(Result._fields)).T)
+        rows = [run_one(course, *each) for each in gains.tolist()]
+        return _sums(np.array(rows).reshape(-1, len(Sums._fields)).T)
     starts = range(0, len(gains), block)
-    return joined(_Block(course, gains[start : start + block]).drive() for start in starts)
+    parts = (_Block(course, gains[start : start + block]).drive() for start in starts)
+    return Sums(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def drive_one(course: Course, kp: float, ki: float, kd: float) -> Result:
-    """Drive one loop over `course`.
-
-    Examples
-    --------
-    >>> from barc_sim.tuning.course import Course
-    >>> drive_one(Course(), 10.0, 20.0, 0.0).steps
-    1151
-    """
-    found = straight_loop.drive(
-        kp,
-        ki,
-        kd,
-        course.setting,
-        course.stretches,
-        course.errors,
-        [0.0] * course.delay,
-        straight_loop.Start(),
-        (),
+@np.errstate(over='ignore', invalid='ignore')  # as with floats
+def run_one(course: Course, kp: float, ki: float, kd: float) -> Sums:
+    """Drive one loop over `course`."""
+    gains, settings = (kp, ki, kd), course.settings
+    waiting = [0.0] * (course.delay + 1) if course.delay else []
+    trace = drive_pid(gains, settings, course.segments, course.errors, waiting=waiting)
+    n = len(trace.v)
+    motor = commands(gains, settings, trace, np.array(course.errors[:n])).motor
+    x = positions(0.0, trace.v, settings.ts)
+    deviation = np.abs(settings.reference - trace.v)[x >= RUN_UP]
+    left = x >= course.first_end
+    first = trace.v[: np.argmax(left) if left.any() else n]
+    return Sums(
+        steps=n - 1 if x[-1] >= settings.distance else -1,
+        squares=_sum(deviation * deviation),
+        count=len(deviation),
+        maximum=float(deviation.max(initial=0.0)),
+        peak=float(first.max(initial=0.0)),
+        effort=_sum(motor * motor),
     )
-    return Result(*found)
 
 
-def joined(parts: Iterable[Result]) -> Result:
-    """Return the results of all loops in one."""
-    return Result(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+def _sum(values: Floats) -> float:
+    """Return the sum in the order of the values, as `_Block` adds them."""
+    return float(np.add.accumulate(values)[-1]) if len(values) else 0.0
 
 
-def _result(columns: Floats) -> Result:
+def _sums(columns: Floats) -> Sums:
     steps, squares, count, *others = columns
-    return Result(steps.astype(np.int64), squares, count.astype(np.int64), *others)
+    return Sums(steps.astype(np.int64), squares, count.astype(np.int64), *others)
 
 
 class _Block:
     """Loops in step with one another, without those that have arrived."""
 
     def __init__(self, course: Course, gains: Floats) -> None:
-        self._setting = course.setting
-        self._errors = course.errors
-        self._stretches = tuple(np.array(each) for each in course.stretches)
-        self._found = np.full((len(Result._fields), len(gains)), -1.0)
+        self._course, self._settings = course, course.settings
+        self._segments = tuple(np.array(each) for each in course.segments)
+        self._found = np.full((len(Sums._fields), len(gains)), -1.0)
         self._commands = np.zeros((course.delay, len(gains)))
         self._number = np.arange(len(gains))
         self._on_first = np.ones(len(gains), np.bool_)
         self._name_rows(np.zeros((_ROWS, len(gains))))
         self._kp[:], self._ki[:], kd = gains.T
         np.negative(kd, out=self._minus_kd)
-        self._previous[:] = self._errors[0]
+        self._previous[:] = course.errors[0]
         self._slowest = 0.0
         self._locate(np.ones(len(gains), np.bool_))
 
-    def drive(self) -> Result:
+    def drive(self) -> Sums:
         """Drive all of them; return their sums."""
         interval = 0.0  # none before the first sample: nothing is added to the integral
-        for k, error in enumerate(self._errors):
+        for k, error in enumerate(self._course.errors):
             command = self._control(error, interval)
-            interval = self._setting.dt
+            interval = self._settings.dt
             self._account(command)
             if self._arriving:
                 command = self._arrive(k, command)
@@ -113,22 +208,22 @@ class _Block:
                 slot = self._commands[k % len(self._commands)]
                 slot[:], command = command, slot.copy()
             self._advance(command)
-        return _result(self._found)
+        return _sums(self._found)
 
     def _name_rows(self, rows: Floats) -> None:
         """Name the rows of `rows`, shape (_ROWS, loops): the state of the loops, and scratch."""
         self._rows = rows
         self._kp, self._ki, self._minus_kd = rows[:3]
         self._x, self._v, self._integral, self._previous = rows[3:7]
-        self._begin, self._end, self._push = rows[7:10]
-        self._squares, self._before, self._greatest, self._peak, self._effort = rows[10:15]
+        self._begin, self._end, self._gravity_force = rows[7:10]
+        self._squares, self._before, self._maximum, self._peak, self._effort = rows[10:15]
         self._a, self._b, self._c = rows[15:]
 
     def _control(self, measurement_error: float, interval: float) -> Floats:
         """Return the commands of the PIDs."""
-        setting, error, increment, wanted = self._setting, self._a, self._b, self._c
+        settings, error, increment, wanted = self._settings, self._a, self._b, self._c
         measured = np.add(self._v, measurement_error)
-        np.subtract(setting.reference, measured, out=error)
+        np.subtract(settings.reference, measured, out=error)
         np.multiply(self._ki, error, out=increment)
         increment *= interval
         np.multiply(self._kp, error, out=wanted)
@@ -136,11 +231,11 @@ class _Block:
         wanted += increment
         derivative = np.subtract(measured, self._previous, out=self._previous)
         derivative *= self._minus_kd
-        derivative /= setting.dt
+        derivative /= settings.dt
         wanted += derivative
         self._previous[:] = measured
-        command: Floats = np.minimum(wanted, setting.high, out=measured)
-        np.maximum(command, setting.low, out=command)
+        command: Floats = np.minimum(wanted, settings.high, out=measured)
+        np.maximum(command, settings.low, out=command)
         wanted -= command
         wanted *= increment
         if np.maximum.reduce(wanted) > 0.0:  # into the limit
@@ -152,26 +247,26 @@ class _Block:
         """Add the present states and their commands to the sums."""
         deviation, square = self._a, self._b
         self._effort += np.multiply(command, command, out=square)
-        np.subtract(self._setting.reference, self._v, out=deviation)
-        counts = self._x >= self._setting.run_up
+        np.subtract(self._settings.reference, self._v, out=deviation)
+        counts = self._x >= RUN_UP
         if not counts.all():
             deviation *= counts
             self._before += ~counts
         self._squares += np.multiply(deviation, deviation, out=square)
         np.abs(deviation, out=deviation)
-        np.maximum(self._greatest, deviation, out=self._greatest)
+        np.maximum(self._maximum, deviation, out=self._maximum)
         if self._on_first.any():
-            self._on_first &= self._x < self._setting.first_end
+            self._on_first &= self._x < self._course.first_end
             np.maximum(self._peak, self._v, out=self._peak, where=self._on_first)
 
     def _arrive(self, k: int, command: Floats) -> Floats:
         """Keep the sums of the loops that are at the distance in step `k`, and drop these loops."""
-        there = self._x >= self._setting.distance
+        there = self._x >= self._settings.distance
         self._found[:, self._number[there]] = (
             np.full(np.count_nonzero(there), k),
             self._squares[there],
             k + 1 - self._before[there],
-            self._greatest[there],
+            self._maximum[there],
             self._peak[there],
             self._effort[there],
         )
@@ -185,48 +280,48 @@ class _Block:
 
     def _advance(self, command: Floats) -> None:
         """Go one step."""
-        setting, v, force, other = self._setting, self._v, self._a, self._b
-        vehicle = setting.vehicle
-        self._x += np.multiply(v, setting.ts, out=other)
+        settings, v, force, other = self._settings, self._v, self._a, self._b
+        vehicle = settings.vehicle
+        self._x += np.multiply(v, settings.ts, out=other)
         resistance = np.multiply(v, vehicle.air_drag_coeff, out=force)
         resistance *= v
         resistance += vehicle.friction
-        forwards = self._slowest > 0.0
-        if not forwards:
+        rolls_forwards = self._slowest > 0.0
+        if not rolls_forwards:
             np.copysign(resistance, v, out=resistance)
             resistance *= v != 0.0
-        np.subtract(self._push, resistance, out=force)
+        np.subtract(self._gravity_force, resistance, out=force)
         v_next = self._accelerated(force, command)
         self._slowest = np.minimum.reduce(v_next)
-        if not forwards or self._slowest < 0.0:
-            # Resistance slows the car to a standstill and never pushes it backwards.
-            np.copyto(other, self._push)
-            unresisted = self._accelerated(other, command)
-            up, down = np.minimum(unresisted, 0.0), np.maximum(unresisted, 0.0)
+        if not rolls_forwards or self._slowest < 0.0:
+            # Resistance slows the car to a standstill and never gravity_forces it backwards.
+            np.copyto(other, self._gravity_force)
+            without_resistance = self._accelerated(other, command)
+            up, down = np.minimum(without_resistance, 0.0), np.maximum(without_resistance, 0.0)
             np.maximum(v_next, up, out=v_next, where=v > 0.0)
             np.minimum(v_next, down, out=v_next, where=v < 0.0)
             self._slowest = np.minimum.reduce(v_next)
         v[:] = v_next
         moved = self._x >= self._end
-        if not forwards:
+        if not rolls_forwards:
             moved |= self._x < self._begin
         if moved.any():
             self._locate(moved)
 
     def _accelerated(self, force: Floats, command: Floats) -> Floats:
         """Return the next speed under `force`, in its place."""
-        force /= self._setting.vehicle.mass
+        force /= self._settings.vehicle.mass
         force += command
-        force *= self._setting.ts
+        force *= self._settings.ts
         force += self._v
         return force
 
     def _locate(self, moved: NDArray[np.bool_]) -> None:
-        """Find the stretch of those that have moved to another, or to the distance."""
-        begins, ends, pushes = self._stretches
+        """Find the segment of those that have moved to another, or to the distance."""
+        begins, ends, gravity_forces = self._segments
         x = self._x[moved]
-        stretch = np.searchsorted(begins, x, side='right') - 1
-        self._begin[moved] = begins[stretch]
-        self._end[moved] = np.minimum(ends[stretch], self._setting.distance)
-        self._push[moved] = pushes[stretch]
-        self._arriving = bool((x >= self._setting.distance).any())
+        segment = np.searchsorted(begins, x, side='right') - 1
+        self._begin[moved] = begins[segment]
+        self._end[moved] = np.minimum(ends[segment], self._settings.distance)
+        self._gravity_force[moved] = gravity_forces[segment]
+        self._arriving = bool((x >= self._settings.distance).any())

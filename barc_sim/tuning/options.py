@@ -117,9 +117,8 @@ def goal(options: Namespace, new_controller: Callable[[], Controller] | None) ->
     UserError
         where there is no such cost, or no such road.
     """
-    from barc_sim.tuning.cost import Cost  # noqa: PLC0415
-    from barc_sim.tuning.course import Course  # noqa: PLC0415
-    from barc_sim.tuning.goal import Goal  # noqa: PLC0415
+    from barc_sim.tuning.batch import Course  # noqa: PLC0415
+    from barc_sim.tuning.goal import Cost, Goal  # noqa: PLC0415
     from barc_sim.vehicle.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
 
     courses = tuple(

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from barc_sim.errors import UserError
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -25,6 +27,10 @@ _WEIGHTS = (0.5, 1.0)  # of a difference, drawn anew in each generation
 _CROSSOVER = 0.7  # how probable it is that a gain changes
 #: It has converged where the costs in the population are as close together as this.
 _TOLERANCE = 1e-4
+#: A map reaches this many times as far as the farther of its points, ...
+_MARGIN = 2.5
+#: ... and over this share of a range at least.
+_LEAST = 0.05
 
 
 class Found(NamedTuple):
@@ -62,15 +68,6 @@ def search(
         The greatest number of them.
     on_generation
         Called after each with the number of those before it and the least cost up to now.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> def cost(gains):
-    ...     return ((gains - 2.0) ** 2).sum(axis=1)
-    >>> found = search(cost, low=np.zeros(3), high=np.full(3, 9.0), start=np.ones(3))
-    >>> print(rounded(found.gains))
-    [2. 2. 2.]
     """
     random = np.random.default_rng(seed)
     places = rounded(_spread(random, population, low, high))
@@ -91,14 +88,7 @@ def search(
 
 
 def rounded(gains: Floats) -> Floats:
-    """Return `gains` with `DIGITS` significant digits.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> print(rounded(np.array([29.876543, 0.123456])))
-    [29.88    0.1235]
-    """
+    """Return `gains` with `DIGITS` significant digits."""
     return np.array([float(f'{gain:.{DIGITS}g}') for gain in gains.flat]).reshape(gains.shape)
 
 
@@ -126,3 +116,60 @@ def _trials(random: np.random.Generator, places: Floats, costs: Floats) -> Float
 def _converged(costs: Floats) -> bool:
     least, most = costs.min(), costs.max()
     return bool(np.isfinite(most)) and bool(most - least <= _TOLERANCE * abs(least))
+
+
+class Surface(NamedTuple):
+    """The cost over a grid of two gains; the third is that of the found point."""
+
+    axes: tuple[int, int]  #: which gains: 0, 1 or 2 for kp, ki or kd
+    right: Floats  #: those of the first, shape `(m,)`
+    up: Floats  #: those of the second, shape `(n,)`
+    cost: Floats  #: shape `(n, m)`; infinite where the car never arrives
+
+
+def free_axes(low: Floats, high: Floats) -> tuple[int, int]:
+    """Return the first two gains whose ranges are wider than a point.
+
+    Raises
+    ------
+    UserError
+        where fewer are.
+    """
+    free = np.flatnonzero(low < high)
+    if len(free) < 2:  # noqa: PLR2004 (a map's)
+        raise UserError(
+            'the figure of --save is a map over two gains: give two of --kp-range, --ki-range and '
+            '--kd-range a width'
+        )
+    return int(free[0]), int(free[1])
+
+
+def surface(
+    cost: Callable[[Floats], Floats],
+    low: Floats,
+    high: Floats,
+    start: Floats,
+    found: Floats,
+    size: int,
+) -> Surface:
+    """Return the cost of `size` x `size` gains, in the plane of `found`.
+
+    Parameters
+    ----------
+    cost
+        Returns the costs, shape `(n,)`, of gains, shape `(n, 3)`.
+    low, high
+        The ranges, shape `(3,)`, of which no more is taken than shows both points well.
+    start, found
+        The points, shape `(3,)`.
+    size
+        Gains along a side.
+    """
+    axes = free_axes(low, high)
+    far = np.maximum(_MARGIN * np.maximum(start, found), low + _LEAST * (high - low))
+    high = np.minimum(high, far)
+    right, up = (np.linspace(low[axis], high[axis], size) for axis in axes)
+    gains = np.tile(found, (size * size, 1))
+    for axis, grid in zip(axes, np.meshgrid(right, up), strict=True):
+        gains[:, axis] = grid.ravel()
+    return Surface(axes, right, up, cost(gains).reshape(size, size))

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from barc_sim.tuning.cost import LABELS
+from barc_sim.tuning.goal import LABELS
 from barc_sim.tuning.options import GAINS, typed
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.tuning.course import Course
+    from barc_sim.tuning.batch import Course
     from barc_sim.tuning.goal import Goal
 
     Floats = NDArray[np.float64]

@@ -20,12 +20,6 @@ class Actuator(NamedTuple):
         dw/dt = (u - w) / lag, cut to ±rate
 
     The unit is the command's: [m/s²] for the motor, [rad] for the servo.
-
-    Examples
-    --------
-    >>> value, mean = Actuator(lag=0.2).respond(0.0, 1.0, 0.2)
-    >>> round(value, 3)
-    0.632
     """
 
     delay: float = 0.0  #: [s]
@@ -42,18 +36,18 @@ class Actuator(NamedTuple):
         error = target - value
         excess = abs(error) - (self.rate * self.lag if self.lag else 0.0)
         ramp = min(max(excess, 0.0) / self.rate, t)
-        knee = value + copysign(self.rate, error) * ramp if ramp else value
-        rest, error = t - ramp, target - knee
-        if not rest:
-            return knee, 0.5 * (value + knee)
-        gone = -expm1(-rest / self.lag) if self.lag else 1.0
-        tail = target - error * gone * self.lag / rest
-        share = ramp / t
-        after = target - error * (1.0 - gone)
-        return after, share * 0.5 * (value + knee) + (1.0 - share) * tail
+        ramp_end = value + copysign(self.rate, error) * ramp if ramp else value
+        remaining, error = t - ramp, target - ramp_end
+        if not remaining:
+            return ramp_end, 0.5 * (value + ramp_end)
+        decayed = -expm1(-remaining / self.lag) if self.lag else 1.0
+        mean_of_decay = target - error * decayed * self.lag / remaining
+        ramp_share = ramp / t
+        mean = ramp_share * 0.5 * (value + ramp_end) + (1.0 - ramp_share) * mean_of_decay
+        return target - error * (1.0 - decayed), mean
 
 
-class Channel:
+class ActuatorState:
     """One actuator at work, in steps of a fixed length.
 
     Commands wait in a queue, one per step. A delay that is no multiple of the step is kept to
@@ -64,12 +58,8 @@ class Channel:
     ----------
     value
         Where the actuator is now.
-
-    Examples
-    --------
-    >>> channel = Channel(Actuator(delay=0.04), ts=0.02)
-    >>> [channel.advance(1.0) for _ in range(4)]
-    [0.0, 0.0, 1.0, 1.0]
+    early
+        Share of a step for which the older command still acts.
     """
 
     def __init__(self, actuator: Actuator, ts: float) -> None:
@@ -78,6 +68,16 @@ class Channel:
         self.value = 0.0
         self._queue = deque([0.0, 0.0])
         self.replace(actuator)
+
+    @property
+    def waiting(self) -> list[float]:
+        """The commands that are still to act; the oldest acts in the early part of a step."""
+        return [*self._queue][1:]
+
+    @property
+    def only_delays(self) -> bool:
+        """Whether commands act unchanged, though later."""
+        return self._actuator == Actuator(delay=self._actuator.delay)
 
     def replace(self, actuator: Actuator) -> None:
         """Work as `actuator` from now on; commands on their way stay on it.
@@ -89,8 +89,7 @@ class Channel:
         whole, early = divmod(actuator.delay / self._ts, 1.0)
         if not _WHOLE < early < 1.0 - _WHOLE:
             whole, early = whole + round(early), 0.0
-        #: Share of a step for which the older command still acts.
-        self._early = early
+        self.early = early
         size = int(whole) + 2
         _, acting, *waiting = self._queue
         self._queue = deque([*[acting] * (size - len(waiting)), *waiting], maxlen=size)
@@ -99,7 +98,7 @@ class Channel:
         """Go one step after `command`; return the mean of the value over the step."""
         self._queue.append(command)
         older, newer = (self._cut(waiting) for waiting in (self._queue[0], self._queue[1]))
-        early, mean = self._early, 0.0
+        early, mean = self.early, 0.0
         if early:
             self.value, mean = self._actuator.respond(self.value, older, early * self._ts)
         self.value, late = self._actuator.respond(self.value, newer, (1.0 - early) * self._ts)
@@ -119,47 +118,42 @@ class Actuators:
 
     Attributes
     ----------
+    motor, servo
+        Delay, lag and limits at work, unless `is_ideal`.
     now
         Acceleration and steering at this instant.
-    obey
+    is_ideal
         Whether each command takes effect at once.
-
-    Examples
-    --------
-    >>> from barc_sim.vehicle.bike_model import Command
-    >>> actuators = Actuators(Actuator(limit=4.0), Actuator(), ts=0.02)
-    >>> actuators.advance(Command(motor=6.0, servo=0.1))
-    Command(motor=4.0, servo=0.1)
     """
 
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
-        self._motor, self._servo = Channel(motor, ts), Channel(servo, ts)
-        self.obey = motor == servo == Actuator()
+        self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
+        self.is_ideal = motor == servo == Actuator()
         self.now = Command()
 
     def advance(self, command: Command) -> Command:
         """Go one step after `command`; return the mean acceleration and steering over it."""
-        if self.obey:
+        if self.is_ideal:
             self.now = command
             return command
-        mean = Command(self._motor.advance(command.motor), self._servo.advance(command.servo))
-        self.now = Command(self._motor.value, self._servo.value)
+        mean = Command(self.motor.advance(command.motor), self.servo.advance(command.servo))
+        self.now = Command(self.motor.value, self.servo.value)
         return mean
 
     def replace(self, motor: Actuator, servo: Actuator) -> None:
         """Work as these actuators from now on; commands on their way stay on it."""
-        channels = ((self._motor, motor, self.now.motor), (self._servo, servo, self.now.servo))
-        for channel, actuator, now in channels:
-            if self.obey:  # nothing is on its way, and the channel has had no part so far
-                channel.hold(now)
-            channel.replace(actuator)
-        self.obey = motor == servo == Actuator()
+        states = ((self.motor, motor, self.now.motor), (self.servo, servo, self.now.servo))
+        for state, actuator, now in states:
+            if self.is_ideal:  # nothing is on its way, and the state has had no part so far
+                state.hold(now)
+            state.replace(actuator)
+        self.is_ideal = motor == servo == Actuator()
 
     def stop(self) -> None:
         """Set both to zero, and drop the waiting commands."""
-        self._motor.hold(0.0)
-        self._servo.hold(0.0)
+        self.motor.hold(0.0)
+        self.servo.hold(0.0)
         self.now = Command()
 
     def brake(self, command: Command) -> Command:
@@ -168,7 +162,7 @@ class Actuators:
         The brakes have no delay, lag or limit. The motor is cut off meanwhile, and begins anew
         from zero.
         """
-        self._motor.hold(0.0)
-        servo = self._servo.advance(command.servo)
-        self.now = Command(command.motor, self._servo.value)
+        self.motor.hold(0.0)
+        servo = self.servo.advance(command.servo)
+        self.now = Command(command.motor, self.servo.value)
         return Command(command.motor, servo)

@@ -5,8 +5,8 @@ The equations are those of the ME131 lab "Simulating kinematic models in ROS" (a
 integrated with forward Euler. Positions run along the road's surface.
 
 The law of resistance, air drag and rolling friction, is `resistance`; `forces` gives its two parts
-for the log. `next_speed` is one step of the longitudinal motion. `tuning/batch.py` has both once
-more, for arrays.
+for the log. `next_speed` is one step of the longitudinal motion. `simulation/pid_loop.py` has both
+once more, without calls, and `tuning/batch.py` for arrays.
 """
 
 from __future__ import annotations
@@ -117,8 +117,8 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 def resistance(v: float, vehicle: Vehicle) -> float:
     """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
 
-    `simulation/specialise.py` copies this body into the closed loop. `forces`, here, and
-    `tuning/batch.py` state the same law for arrays: change them with it.
+    `forces`, here, `simulation/pid_loop.py` and `tuning/batch.py` have this law once more: change
+    them with it.
 
     Examples
     --------
@@ -128,36 +128,26 @@ def resistance(v: float, vehicle: Vehicle) -> float:
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 
 
-def stopped(v: float, after: float, free: float) -> float:
-    """Return the speed after a step in which the speed `v` passes through zero.
+def clamped_at_zero(before: float, after: float, without_resistance: float) -> float:
+    """Return the speed [m/s] after a step in which a speed passes through zero.
 
     Resistance slows the vehicle to a standstill and never pushes it backwards: the next speed is
-    zero, or `free` where the step without resistance passes through zero, too.
-
-    Parameters
-    ----------
-    v, after
-        [m/s] speed before and after the step, of opposite signs.
-    free
-        [m/s] speed after the step without resistance.
-
-    Examples
-    --------
-    >>> stopped(0.01, -0.02, 0.005), stopped(0.01, -0.02, -0.005)
-    (0.0, -0.005)
+    zero, or that without resistance where this passes through zero, too.
     """
-    return max(after, min(free, 0.0)) if v > 0.0 else min(after, max(free, 0.0))
+    if before > 0.0:
+        return max(after, min(without_resistance, 0.0))
+    return min(after, max(without_resistance, 0.0))
 
 
-def next_speed(v: float, a: float, push: float, vehicle: Vehicle, ts: float) -> float:
+def next_speed(v: float, a: float, gravity_force: float, vehicle: Vehicle, ts: float) -> float:
     """Return the speed [m/s] one forward-Euler step of `ts` seconds after `v`.
 
     Parameters
     ----------
     v, a
         [m/s], [m/s²] speed and commanded acceleration.
-    push
-        [N] gravity along the road, positive forwards.
+    gravity_force
+        [N] along the road, positive forwards.
 
     Examples
     --------
@@ -167,10 +157,9 @@ def next_speed(v: float, a: float, push: float, vehicle: Vehicle, ts: float) -> 
     opposing = resistance(v, vehicle)
     if v <= 0.0:
         opposing = -opposing if v < 0.0 else 0.0
-    after = v + ts * (a + (push - opposing) / vehicle.mass)
+    after = v + ts * (a + (gravity_force - opposing) / vehicle.mass)
     if after < 0.0 < v or v < 0.0 < after:
-        free = v + ts * (a + push / vehicle.mass)
-        after = stopped(v, after, free)
+        after = clamped_at_zero(v, after, v + ts * (a + gravity_force / vehicle.mass))
     return after
 
 
@@ -243,12 +232,12 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
     """
     x, y, psi, v = state
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
-    push = -vehicle.mass * vehicle.gravity * sin(theta)
+    gravity_force = -vehicle.mass * vehicle.gravity * sin(theta)
     return State(
         x + ts * v * cos(psi + beta),
         y + ts * v * sin(psi + beta),
         psi + ts * v / vehicle.l_r * sin(beta),
-        next_speed(v, command.motor, push, vehicle, ts),
+        next_speed(v, command.motor, gravity_force, vehicle, ts),
     )
 
 

@@ -24,9 +24,9 @@ from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, slip_an
 from barc_sim.vehicle.integrators import integrator as named
 from barc_sim.vehicle.kinematic_bicycle import (
     KinematicBicycle,
-    along_the_road,
+    acceleration,
     direction_of,
-    resisted,
+    with_static_resistance,
 )
 from barc_sim.vehicle.lateral_dynamics import LateralParameters, eigenvalues
 
@@ -60,7 +60,7 @@ class DynamicBicycle:
         """
         self.lateral = lateral or LateralParameters()
         self._integrator = named(integrator)
-        self._slow = KinematicBicycle(integrator)
+        self._kinematic = KinematicBicycle(integrator)
         self._beta = self._psi_dot = 0.0
 
     def check(self, vehicle: Vehicle, ts: float) -> None:
@@ -80,8 +80,8 @@ class DynamicBicycle:
     def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
         """Return the state `ts` seconds later, with acceleration and steering `held`."""
         if not self._dynamic(state):
-            after = self._slow.step(state, held, grade, vehicle, ts)
-            self._follow(after.v, held.servo, vehicle)
+            after = self._kinematic.step(state, held, grade, vehicle, ts)
+            self._set_kinematic_slip(after.v, held.servo, vehicle)
             return after
         begin = self._motion(state)
 
@@ -90,16 +90,16 @@ class DynamicBicycle:
             return Motion(*self._integrator.step(slopes, begin, ts))
 
         found = end(direction_of(begin.v_x))
-        v_x = resisted(begin.v_x, found.v_x, lambda: end(0.0).v_x)
+        v_x = with_static_resistance(begin.v_x, found.v_x, lambda: end(0.0).v_x)
         if v_x <= self.lateral.dynamic_above:
             v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
-            self._follow(v, held.servo, vehicle)
+            self._set_kinematic_slip(v, held.servo, vehicle)
         else:
             v = hypot(v_x, found.v_y)
             self._beta, self._psi_dot = atan2(found.v_y, v_x), found.psi_dot
         return State(found.x, found.y, found.psi, v)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset slip and yaw rate to zero."""
         self._beta = self._psi_dot = 0.0
 
@@ -107,7 +107,7 @@ class DynamicBicycle:
         """Return the velocities in the vehicle's frame; `servo` [rad] counts at low speed only."""
         if self._dynamic(state):
             return self._motion(state)
-        return self._slow.motion(state, servo, vehicle)
+        return self._kinematic.motion(state, servo, vehicle)
 
     def _dynamic(self, state: State) -> bool:
         return state.v * cos(self._beta) > self.lateral.dynamic_above
@@ -116,7 +116,7 @@ class DynamicBicycle:
         x, y, psi, v = state
         return Motion(x, y, psi, v * cos(self._beta), v * sin(self._beta), self._psi_dot)
 
-    def _follow(self, v: float, servo: float, vehicle: Vehicle) -> None:
+    def _set_kinematic_slip(self, v: float, servo: float, vehicle: Vehicle) -> None:
         """Slip and turn as the kinematic bicycle does."""
         self._beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
         self._psi_dot = v / vehicle.l_r * sin(self._beta)
@@ -148,7 +148,7 @@ def rates(
         x, _, psi, v_x, v_y, psi_dot = motion
         front = lateral.front_stiffness * (servo - atan2(v_y + l_f * psi_dot, v_x))
         rear = -lateral.rear_stiffness * atan2(v_y - l_r * psi_dot, v_x)
-        free = along_the_road(hypot(v_x, v_y), motor, grade(x), vehicle, direction)
+        free = acceleration(hypot(v_x, v_y), motor, grade(x), vehicle, direction)
         return (
             v_x * cos(psi) - v_y * sin(psi),
             v_x * sin(psi) + v_y * cos(psi),

@@ -12,12 +12,12 @@ from barc_sim.vehicle.bike_model import (
     State,
     Vehicle,
     bikeFE,
+    clamped_at_zero,
     motion,
     resistance,
     slip_angle,
     step,
     step_by,
-    stopped,
 )
 from barc_sim.vehicle.integrators import integrator as named
 
@@ -30,16 +30,14 @@ if TYPE_CHECKING:
     Grade = Callable[[float], float]
 
 
-def along_the_road(
-    v: float, motor: float, theta: float, vehicle: Vehicle, direction: float
-) -> float:
+def acceleration(v: float, motor: float, theta: float, vehicle: Vehicle, direction: float) -> float:
     """Return dv/dt [m/s²] at speed `v` [m/s] on an incline of `theta` [rad].
 
     `direction` is the sign of the motion that the resistance opposes; 0: no resistance.
 
     Examples
     --------
-    >>> round(along_the_road(8.0, 0.0, 0.1, Vehicle(), 1.0), 3)
+    >>> round(acceleration(8.0, 0.0, 0.1, Vehicle(), 1.0), 3)
     -0.979
     """
     opposing = direction * resistance(v, vehicle)
@@ -57,17 +55,17 @@ def direction_of(v: float) -> float:
     return copysign(1.0, v) if v else 0.0
 
 
-def resisted(v: float, after: float, free: Callable[[], float]) -> float:
-    """Return the speed after a step from `v` to `after`, by the rule of `stopped`.
+def with_static_resistance(v: float, after: float, free: Callable[[], float]) -> float:
+    """Return the speed after a step from `v` to `after`, by the rule of `clamped_at_zero`.
 
     `free` makes the step without resistance; it is called only where the speed changes its sign.
 
     Examples
     --------
-    >>> resisted(0.01, -0.02, free=lambda: 0.005)
+    >>> with_static_resistance(0.01, -0.02, free=lambda: 0.005)
     0.0
     """
-    return stopped(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
+    return clamped_at_zero(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
 
 
 class KinematicBicycle:
@@ -114,9 +112,9 @@ class KinematicBicycle:
             return State(*self._integrator.step(rates, state, ts))
 
         found = after(direction_of(state.v))
-        return found._replace(v=resisted(state.v, found.v, lambda: after(0.0).v))
+        return found._replace(v=with_static_resistance(state.v, found.v, lambda: after(0.0).v))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Do nothing: a step depends on the state alone."""
 
     #: `bike_model.motion`: the velocities follow from state and steering alone.
@@ -136,7 +134,7 @@ def _rates(
             v * cos(psi + beta),
             v * sin(psi + beta),
             v * turn,
-            along_the_road(v, held.motor, grade(x), vehicle, direction),
+            acceleration(v, held.motor, grade(x), vehicle, direction),
         )
 
     return rates

@@ -23,6 +23,8 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from barc_sim.vehicle.lateral_dynamics import LateralParameters
 
 
@@ -95,8 +97,8 @@ class Plant:
         self.ts = ts
         self.state = State()
         self._held = Command()
-        self._sensor = Sensor(noise, seed)
-        self._actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
+        self.sensor = Sensor(noise, seed)
+        self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self._bicycle: KinematicBicycle | DynamicBicycle
         if dynamics == 'kinematic':
             self._bicycle = KinematicBicycle(integrator, model)
@@ -117,23 +119,26 @@ class Plant:
         return round(self.ts * 1e9)
 
     @property
-    def is_straight(self) -> bool:
-        """Whether `bikeFE` alone moves the car, straight ahead and without noise."""
+    def has_fast_path(self) -> bool:
+        """Whether `bikeFE` moves the car straight ahead, by commands that act unchanged."""
+        actuators = self.actuators
         return (
             type(self) is Plant
             and self._bicycle.is_lab
-            and self._actuators.obey
-            and not self._sensor.is_noisy
-            and self.state.psi == self._actuators.now.servo == 0.0
+            and self.state.psi == actuators.now.servo == 0.0
+            and (
+                actuators.is_ideal
+                or (actuators.motor.only_delays and not any(actuators.servo.waiting))
+            )
         )
 
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
         state = self.state
         theta_deg, elevation = self.road.at(state.x)
-        acting = self._actuators.now
+        acting = self.actuators.now
         true = self._bicycle.motion(state, acting.servo, self.vehicle)
-        measured, error = self._sensor.measure(true)
+        measured, error = self.sensor.measure(true)
         acting_forces = forces(state.v, sin(radians(theta_deg)), self.vehicle)
         return Observation(true, measured, error, theta_deg, elevation, acting_forces, acting)
 
@@ -141,19 +146,26 @@ class Plant:
         """Go one step with `command`; without one, the last holds."""
         if command is not None:
             self._held = command
-        self._step(self._actuators.advance(self._held))
+        self._step(self.actuators.advance(self._held))
+
+    def follow(self, motor: Iterable[float], x: float, v: float) -> None:
+        """Take over position and speed to which these latest commands have led, straight ahead."""
+        for acceleration in motor:
+            self._held = Command(acceleration, 0.0)
+            self.actuators.advance(self._held)
+        self.state = self.state._replace(x=x, v=v)
 
     def retune(self, noise: NoiseLevels, motor: Actuator, servo: Actuator) -> None:
         """Replace noise and actuators; commands on their way stay on it."""
-        self._sensor.noise = noise
-        self._actuators.replace(motor, servo)
+        self.sensor.noise = noise
+        self.actuators.replace(motor, servo)
 
     def place(self, state: State) -> None:
         """Put the car there, with no command held or on its way."""
         self.state = state
         self._held = Command()
-        self._actuators.stop()
-        self._bicycle.forget()
+        self.actuators.stop()
+        self._bicycle.reset()
 
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
@@ -164,7 +176,7 @@ class Plant:
         pull = self.vehicle.gravity * sin(self._grade(self.state.x))
         motor = max(-deceleration, min(pull - self.state.v / self.ts, deceleration))
         self._held = self._held._replace(motor=motor)
-        self._step(self._actuators.brake(self._held))
+        self._step(self.actuators.brake(self._held))
 
     def _grade(self, x: float) -> float:
         """Return the incline [rad] at `x`."""

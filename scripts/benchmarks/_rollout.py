@@ -16,7 +16,7 @@ from numpy import arctan, cos, float64, sin, tan
 from barc_sim.control.pid import KD, KI, KP
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.tuning import batch
-from barc_sim.tuning.course import Course
+from barc_sim.tuning.batch import Course
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -82,18 +82,18 @@ def simulate_loop() -> int:
 
 
 def general_loop() -> int:
-    """Drive `simulate` with noise, which takes the general way: an object for each part."""
+    """Drive `simulate` with noise."""
     return len(simulate(noise=0.1)) - 1
 
 
 def single_loop() -> int:
     """Drive one loop in plain floats, without a log."""
-    return int(batch.drive_one(_COURSE, KP, KI, KD).steps)
+    return int(batch.run_one(_COURSE, KP, KI, KD).steps)
 
 
 def numpy_loops(number: int) -> int:
     """Drive a batch on one core, the `number`-th."""
-    return int(batch.drive(_COURSE, _gains(number)).steps.sum())
+    return int(batch.run_batch(_COURSE, _gains(number)).steps.sum())
 
 
 def _gains(number: int) -> np.ndarray:

@@ -12,8 +12,8 @@ from matplotlib.text import Text
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.figures.tuning_figure import Point, tuning_figure
-from barc_sim.tuning.course import Course
-from barc_sim.tuning.surface import Surface
+from barc_sim.tuning.batch import Course
+from barc_sim.tuning.search import Surface
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.simulation.metrics import RUN_UP
-from barc_sim.simulation.straight_loop import Result
 from barc_sim.tuning import batch
-from barc_sim.tuning.course import Course
+from barc_sim.tuning.batch import Course, Sums
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -38,40 +37,40 @@ GAINS = np.vstack(
 )
 
 
-def of_log(course: Course, log: Log) -> Result:
+def of_log(course: Course, log: Log) -> Sums:
     """Return the sums of a loop from its log, in the order of the states."""
     arrived = log.x[-1] >= course.distance or log.distance[-1] >= course.distance
     speed = log.v_x - log.e_v_x
     after = np.abs(log.reference - speed)[log.distance >= RUN_UP]
     first = np.logical_and.accumulate(log.theta_deg == log.theta_deg[0])
-    return Result(
+    return Sums(
         steps=len(log) - 1 if arrived else -1,
         squares=sum((after**2).tolist()),
         count=len(after),
-        greatest=after.max(initial=0.0),
+        maximum=after.max(initial=0.0),
         peak=speed[first].max(),
         effort=sum((log.motor**2).tolist()),
     )
 
 
-def assert_same(ours: Result, theirs: Result) -> None:
+def assert_same(ours: Sums, theirs: Sums) -> None:
     """Assert the same steps, and the same sums of those that arrive, to the last bit."""
     np.testing.assert_array_equal(ours.steps, theirs.steps)
     arrived = np.asarray(theirs.steps) >= 0
-    for name, left, right in zip(Result._fields, ours, theirs, strict=True):
+    for name, left, right in zip(Sums._fields, ours, theirs, strict=True):
         np.testing.assert_array_equal(np.where(arrived, left, 0), np.where(arrived, right, 0), name)
 
 
-def one_by_one(course: Course, gains: NDArray[np.float64]) -> Result:
-    rows = [batch.drive_one(course, *each) for each in gains.tolist()]
-    return Result(*(np.array(column) for column in zip(*rows, strict=True)))
+def one_by_one(course: Course, gains: NDArray[np.float64]) -> Sums:
+    rows = [batch.run_one(course, *each) for each in gains.tolist()]
+    return Sums(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 @pytest.mark.parametrize('name', COURSES)
 def test_a_loop_is_the_closed_loop_to_the_last_bit(name: str) -> None:
     course = COURSES[name]
     for kp, ki, kd in GAINS[::8].tolist():
-        left = batch.drive_one(course, kp, ki, kd)
+        left = batch.run_one(course, kp, ki, kd)
         log = course.drive(speed_controller(kp, ki, kd))
         expected = of_log(course, log)
         assert left.steps == expected.steps
@@ -82,7 +81,7 @@ def test_a_loop_is_the_closed_loop_to_the_last_bit(name: str) -> None:
         tolerance = 1e-12 if course.noise else 0.0
         assert left == pytest.approx(expected, rel=max(tolerance, 1e-13), abs=tolerance)
         if not course.noise:
-            assert (left.greatest, left.peak) == (expected.greatest, expected.peak)
+            assert (left.maximum, left.peak) == (expected.maximum, expected.peak)
 
 
 @pytest.mark.parametrize('name', COURSES)
@@ -92,7 +91,7 @@ def test_a_batch_is_its_loops_one_by_one_to_the_last_bit(
 ) -> None:
     monkeypatch.setattr(batch, 'FEW', 0)
     course, gains = COURSES[name], GAINS[:: 1 if block > 1 else 10]
-    assert_same(batch.drive(course, gains, block), one_by_one(course, gains))
+    assert_same(batch.run_batch(course, gains, block), one_by_one(course, gains))
 
 
 grades = st.floats(-50.0, 50.0)
@@ -125,8 +124,8 @@ def test_any_batch_is_its_closed_loops(
         noise=noise,
         delay=delay,
     )
-    left = batch.drive(course, np.repeat(gains, batch.FEW + 1, axis=0))
-    left = Result(*(column[:: batch.FEW + 1] for column in left))
+    left = batch.run_batch(course, np.repeat(gains, batch.FEW + 1, axis=0))
+    left = Sums(*(column[:: batch.FEW + 1] for column in left))
     assert_same(left, one_by_one(course, np.array(gains)))
     log = course.drive(speed_controller(*gains[0]))
     expected = of_log(course, log)
@@ -137,7 +136,7 @@ def test_any_batch_is_its_closed_loops(
 
 
 def test_some_loops_of_the_courses_arrive_and_some_do_not() -> None:
-    arrived = {name: batch.drive(course, GAINS).steps >= 0 for name, course in COURSES.items()}
+    arrived = {name: batch.run_batch(course, GAINS).steps >= 0 for name, course in COURSES.items()}
     assert arrived['lab'].any()
     assert not arrived['lab'].all()
     assert not arrived['too steep for all'].any()

@@ -9,15 +9,15 @@ from barc_sim.control.pid import speed_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.metrics import summary
 from barc_sim.tuning import batch
-from barc_sim.tuning.cost import Cost, Scores, scores
-from barc_sim.tuning.course import Course
+from barc_sim.tuning.batch import Course
+from barc_sim.tuning.goal import Cost, Scores, scores
 
 GAINS = np.array([[30.0, 200.0, 0.1], [10.0, 20.0, 0.0], [0.01, 0.0, 0.0]])
 
 
 def test_scores_are_the_metrics_of_the_run() -> None:
     course = Course()
-    ours = scores(course, batch.drive(course, GAINS))
+    ours = scores(course, batch.run_batch(course, GAINS))
     for i, gains in enumerate(GAINS[:2].tolist()):
         log = course.drive(speed_controller(*gains))
         told = summary(log)
@@ -29,7 +29,7 @@ def test_scores_are_the_metrics_of_the_run() -> None:
 
 def test_a_car_that_never_arrives_costs_infinitely_much() -> None:
     course = Course()
-    ours = scores(course, batch.drive(course, GAINS))
+    ours = scores(course, batch.run_batch(course, GAINS))
     for score in ours:
         assert np.isinf(score).tolist() == [False, False, True]
     assert np.isinf(Cost.parse('rms + 2*max').of(ours)).tolist() == [False, False, True]

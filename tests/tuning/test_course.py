@@ -9,7 +9,7 @@ import pytest
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.tuning.course import Course
+from barc_sim.tuning.batch import Course
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import NoiseLevels
 

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.tuning.cost import Cost
-from barc_sim.tuning.course import Course
-from barc_sim.tuning.goal import Goal
+from barc_sim.tuning.batch import Course
+from barc_sim.tuning.goal import Cost, Goal
 from barc_sim.tuning.search import rounded, search
 
 if TYPE_CHECKING:

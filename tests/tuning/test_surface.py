@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.tuning.surface import free_axes, surface
+from barc_sim.tuning.search import free_axes, surface
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,7 +8,7 @@ import pytest
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning.sweep import sweep
+from barc_sim.tuning.goal import sweep
 
 
 @pytest.mark.parametrize('options', [{}, {'noise': 0.05, 'seed': 2, 'delay': 0.04}])

@@ -10,9 +10,8 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.tuning import workers
-from barc_sim.tuning.cost import Cost
-from barc_sim.tuning.course import Course
-from barc_sim.tuning.goal import Goal
+from barc_sim.tuning.batch import Course
+from barc_sim.tuning.goal import Cost, Goal
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barc_sim.vehicle.actuators import Actuator, Actuators, Channel
+from barc_sim.vehicle.actuators import Actuator, Actuators, ActuatorState
 from barc_sim.vehicle.bike_model import Command
 
 TS = 0.02
@@ -21,7 +21,7 @@ lags = st.floats(0.01, 10.0) | st.just(0.0)
 
 def drive(actuator: Actuator, commands: list[float], ts: float = TS) -> list[tuple[float, float]]:
     """Return the mean over each step, and the value at its end."""
-    channel = Channel(actuator, ts)
+    channel = ActuatorState(actuator, ts)
     return [(channel.advance(command), channel.value) for command in commands]
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.actuators import Actuator, Channel
+from barc_sim.vehicle.actuators import Actuator, ActuatorState
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE, forces, motion, step
 from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
 from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
@@ -108,7 +108,11 @@ def test_step_holds_the_mean_of_what_the_actuators_do(integrator: str) -> None:
     plant = Plant(
         road=HILL, vehicle=VEHICLE, ts=0.05, motor=SLOW, servo=SLOW, integrator=integrator
     )
-    motor, servo, bicycle = Channel(SLOW, 0.05), Channel(SLOW, 0.05), KinematicBicycle(integrator)
+    motor, servo, bicycle = (
+        ActuatorState(SLOW, 0.05),
+        ActuatorState(SLOW, 0.05),
+        KinematicBicycle(integrator),
+    )
     state = plant.state = STATE
     for k in range(30):
         command = Command(4.0 - k / 5.0, 0.01 * k)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from barc_sim.control.pid import PID
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.simulation.specialise import specialised
 from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -82,39 +81,6 @@ def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
     'plant',
     [Plant(integrator='rk4'), Plant(dynamics='dynamic'), Plant(model=lambda *_, **__: (0.0,) * 4)],
 )
-def test_only_the_labs_model_is_straight(plant: Plant) -> None:
-    assert not plant.is_straight
-    assert Plant().is_straight
-
-
-def double(a: float) -> float:
-    twice = 0.0
-    if a:
-        twice = 2.0 * a
-    return twice
-
-
-def both(a: float, b: float) -> tuple[float, float]:
-    total = a + b
-    return total, b
-
-
-def uses_them(a: float, b: float) -> float:
-    """Be rewritten."""
-    pair = complex(100.0, 0.0)
-    twice = pair.real + pair.imag
-    a = double(a)
-    c, d = both(a, b)
-    if EXTRA:
-        c = c + twice
-    return c - d
-
-
-EXTRA = False
-
-
-@pytest.mark.parametrize('extra', [True, False])
-def test_a_specialised_function_returns_the_same(extra: bool) -> None:
-    made = specialised(uses_them, both, double, record='pair', EXTRA=extra)
-    assert made(3.0, 4.0) == 6.0 + 100.0 * extra
-    assert not {'double', 'both', 'EXTRA'} & {*made.__code__.co_names}
+def test_only_the_labs_model_has_fast_path(plant: Plant) -> None:
+    assert not plant.has_fast_path
+    assert Plant().has_fast_path

@@ -1,0 +1,319 @@
+"""The closed loop of PID and bicycle straight over hills, in plain floats: every run's inner loop.
+
+`drive_pid` has the laws `pid_step` and `next_speed` once more, written out, as a call costs as
+much as a law. `pid_log` makes a log of it. Tests compare both with the plant and the controller
+in `closed_loop`, to the last bit.
+"""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_right
+from itertools import chain, islice, repeat
+from math import cos, inf, isfinite, radians, sin
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from barc_sim.control.pid import FIRST_DT
+from barc_sim.simulation.log import Log
+from barc_sim.vehicle.bike_model import State, clamped_at_zero, forces, motion
+from barc_sim.vehicle.sensor import MeasurementError, with_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    from barc_sim.control.pid import PID
+    from barc_sim.vehicle.bike_model import Vehicle
+    from barc_sim.vehicle.plant import Plant
+    from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.sensor import Sensor
+
+    Floats = NDArray[np.float64]
+
+_BLOCK = 256  #: measurements drawn at once, where more are needed than expected
+_MAX_BLOCK = 4096
+
+
+class LoopSettings(NamedTuple):
+    """The numbers of a loop beside gains and road."""
+
+    reference: float  #: [m/s]
+    low: float  #: [m/s²] limits of the command
+    high: float
+    vehicle: Vehicle
+    ts: float  #: [s] of the vehicle's steps
+    dt: float  #: [s] of the controller: `ts` in whole nanoseconds
+    distance: float  #: [m] where the loop ends
+
+
+class RoadSegments(NamedTuple):
+    """A road as the loop reads it: segment `i` reaches from `begins[i]` up to `ends[i]` [m]."""
+
+    begins: tuple[float, ...]
+    ends: tuple[float, ...]
+    gravity_forces: tuple[float, ...]  #: [N] along the road, positive forwards
+
+    @classmethod
+    def of(cls, road: Road, vehicle: Vehicle) -> RoadSegments:
+        """Return the segments of `road`."""
+        inner = road.starts[1:]
+        weight = -vehicle.mass * vehicle.gravity
+        return cls(
+            begins=(-inf, *inner),
+            ends=(*inner, inf),
+            gravity_forces=tuple(weight * sin(radians(grade)) for grade in road.grades_deg),
+        )
+
+    def at(self, x: float) -> tuple[float, float, float]:
+        """Return begin, end and gravity force of the segment at `x` metres."""
+        i = bisect_right(self.begins, x) - 1
+        return self.begins[i], self.ends[i], self.gravity_forces[i]
+
+
+class Start(NamedTuple):
+    """Car and controller before the first step; the default is at rest, without a past."""
+
+    x: float = 0.0  #: [m]
+    v: float = 0.0  #: [m/s]
+    integral: float = 0.0  #: [m/s²]
+    previous: float = 0.0  #: [m/s] measured before; without meaning where `dt` is 0
+    dt: float = 0.0  #: [s] since then; 0: there was no measurement
+
+
+class Trace(NamedTuple):
+    """What a loop leaves; the first two are shape `(n,)`, of each state."""
+
+    v: Floats  #: [m/s]
+    integral: Floats  #: [m/s²] after the state's command
+    after: tuple[float, float]  #: x [m] and v [m/s] after the last step; at the distance, there
+
+
+def drive_pid(
+    gains: tuple[float, float, float],
+    settings: LoopSettings,
+    segments: RoadSegments,
+    errors: Iterable[float],
+    start: Start | None = None,
+    waiting: list[float] | None = None,
+    early: float = 0.0,
+) -> Trace:
+    """Drive to the distance, or to the end of `errors`.
+
+    Parameters
+    ----------
+    gains
+        kp, ki and kd.
+    errors
+        [m/s] measured minus true speed of each state.
+    waiting
+        [m/s²] commands on their way, the next first: one more than the steps of delay. The loop
+        appends its own. Without any, a command acts at once.
+    early
+        Share of a step for which the older of two commands still acts.
+    """
+    kp, ki, kd = gains
+    reference, low, high, vehicle, ts, dt, distance = settings
+    mass, drag, friction = vehicle.mass, vehicle.air_drag_coeff, vehicle.friction
+    x, v, integral, previous, interval = start or Start()
+    begin, end, gravity_force = segments.at(x)
+    speeds: list[float] = []
+    integrals: list[float] = []
+    add_speed, add_integral = speeds.append, integrals.append
+    acting = iter(waiting or ())
+    older = next(acting, 0.0)
+    for error in errors:
+        if x >= end or x < begin:
+            begin, end, gravity_force = segments.at(x)
+        # The controller: `pid_step`.
+        measured = v + error
+        deviation = reference - measured
+        if interval > 0.0:
+            increment = ki * deviation * interval
+            command = kp * deviation + integral + increment + -kd * (measured - previous) / interval
+        else:
+            increment = 0.0
+            command = kp * deviation + integral + 0.0
+        if command > high:
+            command = high
+            increment = min(increment, 0.0)
+        elif command < low:
+            command = low
+            increment = max(increment, 0.0)
+        integral += increment
+        previous = measured
+        interval = dt
+        add_speed(v)
+        add_integral(integral)
+        if x >= distance:
+            break
+        if waiting:
+            waiting.append(command)
+            newer = next(acting)
+            command = early * older + (1.0 - early) * newer + 0.0
+            older = newer
+        # The vehicle: `next_speed`.
+        x += ts * v
+        resistance = drag * v * v + friction
+        if v <= 0.0:
+            resistance = -resistance if v < 0.0 else 0.0
+        after = v + ts * (command + (gravity_force - resistance) / mass)
+        if after < 0.0 < v or v < 0.0 < after:
+            after = clamped_at_zero(v, after, v + ts * (command + gravity_force / mass))
+        v = after
+    columns = np.frombuffer(array('d', speeds)), np.frombuffer(array('d', integrals))
+    return Trace(*columns, (x, v))
+
+
+def positions(x: float, v: Floats, ts: float) -> Floats:
+    """Return the positions [m], shape `(n,)`, of a car that begins at `x` with speeds `v`."""
+    steps = np.empty_like(v)
+    steps[:1], steps[1:] = x, ts * v[:-1]
+    return np.add.accumulate(steps)
+
+
+class _Commands(NamedTuple):
+    """What a PID computes, shape `(n,)` each, by the names of `Log`."""
+
+    motor: Floats
+    proportional: Floats
+    integral: Floats
+    derivative: Floats
+    saturated: NDArray[np.bool_]
+
+
+@np.errstate(over='ignore', invalid='ignore')  # as with floats
+def commands(
+    gains: tuple[float, float, float],
+    settings: LoopSettings,
+    trace: Trace,
+    errors: Floats | float = -0.0,
+    start: Start | None = None,
+) -> _Commands:
+    """Return the commands of a loop and their terms: the sums of `drive_pid`, for arrays."""
+    kp, ki, kd = gains
+    start = start or Start()
+    measured = trace.v + errors
+    deviation = settings.reference - measured
+    increment = ki * deviation * settings.dt
+    change = np.diff(measured, prepend=start.previous)
+    proportional, derivative = kp * deviation, -kd * change / settings.dt
+    if start.dt:
+        increment[:1] = ki * deviation[:1] * start.dt
+        derivative[:1] = -kd * change[:1] / start.dt
+    else:
+        increment[:1] = derivative[:1] = 0.0
+    before = np.concatenate([[start.integral], trace.integral[:-1]])
+    output = proportional + before + increment + derivative
+    motor = np.clip(output, settings.low, settings.high)
+    return _Commands(motor, proportional, trace.integral, derivative, motor != output)
+
+
+class _Errors:
+    """The measurement errors of a run, drawn in blocks while the loop asks for them."""
+
+    def __init__(self, sensor: Sensor, expected: float) -> None:
+        self._sensor = sensor
+        self._size = int(min(max(expected, _BLOCK), _MAX_BLOCK))
+        self._blocks: list[Floats] = []
+        self._start: object = None
+
+    def of_speed(self) -> Iterator[float]:
+        """Return the errors of v_x [m/s], without an end."""
+        if not self._sensor.is_noisy:
+            return repeat(-0.0)  # which also leaves a speed of -0.0 as it is
+        return chain.from_iterable(self._speeds())
+
+    def _speeds(self) -> Iterator[list[float]]:
+        while True:
+            block, place = self._sensor.draw(self._size)
+            if not self._blocks:
+                self._start = place
+            self._blocks.append(block)
+            yield block[3].tolist()
+            self._size = _BLOCK
+
+    def take(self, n: int) -> MeasurementError | None:
+        """Return the first `n` errors, as arrays, and put the others back; None without noise."""
+        if not self._blocks:
+            return None
+        self._sensor.go_back(self._start, n)
+        return MeasurementError(*np.concatenate(self._blocks, axis=1)[:, :n])
+
+
+def pid_log(
+    plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
+) -> Log | None:
+    """Return the log of `closed_loop`, for a plant that `has_fast_path`.
+
+    Plant and controller are left as the run left them. Where a number is not finite, nothing is
+    done, and None returned.
+    """
+    state, vehicle, road = plant.state, plant.vehicle, plant.road
+    gains = pid.kp, pid.ki, pid.kd
+    settings = LoopSettings(
+        reference=speed_reference,
+        low=pid.output_min,
+        high=pid.output_max,
+        vehicle=vehicle,
+        ts=plant.ts,
+        dt=plant.period_ns / 1e9,
+        distance=distance,
+    )
+    start = Start(state.x, state.v, pid.integral)
+    if pid.previous is not None:
+        start = start._replace(previous=pid.previous, dt=FIRST_DT)
+    motor = plant.actuators.motor
+    waiting = [] if plant.actuators.is_ideal else motor.waiting
+    delay = len(waiting)
+    errors = _Errors(plant.sensor, _expected_states(speed_reference, distance, plant.ts))
+    trace = drive_pid(
+        gains,
+        settings,
+        RoadSegments.of(road, vehicle),
+        islice(errors.of_speed(), steps + 1),
+        start,
+        waiting,
+        motor.early,
+    )
+    n = len(trace.v)
+    error = errors.take(n)
+    computed = commands(gains, settings, trace, -0.0 if error is None else error.v_x, start)
+    last = {name: values[-1].item() for name, values in computed._asdict().items()}
+    if not all(map(isfinite, (*trace.after, *last.values()))):
+        errors.take(0)
+        return None
+    x = positions(state.x, trace.v, plant.ts)
+    zero: Any = np.zeros(n)
+    true = motion(State(x, np.full(n, state.y), zero, trace.v), 0.0, vehicle)  # type: ignore[arg-type]
+    measured = true
+    if error is not None:
+        measured = with_error(true, error, cos(state.psi), sin(state.psi))
+    previous = float(measured.v_x[-1])  # type: ignore[index]  # arrays
+    for name in ('proportional', 'integral', 'derivative', 'saturated'):
+        setattr(pid, name, last[name])
+    pid.previous = previous
+    taken = computed.motor if x[-1] < distance else computed.motor[:-1]
+    plant.follow(taken[-delay - 1 :].tolist(), *trace.after)
+    segment, elevation = road.profile(x)
+    slopes = np.array([sin(radians(grade)) for grade in road.grades_deg])[segment]
+    recorded: Any = MeasurementError(*[zero] * 6) if error is None else error
+    return Log(
+        t=np.arange(n) * plant.period_ns / 1e9,
+        **measured._asdict(),
+        **{f'e_{name}': values for name, values in recorded._asdict().items()},
+        servo=zero,
+        missed=np.zeros(n, np.bool_),
+        theta_deg=np.array(road.grades_deg)[segment],
+        elevation=elevation,
+        **forces(trace.v, slopes, vehicle)._asdict(),  # type: ignore[arg-type]
+        reference=np.full(n, speed_reference),
+        **computed._asdict(),
+    )
+
+
+def _expected_states(speed: float, distance: float, ts: float) -> float:
+    """Return about how many states a run at `speed` [m/s] has, and some more."""
+    return 1.02 * distance / (speed * ts) + 32.0 if speed > 0.0 else 0.0
