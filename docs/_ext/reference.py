@@ -250,17 +250,16 @@ class Columns(Generated):
 
 
 class Mistakes(Generated):
-    """Every sentence of `lab/check/mistakes.py`, by what it is about."""
+    """Every sentence of the tables of mistakes in `lab/check`, by what it is about."""
 
     def lines(self) -> Iterator[str]:
         """Yield a title and a list for each group."""
-        found = import_module('barc_sim.lab.check.mistakes')
-        for name, group in vars(found).items():
-            is_group = name.isupper() and isinstance(group, tuple) and hasattr(group[0], 'hint')
-            if is_group and name != 'MISTAKES':  # all of them
-                title = name.replace('_', ' ').capitalize()
+        for table in ('bike_mistakes', 'pid_mistakes'):
+            groups = import_module(f'barc_sim.lab.check.{table}').MISTAKES
+            for title, group in groups.items():
                 yield from (title, '-' * len(title), '')
-                for sentence in dict.fromkeys(each.hint for each in group):
+                sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)
+                for sentence in dict.fromkeys(sentences):
                     yield f'- {escaped(sentence)}'
                 yield ''
 

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
+from barc_sim.lab.check.controller import judge_controller
 from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, RELAY, Finding
 from barc_sim.lab.check.findings import TERMS as TERM_CRITERIA
 from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
-from barc_sim.lab.check.memory import judge_reset, judge_windup
-from barc_sim.lab.check.model import judge_equations, judge_general, judge_reverse
-from barc_sim.lab.check.relay import judge_relay
-from barc_sim.lab.check.terms import (
-    TERMS,
-    ignores_gains,
-    judge_dt,
-    judge_first_call,
-    judge_term,
+from barc_sim.lab.check.model import (
+    judge_equations,
+    judge_general,
+    judge_reverse,
+    judge_trajectory,
 )
-from barc_sim.lab.check.trajectory import judge_trajectory
+from barc_sim.lab.check.relay import judge_relay
 from barc_sim.lab.user_code.gains import ChosenGains
 from barc_sim.lab.user_code.loading import FILES
 
@@ -135,35 +132,8 @@ def _judge_controller_and_roads(code: JudgedCode, settings: Settings) -> Iterato
     )
 
 
-def judge_controller(
-    code: JudgedCode, seed: int, wanted: Collection[str] = CRITERIA
-) -> Iterator[Finding]:
-    """Yield a finding for each criterion `pid.…`."""
-    reset = judge_reset(code, seed)
-    ignored = ignores_gains(code, seed)
-    terms = [
-        Finding(term.criterion, 0.0, ignored) if ignored else judge_term(code, term, seed)
-        for term in TERMS
-    ]
-    others = {
-        'pid.dt': partial(judge_dt, terms),
-        'pid.first_call': partial(judge_first_call, code, terms[-1], seed),
-        'pid.windup': partial(judge_windup, code),
-    }
-    for finding in (*terms, *_judged(others, wanted)):
-        yield _with_cause(finding, reset)
-    yield reset
-
-
 def _judged(
     judges: Mapping[str, Callable[[], Finding]], wanted: Collection[str]
 ) -> Iterator[Finding]:
     """Call the judges of the criteria that are wanted."""
     return (judge_it() for criterion, judge_it in judges.items() if criterion in wanted)
-
-
-def _with_cause(finding: Finding, reset: Finding) -> Finding:
-    """Put randomness first in the message: it changes every other result."""
-    if finding.passed or not reset.details.get('random'):
-        return finding
-    return replace(finding, message=f'{reset.message}. So: {finding.message}')

@@ -1,31 +1,184 @@
-"""Judges each of the model's equations in seeded states, and finds the mistakes in them."""
+"""Judges `bikeFE`: each equation in seeded states, and a whole drive.
+
+No state passes through zero speed within a step: sensible models differ there. The reference holds
+the car at a standstill; the lab's equation does not.
+"""
 
 from __future__ import annotations
 
-from itertools import combinations
+from dataclasses import dataclass
+from functools import cache
+from math import degrees, hypot, isfinite, pi, radians, sin
+from random import Random
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.lab.check.equations import NAMES, Quantities, arguments
-from barc_sim.lab.check.findings import Finding, judges
-from barc_sim.lab.check.mistakes import MISTAKES
-from barc_sim.lab.check.results import (
-    Results,
-    call_text,
-    close,
-    find_randomness,
-    run_general,
-    run_situations,
-)
-from barc_sim.lab.check.situations import REVERSE
+from barc_sim.errors import UserError
+from barc_sim.lab.check.bike_mistakes import BIKE, EQUATIONS
+from barc_sim.lab.check.code import Row
+from barc_sim.lab.check.findings import NOT_A_CAR, Finding, Trajectory, judges
+from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.vehicle.bike_model import L_F, L_R, Command, State, Vehicle, bikeFE
+from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from barc_sim.lab.check.code import JudgedCode
-    from barc_sim.lab.check.equations import Floats, Mistake
     from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.laws import Floats
+
+TS = 0.02  #: [s]
+COUNT = 250  #: states of each situation
+_LAB = Vehicle()
+Range = tuple[float, float]  #: uniform between the two
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Ranges for the arguments of `bikeFE`; by default those of a coasting car."""
+
+    name: str
+    concerns: str  #: the equations that it tests, as in `'x y v'`
+    x: Range = (-200.0, 200.0)  #: [m]
+    y: Range = (-50.0, 50.0)  #: [m]
+    psi: Range = (-pi, pi)  #: [rad]
+    v: Range = (3.0, 20.0)  #: [m/s]
+    a: Range = (0.0, 0.0)  #: [m/s²]
+    d_f: Range = (0.0, 0.0)  #: [rad]
+    a0: Range = (0.0, 0.0)  #: [N s²/m²]
+    m: Range = (_LAB.mass, _LAB.mass)  #: [kg]
+    Ff: Range = (0.0, 0.0)  #: [N]
+    theta_deg: Range = (0.0, 0.0)
+    ts: Range = (TS, TS)  #: [s]
+    lengths: Range = (L_F, L_R)  #: [m] l_f and l_r
+
+    def rows(self, seed: int, count: int = COUNT) -> list[Row]:
+        """Return `count` states, the same for the same seed."""
+        # A string seeds the generator alike in every version of Python.
+        uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
+        names = ['theta_deg' if name == 'theta' else name for name in Row._fields]
+        drawn = [[uniform(*getattr(self, name)) for name in names] for _ in range(count)]
+        return [row._replace(theta=radians(row.theta)) for row in map(Row._make, drawn)]
+
+
+_LEFT, _RIGHT, _BACKWARDS = (0.05, 0.5), (-0.5, -0.05), (-15.0, -3.0)
+_COMMAND, _DRAG, _FRICTION = (1.0, 8.0), (0.1, 2.0), (20.0, 500.0)
+_TURN = Situation('a left turn', 'x y psi', d_f=_LEFT)
+
+SITUATIONS = (
+    Situation('coasting along the x axis', 'x', psi=(0.0, 0.0)),
+    Situation('accelerating on the flat', 'x y v', a=_COMMAND),
+    Situation('braking on the flat', 'v', a=(-8.0, -1.0)),
+    # Without drag and friction, because models differ in sign(0).
+    Situation('setting off', 'v', v=(0.0, 0.0), a=_COMMAND),
+    _TURN,
+    Situation('a right turn', 'x y psi', d_f=_RIGHT),
+    Situation('uphill', 'v', theta_deg=(2.0, 30.0)),
+    Situation('downhill', 'v', theta_deg=(-30.0, -2.0)),
+    Situation('rolling friction', 'v', Ff=_FRICTION),
+    Situation('air drag', 'v', a0=_DRAG),
+    Situation(
+        "the lab's car on hills",
+        'x y psi v',
+        a=(-8.0, 8.0),
+        d_f=(-0.5, 0.5),
+        a0=(_LAB.air_drag_coeff, _LAB.air_drag_coeff),
+        Ff=(_LAB.friction, _LAB.friction),
+        theta_deg=(-30.0, 30.0),
+    ),
+)
+#: The lab's road has none of these.
+REVERSE = (
+    Situation('reversing to the left', 'x y psi', v=_BACKWARDS, d_f=_LEFT),
+    Situation('reversing to the right', 'x y psi', v=_BACKWARDS, d_f=_RIGHT),
+    Situation('drag and friction in reverse', 'v', v=_BACKWARDS, a0=_DRAG, Ff=_FRICTION),
+    Situation('rolling back on a hill', 'v', v=_BACKWARDS, Ff=_FRICTION, theta_deg=(2.0, 30.0)),
+)
+GENERAL = (
+    Situation(
+        'another mass and time step',
+        'x y psi v',
+        v=(4.0, 20.0),
+        a=(-4.0, 8.0),
+        d_f=(-0.5, 0.5),
+        a0=_DRAG,
+        m=(500.0, 3000.0),
+        Ff=_FRICTION,
+        theta_deg=(-30.0, 30.0),
+        ts=(0.005, 0.1),
+    ),
+)
+
+
+def with_lengths(l_f: float, l_r: float) -> Situation:
+    """Return the situation for a function that takes the axle distances [m]."""
+    return Situation('axles at other distances', 'x y psi', d_f=(-0.5, 0.5), lengths=(l_f, l_r))
+
+
+#: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
+_TOLERANCE = 1e-9
+#: After so many failures the code is not called again: each call can use its whole time budget.
+_MAX_FAILURES = 4
+_OTHER_L_F, _OTHER_L_R = 1.2, 1.9  #: [m]
+
+
+def close(got: Floats, expected: Floats) -> Floats:
+    """Return where `got` equals `expected`, to rounding; False where it is not finite."""
+    with np.errstate(invalid='ignore', over='ignore'):
+        near = np.abs(got - expected) <= _TOLERANCE * np.maximum(1.0, np.abs(expected))
+    return np.asarray(near & np.isfinite(got), dtype=np.bool_)
+
+
+@dataclass(eq=False)
+class Results:
+    """The states of one situation, with the expected and the actual results."""
+
+    situation: Situation
+    rows: list[Row]
+    expected: Floats  #: shape `(n, 4)`
+    got: Floats  #: shape `(n, 4)`, NaN if the code failed
+    failure: str = ''
+
+    def right(self, name: str) -> Floats:
+        """Return the states in which the equation of `name` is right, shape `(n,)`."""
+        column = EQUATIONS.index(name)
+        return close(self.got[:, column], self.expected[:, column])
+
+
+def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[Results]:
+    """Call `bikeFE` in all of the `situations`."""
+    results: list[Results] = []
+    for situation in situations:
+        rows, (l_f, l_r) = situation.rows(seed), situation.lengths
+        expected = np.array([bikeFE(*row, l_f=l_f, l_r=l_r) for row in rows])
+        part = Results(situation, rows, expected, np.full_like(expected, np.nan))
+        results.append(part)
+        failures = [other.failure for other in results if other.failure]
+        if len(failures) >= _MAX_FAILURES:
+            part.failure = failures[-1]
+            continue
+        try:
+            part.got = np.array(code.bike_fe(rows, l_f=l_f, l_r=l_r), dtype=np.float64)
+        except UserError as error:
+            part.failure = str(error)
+    return results
+
+
+def _at_other_lengths(code: JudgedCode, seed: int) -> tuple[Situation, ...]:
+    """Return the situation at other axle distances, those that the function takes."""
+    rows = _TURN.rows(seed)
+    try:
+        usual = code.bike_fe(rows)
+    except UserError:
+        return ()
+    try:
+        l_f = L_F if code.bike_fe(rows, l_f=_OTHER_L_F) == usual else _OTHER_L_F
+        l_r = L_R if code.bike_fe(rows, l_r=_OTHER_L_R) == usual else _OTHER_L_R
+    except UserError:
+        l_f, l_r = _OTHER_L_F, _OTHER_L_R
+    return () if (l_f, l_r) == (L_F, L_R) else (with_lengths(l_f, l_r),)
 
 
 @np.errstate(all='ignore')
@@ -36,150 +189,186 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     as a mean over the situations that test it. The second is the same share over all other
     situations.
     """
-    results = run_situations(code, seed)
-    random = find_randomness(code, results)
-    scores = {name: _score(results, name) for name in NAMES}
-    wrong = [name for name in NAMES if scores[name] < 1.0]
-    finite = [part for part in results if not part.failure]
-    found = {} if random or not finite else _causes(finite, wrong)
-    findings = []
-    for name in NAMES:
-        if name not in wrong and not random:
-            message = _right(results)
-        else:
-            message = random or _message(results, name, found.get(name))
-        score = 0.0 if random else scores[name]
-        findings.append(
-            Finding(f'model.{name}', score, message, {'shares': _shares(results, name)})
+    results = _run(code, seed, SITUATIONS)
+    random = _randomness(code, results)
+    scores = {name: _score(results, name) for name in EQUATIONS}
+    wrong = [name for name in EQUATIONS if scores[name] < 1.0]
+    sentences = {} if random else _sentences(results, wrong)
+    return [
+        Finding(
+            f'model.{name}',
+            0.0 if random else scores[name],
+            random or sentences.get(name) or _right(results),
+            {'shares': {part.situation.name: float(part.right(name).mean()) for part in results}},
         )
-    return findings
+        for name in EQUATIONS
+    ]
 
 
 @judges('model.reverse')
 def judge_reverse(code: JudgedCode, seed: int) -> Judged:
     """Return the finding on all equations together, at negative speeds."""
-    return _judge_beyond(code, seed, run_situations(code, seed, REVERSE))
+    return _judge_beyond(code, seed, REVERSE)
 
 
 @judges('model.general')
 def judge_general(code: JudgedCode, seed: int) -> Judged:
-    """Return the finding on all equations together, with another car."""
-    return _judge_beyond(code, seed, run_general(code, seed))
+    """Return the finding on all equations together, with another car.
+
+    Other axle distances are tried only if the function takes them.
+    """
+    return _judge_beyond(code, seed, (*GENERAL, *_at_other_lengths(code, seed)))
 
 
-def _judge_beyond(code: JudgedCode, seed: int, results: list[Results]) -> Judged:
+def _judge_beyond(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> Judged:
     """Judge the results in states that the lab's road has not."""
-    shares = [part.right(column) for part in results for column in range(len(NAMES))]
-    score = float(np.mean([np.mean(share) for share in shares]))
-    if score == 1.0:
-        return 1.0, _right(results)
-    wrong = [name for name in NAMES if _score(results, name) < 1.0]
+    results = _run(code, seed, situations)
+    score = float(np.mean([part.right(name).mean() for part in results for name in EQUATIONS]))
+    wrong = [name for name in EQUATIONS if _score(results, name) < 1.0]
+    if not wrong:
+        return score, _right(results)
     # A cause must explain the results on the lab's road, too.
-    finite = [part for part in (*run_situations(code, seed), *results) if not part.failure]
-    found = _causes(finite, wrong) if finite else {}
-    return score, _message(results, wrong[0], found.get(wrong[0]))
+    return score, _sentences(results, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
+
+
+def _score(results: Sequence[Results], name: str) -> float:
+    tested: list[float] = []
+    other: list[float] = []
+    for part in results:
+        share = float(part.right(name).mean())
+        (tested if name in part.situation.concerns.split() else other).append(share)
+    return float(np.mean(tested or [1.0]) * np.mean(other or [1.0]))
 
 
 def _right(results: Sequence[Results]) -> str:
     return f'right in all {sum(len(part.rows) for part in results):,} states'
 
 
-def _score(results: Sequence[Results], name: str) -> float:
-    column = NAMES.index(name)
-    tested: list[float] = []
-    other: list[float] = []
-    for part in results:
-        share = float(np.mean(part.right(column)))
-        (tested if name in part.situation.concerns.split() else other).append(share)
-    return float(np.mean(tested or [1.0]) * np.mean(other or [1.0]))
-
-
-def _shares(results: Sequence[Results], name: str) -> dict[str, float]:
-    column = NAMES.index(name)
-    return {part.situation.name: float(np.mean(part.right(column))) for part in results}
-
-
-def _causes(results: Sequence[Results], wrong: Sequence[str]) -> dict[str, str]:
-    given = arguments(
-        [row for part in results for row in part.rows],
-        [part.l_f for part in results for _ in part.rows],
-        [part.l_r for part in results for _ in part.rows],
-    )
-    got = np.concatenate([part.got for part in results])
-    return causes(given, dict(zip(NAMES, got.T, strict=True)), wrong)
-
-
-def _message(results: Sequence[Results], name: str, cause: str | None) -> str:
-    failed = [part for part in results if part.failure]
-    if failed:
+def _sentences(
+    results: Sequence[Results], wrong: Sequence[str], others: Sequence[Results] = ()
+) -> dict[str, str]:
+    """Return a sentence for each wrong equation: the failure, the mistake, or the largest error."""
+    if failed := [part for part in results if part.failure]:
         where = '' if len(failed) == len(results) else f' ({failed[0].situation.name})'
-        return f'{failed[0].failure}{where}'
-    if cause:
-        return cause
-    column = NAMES.index(name)
-    bad = [part.situation.name for part in results if not part.right(column).all()]
+        failure = f'{failed[0].failure}{where}'
+        return dict.fromkeys(wrong, failure)
+    named = _mistakes([part for part in (*others, *results) if not part.failure], wrong)
+    return {name: named.get(name) or _largest(results, name) for name in wrong}
+
+
+def _mistakes(results: Sequence[Results], wrong: Sequence[str]) -> dict[str, str]:
+    """Return the sentence of the mistake in each wrong equation, if the table has it."""
+    rows = [(*row, *part.situation.lengths) for part in results for row in part.rows]
+    inputs = dict(zip((*Row._fields, 'l_f', 'l_r'), np.array(rows).T, strict=True))
+    got = np.concatenate([part.got for part in results]).T
+    found = BIKE.explain(
+        inputs,
+        {f'{name}_next': values for name, values in zip(EQUATIONS, got, strict=True)},
+        [f'{name}_next' for name in wrong],
+        lambda one, other: bool(close(one, other).all()),
+    )
+    return {name.removesuffix('_next'): sentence for name, sentence in found.items()}
+
+
+def _largest(results: Sequence[Results], name: str) -> str:
+    """Return a sentence on where an equation is wrong, and on its largest error."""
+    bad = [part.situation.name for part in results if not part.right(name).all()]
     where = 'everywhere' if len(bad) == len(results) else f'in: {", ".join(bad)}'
-    return f'{name}_next is wrong {where}. {_largest(results, column)}'
-
-
-def _largest(results: Sequence[Results], column: int) -> str:
-    """Return a sentence on the state with the largest error."""
+    column = EQUATIONS.index(name)
     errors = [np.abs(part.got[:, column] - part.expected[:, column]) for part in results]
     part, error = max(zip(results, errors, strict=True), key=lambda item: float(item[1].max()))
     row = int(error.argmax())
     return (
-        f'The largest error: {call_text(part.rows[row])} gave {part.got[row, column]:.9g}, '
-        f'expected {part.expected[row, column]:.9g}'
+        f'{name}_next is wrong {where}. The largest error: {_call_text(part.rows[row])} gave '
+        f'{part.got[row, column]:.9g}, expected {part.expected[row, column]:.9g}'
     )
 
 
-def causes(
-    given: Mapping[str, Floats], results: Mapping[str, Floats], wrong: Sequence[str]
-) -> dict[str, str]:
-    """Return a hint for each equation of `wrong` that a known mistake, or two, explain exactly.
+def _randomness(code: JudgedCode, results: Sequence[Results]) -> str:
+    """Return a message if the same arguments give different results, else an empty string."""
+    part = next((part for part in results if not part.failure), None)
+    if part is None:
+        return ''
+    try:
+        again = np.array(code.bike_fe(part.rows), dtype=np.float64)
+    except UserError as error:
+        return f'a second call with the same arguments fails: {error}'
+    differing = np.flatnonzero(~np.all(part.got == again, axis=1))
+    if not differing.size:
+        return ''
+    k = int(differing[0])
+    first, then = ([f'{value:.9g}' for value in values[k]] for values in (part.got, again))
+    return (
+        'the same arguments give different results: does bikeFE use random numbers or change a '
+        f'global variable? {_call_text(part.rows[k])} first gave [{", ".join(first)}], then '
+        f'[{", ".join(then)}]'
+    )
 
-    Parameters
-    ----------
-    given
-        The arguments, see `equations.arguments`.
-    results
-        What the user's function returned, by equation; shape `(n,)` each.
-    wrong
-        The wrong equations.
+
+def _call_text(row: Row) -> str:
+    values = zip(row._fields, row, strict=True)
+    return f'bikeFE({", ".join(f"{name}={value:.6g}" for name, value in values)})'
+
+
+#: [m, m, rad, m/s] Above the effect of friction's sign at a standstill, below that of any mistake.
+_NEAR = 1e-4
+_STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
+
+
+@judges('model.trajectory')
+def judge_trajectory(code: JudgedCode) -> Judged:
+    """Return the finding on a drive over the lab's road with the commands of the reference.
+
+    The score is the share of steps near the reference.
     """
 
-    def explains(name: str, changes: Mapping[str, str], quantity: str = '') -> bool:
-        found = Quantities(given, changes)[f'{quantity or name}_next']
-        return bool(close(results[name], found).all())
+    def model(*args: float, **_: float) -> list[float]:  # the lengths are the function's own
+        return list(code.bike_fe([Row(*args)])[0])
 
-    found: dict[str, str] = {}
-    for name, other in ((name, other) for name in wrong for other in NAMES if other != name):
-        if explains(name, {}, other):
-            hint = (
-                f'{other}_next is returned in place of {name}_next: the order is '
-                '[x_next, y_next, psi_next, v_next]'
-            )
-            found.setdefault(name, hint)
-    left = [name for name in wrong if name not in found]
-    explained = [
-        (mistake.hint, [name for name in NAMES if explains(name, mistake.changes)])
-        for mistake in MISTAKES
-    ]
-    # The mistake that explains the most equations, right ones included, comes first.
-    for hint, names in sorted(explained, key=lambda item: -len(item[1])):
-        found |= {name: hint for name in names if name in left and name not in found}
-    for name in left:
-        if name not in found:
-            relevant = [each for each in MISTAKES if _matters(name, each, given)]
-            for first, second in combinations(relevant, 2):
-                both = {**first.changes, **second.changes}
-                if len(both) == len(first.changes) + len(second.changes) and explains(name, both):
-                    found[name] = f'two mistakes: {first.hint}; and {second.hint}'
-                    break
-    return found
+    commands, failure = _commands(), ''
+    reference, own = (np.full((len(commands), len(State._fields)), np.nan) for _ in range(2))
+    _fill(reference, Plant(), commands)
+    try:
+        _fill(own, Plant(model=model), commands)
+    except UserError as error:
+        failure = str(error)
+    t: Floats = np.arange(len(reference), dtype=np.float64) * Plant().ts
+    off: Floats = np.abs(own - reference)
+    within = np.all(off <= _NEAR, axis=1)
+    # The first state is given, not computed.
+    score = float(np.mean(within[1:]))
+    if failure:
+        message = failure
+    elif score == 1.0:
+        message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
+    else:
+        message = f'leaves the reference after {t[np.argmin(within)]:.2f} s{_at_the_end(off[-1])}'
+    drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
+    return score, message, {}, drawn
 
 
-def _matters(name: str, mistake: Mistake, given: Mapping[str, Floats]) -> bool:
-    """Return whether a mistake changes an equation."""
-    right, wrong = (Quantities(given, changes)[f'{name}_next'] for changes in ({}, mistake.changes))
-    return not close(wrong, right).all()
+@cache
+def _commands() -> tuple[Command, ...]:
+    """Return the commands of the reference's run over the lab's road, and a slalom."""
+    log = closed_loop()
+    steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
+    return tuple(Command(*command) for command in zip(log.motor.tolist(), steering, strict=True))
+
+
+def _fill(states: Floats, plant: Plant, commands: tuple[Command, ...]) -> None:
+    """Write the state before each command, up to the first one beyond all limits."""
+    for k, command in enumerate(commands):
+        if not np.all(np.abs(plant.state) < NOT_A_CAR):
+            return
+        states[k] = plant.state
+        plant.advance(command)
+
+
+def _at_the_end(off: Floats) -> str:
+    x, y, psi, v = np.nan_to_num(off, nan=np.inf)
+    if not isfinite(x):
+        return f', and then grows without limit: beyond {NOT_A_CAR:g} it is not a car'
+    return (
+        f'; at the end of the road it is {hypot(x, y):.3g} m, {degrees(psi):.3g}° and '
+        f'{v:.3g} m/s away'
+    )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.lab.check.situations import TS
+from barc_sim.lab.check.model import TS
 from barc_sim.vehicle.bike_model import GRAVITY
 
 if TYPE_CHECKING:

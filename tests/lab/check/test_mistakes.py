@@ -1,53 +1,130 @@
-"""The equations in parts are the reference's, and each mistake in them is named."""
+"""The laws that name mistakes are right without one, and name each mistake of their tables."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from barc_sim.lab.check.equations import NAMES, Mistake, Quantities, arguments
-from barc_sim.lab.check.mistakes import MISTAKES
-from barc_sim.lab.check.model import causes
-from barc_sim.lab.check.results import close
-from barc_sim.lab.check.situations import GENERAL, REVERSE, SITUATIONS, with_lengths
+from barc_sim.lab.check.bike_mistakes import BIKE, EQUATIONS
+from barc_sim.lab.check.controller import judge_controller
+from barc_sim.lab.check.laws import Mistake
+from barc_sim.lab.check.model import GENERAL, REVERSE, SITUATIONS, close, with_lengths
+from barc_sim.lab.check.pid_mistakes import TERM_LAWS
 from barc_sim.vehicle.bike_model import bikeFE
 
-LENGTHS = {
-    situation: situation.lengths or (1.5, 1.5)
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+NAMES = tuple(f'{name}_next' for name in EQUATIONS)
+STATES = [
+    (row, situation.lengths)
     for situation in (*SITUATIONS, *REVERSE, *GENERAL, with_lengths(1.2, 1.9))
+    for row in situation.rows(7, 40)
+]
+INPUTS = {
+    **{name: np.array([getattr(row, name) for row, _ in STATES]) for name in STATES[0][0]._fields},
+    'l_f': np.array([l_f for _, (l_f, _) in STATES]),
+    'l_r': np.array([l_r for _, (_, l_r) in STATES]),
 }
-ROWS = [(row, *LENGTHS[situation]) for situation in LENGTHS for row in situation.rows(7, 40)]
-GIVEN = arguments(
-    [row for row, _, _ in ROWS], [l_f for _, l_f, _ in ROWS], [l_r for _, _, l_r in ROWS]
+EXPECTED = dict(
+    zip(
+        NAMES,
+        np.array([bikeFE(*row, l_f=l_f, l_r=l_r) for row, (l_f, l_r) in STATES]).T,
+        strict=True,
+    )
 )
-EXPECTED = np.array([bikeFE(*row, l_f=l_f, l_r=l_r) for row, l_f, l_r in ROWS]).T
+
+
+def same(one: Any, other: Any) -> bool:  # noqa: ANN401 (arrays)
+    return bool(close(one, other).all())
 
 
 @pytest.mark.parametrize('name', NAMES)
 def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
-    assert close(Quantities(GIVEN, {})[f'{name}_next'], EXPECTED[NAMES.index(name)]).all()
+    assert same(BIKE.compute(INPUTS)[name], EXPECTED[name])
 
 
-@pytest.mark.parametrize('mistake', MISTAKES, ids=lambda mistake: mistake.hint[:40])
-def test_every_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> None:
+@pytest.mark.parametrize('mistake', BIKE.mistakes, ids=lambda mistake: mistake.sentence[:40])
+def test_a_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> None:
     with np.errstate(all='ignore'):
-        made = Quantities(GIVEN, mistake.changes)
-        got = {name: np.broadcast_to(made[f'{name}_next'], len(ROWS)) for name in NAMES}
-    wrong = [
-        name
-        for name, expected in zip(NAMES, EXPECTED, strict=True)
-        if not close(got[name], expected).all()
-    ]
+        made = BIKE.compute(INPUTS, mistake.formulas)
+        got = {name: np.broadcast_to(made[name], len(STATES)) for name in NAMES}
+    wrong = [name for name in NAMES if not same(got[name], EXPECTED[name])]
     assert wrong
-    assert causes(GIVEN, got, wrong) == dict.fromkeys(wrong, mistake.hint)
+    assert BIKE.explain(INPUTS, got, wrong, same) == dict.fromkeys(wrong, mistake.sentence)
+
+
+#: Of the windows of 2 to 59 calls, three.
+TERM_MISTAKES = [
+    (term, each)
+    for term, law in TERM_LAWS.items()
+    for each in law.mistakes
+    if not any(f' {width} ' in each.sentence for width in {*range(3, 59)} - {20})
+]
+
+
+class Pid:
+    """A PID whose outputs are those of a law."""
+
+    def __init__(self, law: Any, formulas: dict[str, str], gains: dict[str, float]) -> None:  # noqa: ANN401
+        """Compute with wrong `formulas`."""
+        self._law, self._formulas, self._gains = law, formulas, gains
+
+    def acc_sequence(self, rows: Sequence[tuple[float, float, float]]) -> list[float]:
+        """Return the outputs for all rows."""
+        reference, measured, dt = np.array(rows).T[:, np.newaxis]
+        gains = {name: np.array([[value]]) for name, value in self._gains.items()}
+        limits = {'low': np.array([[-0.03]]), 'high': np.array([[0.04]])}
+        inputs = {'reference': reference, 'measured': measured, 'dt': dt, **gains, **limits}
+        made = self._law.compute(inputs, self._formulas)
+        outputs: list[float] = (made['P'] + made['I'] + made['D'])[0].tolist()
+        return outputs
+
+    def acc_calculate(self, *row: float) -> float:
+        """Return the output for one row."""
+        return self.acc_sequence([row])[0]  # type: ignore[list-item]
+
+    def reset(self) -> bool:
+        """Return that there is no reset."""
+        return False
+
+
+@pytest.mark.parametrize(
+    ('term', 'mistake'),
+    TERM_MISTAKES,
+    ids=lambda value: value.sentence[:60] if isinstance(value, Mistake) else value,
+)
+def test_a_mistake_in_a_term_is_named(term: str, mistake: Mistake) -> None:
+    class Code:
+        def new_pid(self, kp: float, ki: float, kd: float, **_: object) -> Pid:
+            return Pid(TERM_LAWS[term], mistake.formulas, {'kp': kp, 'ki': ki, 'kd': kd})
+
+    findings: Any = judge_controller(Code(), 0)  # type: ignore[arg-type]
+    finding = next(each for each in findings if each.criterion[4].upper() == term)
+    assert finding.score < 1.0
+    assert finding.message == mistake.sentence
+
+
+def test_of_two_mistakes_both_are_named_and_of_three_none() -> None:
+    sentences = []
+    for names in (('drag', 'gravity'), ('drag', 'gravity', 'v_old')):
+        made = BIKE.compute(INPUTS, dict.fromkeys(names, '0'))
+        got = {name: made[name] for name in NAMES}
+        sentences.append(BIKE.explain(INPUTS, got, ['v_next'], same).get('v_next', ''))
+    both, none = sentences
+    assert both.startswith('two mistakes: air drag is missing')
+    assert '; and gravity is missing' in both
+    assert none == ''
 
 
 def test_no_situation_passes_through_zero_speed() -> None:
-    for (row, _, _), v in zip(ROWS, EXPECTED[NAMES.index('v')], strict=True):
+    for (row, _), v in zip(STATES, EXPECTED['v_next'], strict=True):
         assert row.v * v > 0.0 or row.v == 0.0
 
 
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('name', EQUATIONS)
 def test_each_equation_has_situations_in_which_it_moves(name: str) -> None:
     rows = [
         row
@@ -55,5 +132,5 @@ def test_each_equation_has_situations_in_which_it_moves(name: str) -> None:
         if name in situation.concerns.split()
         for row in situation.rows(3, 40)
     ]
-    moved = [abs(bikeFE(*row)[NAMES.index(name)] - getattr(row, name)) for row in rows]
+    moved = [abs(bikeFE(*row)[EQUATIONS.index(name)] - getattr(row, name)) for row in rows]
     assert min(moved) > 1e-8  # ten times the tolerance

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.check.judging import judge_controller
+from barc_sim.lab.check.controller import judge_controller
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.check.model import judge_equations, judge_general, judge_reverse
-from barc_sim.lab.check.trajectory import judge_trajectory
+from barc_sim.lab.check.model import (
+    judge_equations,
+    judge_general,
+    judge_reverse,
+    judge_trajectory,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable

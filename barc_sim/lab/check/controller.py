@@ -1,0 +1,491 @@
+"""Judges a `PID`: each term alone, its time step, its memory, and its integral at the limit.
+
+Every common form of a term is right. The integral can add an error, or the mean of two, with or
+without the first, before or after it is used. The derivative can use the error or the measurement,
+with or without a low-pass filter of first order; its first output is not judged. A positive
+constant factor, such as a missing dt, is right and remarked upon: the gains absorb it. `pid.dt`
+judges it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from math import inf
+from random import Random
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.errors import UserError
+from barc_sim.lab.check.findings import CRITERIA, NOT_A_CAR, Finding, judges
+from barc_sim.lab.check.model import TS
+from barc_sim.lab.check.pid_mistakes import TERM_LAWS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator, Mapping
+    from collections.abc import Sequence as SequenceOf
+
+    from barc_sim.lab.check.code import JudgedCode, JudgedController, Sample
+    from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.laws import Floats
+
+    Gains = tuple[float, float, float]  # kp, ki, kd
+
+_TOLERANCE = 1e-9  #: [m/s²]
+_LENGTH = 120  #: calls of a sequence
+
+
+class Sequence(NamedTuple):
+    """The speeds that a controller gets, one sample every `TS`; arrays of shape `(n,)`."""
+
+    reference: Floats  #: [m/s]
+    measured: Floats  #: [m/s]
+
+    @property
+    def rows(self) -> list[Sample]:
+        """The arguments of each call."""
+        pairs = zip(self.reference.tolist(), self.measured.tolist(), strict=True)
+        return [(reference, measured, TS) for reference, measured in pairs]
+
+
+def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> Sequence:
+    """Return random errors up to ±`amplitude` [m/s], around a reference that changes.
+
+    They are smaller where the sum of errors would reach more than `max_sum` [m/s].
+    """
+    uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
+    error = amplitude * np.array([uniform(-1.0, 1.0) for _ in range(_LENGTH)])
+    error[40:60] = amplitude * uniform(0.5, 1.0)  # a constant error for a while
+    steps = [uniform(-0.5, 0.5) for _ in range(4)]
+    reference = 8.0 + amplitude * np.repeat(steps, _LENGTH // 4)
+    return Sequence(reference, reference - error * min(1.0, max_sum / _largest_sum(error)))
+
+
+def _largest_sum(error: Floats) -> float:
+    return float(np.abs(np.cumsum(error)).max())
+
+
+def constant(error: float, count: int) -> Sequence:
+    """Return a constant `error` [m/s], `count` times."""
+    return Sequence(np.full(count, 8.0), np.full(count, 8.0 - error))
+
+
+def judge_controller(
+    code: JudgedCode, seed: int, wanted: Collection[str] = CRITERIA
+) -> Iterator[Finding]:
+    """Yield a finding for each criterion `pid.…`."""
+    reset = judge_reset(code, seed)
+    ignored = _ignores_gains(code, seed)
+    terms = [
+        Finding(term.criterion, 0.0, ignored) if ignored else _judge_term(code, term, seed)
+        for term in TERMS
+    ]
+    others = {
+        'pid.dt': partial(_judge_dt, terms),
+        'pid.first_call': partial(_judge_first_call, code, terms[-1], seed),
+        'pid.windup': partial(judge_windup, code),
+    }
+    for finding in (*terms, *(judge() for name, judge in others.items() if name in wanted)):
+        # Randomness comes first in the message: it changes every other result.
+        random = not finding.passed and reset.details.get('random')
+        yield (
+            replace(finding, message=f'{reset.message}. So: {finding.message}')
+            if random
+            else finding
+        )
+    yield reset
+
+
+class Term(NamedTuple):
+    """A term of the PID, and how it is judged."""
+
+    criterion: str
+    name: str  #: P, I or D
+    formula: str
+    gains: tuple[float, float]
+    reach: float  #: amplitude of its output for an error of amplitude 1 and a gain of 1
+    max_sum: float = inf  #: [m/s] of the errors
+    first: int = 0  #: the first output that is judged
+
+    def only(self, gain: float, kp: float = 0.0) -> Gains:
+        """Return gains that are zero except for this term's, and `kp`."""
+        own, ki, kd = (gain if name == self.name else 0.0 for name in 'PID')
+        return own or kp, ki, kd
+
+    def sequence(self, gain: float, seed: int, output: float = 0.1) -> Sequence:
+        """Return a sequence that makes outputs of the size `output` [m/s²].
+
+        The usual one is small: 50 times as much, with a missing dt, is still below 8.
+        """
+        amplitude = output / gain / self.reach
+        return wandering(seed, f'{self.criterion} {gain}', amplitude, self.max_sum * output / 0.1)
+
+
+TERMS = (
+    Term('pid.proportional', 'P', 'kp * e', (0.5, 30.0), 1.0),
+    # The sum of errors is far below what a limited sum allows.
+    Term('pid.integral', 'I', 'ki * (sum of e * dt)', (0.5, 200.0), 0.6, max_sum=1.0),
+    Term('pid.derivative', 'D', 'kd * (e - e_before) / dt', (0.1, 3.0), 2.0 / TS, first=1),
+)
+
+
+@dataclass(eq=False)
+class Trials:
+    """The outputs of a term: a row for each of its gains, a column for each call."""
+
+    term: Term
+    outputs: Floats
+    inputs: dict[str, Floats]  #: of the term's law
+
+    @property
+    def expected(self) -> list[Floats]:
+        """The right outputs, by each form of the term."""
+        return TERM_LAWS[self.term.name].right(self.inputs, self.term.name)
+
+    def ratio(self, expected: Floats) -> float:
+        """Return the constant factor between the outputs and others; 0 if there is none."""
+        got, expected = (values[:, self.term.first :] for values in (self.outputs, expected))
+        ratio = float(np.vdot(got, expected) / np.vdot(expected, expected))
+        fits = np.abs(got - ratio * expected).max() <= _RELATIVE * np.abs(got).max()
+        return ratio if fits else 0.0
+
+    def proportional(self, _: Floats, expected: Floats) -> bool:
+        """Return whether the outputs are `expected`, up to a constant factor but 0."""
+        if np.any(self.outputs[:, self.term.first :]):
+            return bool(self.ratio(expected))
+        return not np.any(expected)
+
+    def share(self, factor: float) -> float:
+        """Return the share of outputs that are right but for `factor`, by the best form."""
+        forms = [factor * form for form in self.expected]
+        first = self.term.first
+        return float(
+            np.mean(
+                [
+                    max(
+                        _agreement(row[first:], form[k, first:], filtered=first > 0)
+                        for form in forms
+                    )
+                    for k, row in enumerate(self.outputs)
+                ]
+            )
+        )
+
+
+_RELATIVE = 1e-7
+#: Factors to a whole term that are usual: with or without dt.
+_FACTORS = (1.0, TS, 1.0 / TS, TS * TS)
+_HALF = 0.5
+
+
+def _trials(
+    code: JudgedCode, term: Term, seed: int, output: float = 0.1, kp: float = 0.0
+) -> Trials:
+    """Return the outputs of a term alone, or what it adds to P with the gain `kp`."""
+    sequences = [term.sequence(gain, seed, output) for gain in term.gains]
+    gains = [term.only(gain, kp) for gain in term.gains]
+    outputs = _outputs(code, gains, sequences)
+    if kp:
+        outputs -= _outputs(code, [term.only(0.0, kp)] * len(gains), sequences)
+    reference, measured = np.array(sequences).transpose(1, 0, 2)
+    inputs = {
+        'reference': reference,
+        'measured': measured,
+        'dt': np.array(TS),
+        'low': outputs.min(axis=1, keepdims=True),
+        'high': outputs.max(axis=1, keepdims=True),
+        **dict(zip(('kp', 'ki', 'kd'), np.array(gains).T[..., np.newaxis], strict=True)),
+    }
+    return Trials(term, outputs, inputs)
+
+
+def _outputs(code: JudgedCode, gains: SequenceOf[Gains], sequences: SequenceOf[Sequence]) -> Floats:
+    pairs = zip(gains, sequences, strict=True)
+    return np.array([code.new_pid(*each).acc_sequence(given.rows) for each, given in pairs])
+
+
+@np.errstate(all='ignore')
+def _judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
+    """Return the finding for a term; its score is the share of right outputs, above one half."""
+    try:
+        trials = _trials(code, term, seed)
+    except UserError as error:
+        return Finding(term.criterion, 0.0, str(error))
+    gains = ' and '.join(f'{gain:g}' for gain in term.gains)
+    right = f'right in all {trials.outputs.size} outputs, for gains of {gains}'
+    if trials.share(1.0) == 1.0:
+        return Finding(term.criterion, 1.0, right, factor=1.0)
+    factor = max(map(trials.ratio, trials.expected))
+    if factor > 0.0:
+        message = f'{right}; {_remark(term.name, factor)}, or choose gains that absorb it'
+        return Finding(term.criterion, 1.0, message, factor=factor)
+    score = max(map(trials.share, _FACTORS))
+    # A smaller share is chance: outputs of a wrong term that happen to be right.
+    return Finding(term.criterion, score if score > _HALF else 0.0, _cause(code, trials, seed))
+
+
+def _agreement(got: Floats, expected: Floats, *, filtered: bool) -> float:
+    """Return the share of right outputs among non-zero ones, times that among zeros."""
+
+    def share(values: Floats) -> float:
+        right, nonzero = np.abs(got - values) <= _TOLERANCE, np.abs(values) > _TOLERANCE
+        zeros = 1.0 if nonzero.all() else np.mean(right[~nonzero])
+        return float(np.mean(right[nonzero]) * zeros)
+
+    low_passed = _low_passed(got, expected) if filtered else None
+    return max(share(expected), 0.0 if low_passed is None else share(low_passed))
+
+
+def _low_passed(outputs: Floats, raw: Floats) -> Floats | None:
+    """Return `raw` after the low-pass filter that the first two outputs show, if there is one."""
+    pole = (outputs[1] - raw[1]) / (outputs[0] - raw[1])
+    if not 0.0 < pole < 1.0:
+        return None
+    values = [float(outputs[0])]
+    for value in raw[1:]:
+        values.append(pole * values[-1] + (1.0 - pole) * float(value))
+    return np.array(values)
+
+
+def _cause(code: JudgedCode, trials: Trials, seed: int) -> str:
+    """Return why a term is wrong: rounding, the mistake in it, or its largest error."""
+    term, large = trials.term, trials
+    if not trials.outputs.any():
+        try:
+            # Only large outputs are rounded to other numbers than 0; kp can multiply the term.
+            large = _trials(code, term, seed, output=100.0)
+            trials = trials if term.name == 'P' else _trials(code, term, seed, kp=2.0)
+        except UserError:
+            pass
+    if hint := _rounding(large.outputs):
+        return hint
+    law = TERM_LAWS[term.name]
+    found = law.explain(
+        trials.inputs, {term.name: trials.outputs}, [term.name], trials.proportional
+    )
+    return found.get(term.name) or _largest_error(trials)
+
+
+def _rounding(outputs: Floats) -> str:
+    """Return a sentence if the outputs are rounded, else an empty string."""
+    for digits in range(5):
+        if outputs.any() and np.array_equal(outputs, np.round(outputs, digits)):
+            return (
+                f'the outputs are rounded to {digits} digits: return them as they are'
+                if digits
+                else 'the outputs are whole numbers: does int(…) or // cut them? Return them as '
+                'they are'
+            )
+    return ''
+
+
+def _largest_error(trials: Trials) -> str:
+    """Return a sentence on the call with the largest error."""
+    term, got, expected = trials.term, trials.outputs[0], trials.expected[0][0]
+    error = (trials.inputs['reference'] - trials.inputs['measured'])[0]
+    k = term.first + int(np.argmax(np.abs(got - expected)[term.first :]))
+    before = f', after {error[k - 1]:.6g}' if k else ''
+    return (
+        f'{term.name} is not {term.formula}: with a gain of {term.gains[0]:g}, call {k + 1}, '
+        f'e = {error[k]:.6g} m/s{before}, gave {got[k]:.6g}, expected about {expected[k]:.6g} m/s²'
+    )
+
+
+def _remark(term: str, factor: float) -> str:
+    """Return the remark on a term that is right up to a `factor`, which the gains absorb."""
+    usual: Mapping[str, Mapping[float, str]] = {
+        'P': {TS: 'P is multiplied by dt: it is kp * e'},
+        'I': {1.0 / TS: 'I has no dt: add up ki * e * dt, with dt = 0.02 s'},
+        'D': {
+            TS: f'D has no dt: divide the change of e by dt = {TS:g} s',
+            TS * TS: f'D is multiplied by dt: divide the change of e by dt = {TS:g} s',
+        },
+    }
+    for value, sentence in usual[term].items():
+        if abs(factor - value) <= _RELATIVE * value:
+            return sentence
+    return {
+        'P': f'P is multiplied by {factor:g}: it is kp * e',
+        'I': f'I uses dt = {factor * TS:g} s: PID is called every {TS:g} s, ki * (sum of e * dt)',
+        'D': (
+            f'D uses dt = {TS / factor:g} s: PID is called every {TS:g} s, kd * (e - e_before) / dt'
+        ),
+    }[term]
+
+
+@np.errstate(all='ignore')
+def _ignores_gains(code: JudgedCode, seed: int) -> str:
+    """Return a message if the outputs are the same for all gains, else an empty string."""
+    rows = wandering(seed, 'gains', 1.0).rows
+    try:
+        one, other = (
+            code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
+        )
+    except UserError:
+        return ''
+    if one != other or not any(one):
+        return ''
+    return (
+        'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd '
+        'in __init__, and use these'
+    )
+
+
+@judges('pid.dt')
+def _judge_dt(findings: SequenceOf[Finding]) -> Judged:
+    """Return the finding on the factors of the terms, from their findings."""
+    names = {term.criterion: term.name for term in TERMS}
+    wrong = {names[each.criterion]: each.factor for each in findings if each.factor != 1.0}
+    hints = [
+        _remark(name, factor) if factor else f'{name} is not right'
+        for name, factor in wrong.items()
+    ]
+    right = 'each term has the factor of the formula, dt included'
+    return 1.0 - len(wrong) / len(findings), '; '.join(hints) or right
+
+
+@judges('pid.first_call')
+def _judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Judged:
+    """Return whether D is 0 at the first call, which has no error before it."""
+    if derivative.factor is None:
+        return 0.0, 'D is not right: see pid.derivative'
+    term = TERMS[-1]
+    gain = term.gains[0]
+    pid = code.new_pid(*term.only(gain))
+    output = pid.acc_calculate(*term.sequence(gain, seed).rows[0])
+    if abs(output) <= _TOLERANCE:
+        return 1.0, 'D is 0 at the first call'
+    return 0.0, (
+        f'D is {output:.3g} m/s² at the first call, which has no error before it: start with '
+        'e_before = None, and let D be 0 then'
+    )
+
+
+_GAINS: Gains = (1.0, 2.0, 0.01)
+_ALONE: Mapping[str, Gains] = {'the integral': (0.0, 2.0, 0.0), 'the last error': (0.0, 0.0, 0.01)}
+_AMPLITUDE = 0.3  #: [m/s]
+
+
+@judges('pid.reset')
+def judge_reset(code: JudgedCode, seed: int) -> Judged:
+    """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
+
+    The score is the share of these checks that pass; without a `reset()` the last one is left out.
+    """
+    own = wandering(seed, 'pid.reset', _AMPLITUDE).rows
+    other = wandering(seed, 'pid.reset, before', _AMPLITUDE).rows
+    new = partial(code.new_pid, fresh=False)
+    if _differ(new(1.0, 0.0, 0.0).acc_sequence(own), new(1.0, 0.0, 0.0).acc_sequence(own)):
+        return _random(', with kp alone')
+    used = new(*_GAINS)
+    used.acc_sequence(other)
+    first = new(*_GAINS).acc_sequence(own)
+    if not _differ(first, used.acc_sequence(own)):
+        return 0.0, 'PID keeps no errors between calls: I and D need them'
+    faults, checks = [], 2
+    if leaks := _differ(first, new(*_GAINS).acc_sequence(own)):
+        if not (kept := _kept(new, other)):
+            return _random('')
+        faults.append(
+            f'one run changes the next ({kept}): is it in a global or class variable? '
+            'Set it to 0 in __init__, as self.…'
+        )
+    one, another = new(*_GAINS), new(*_GAINS)
+    in_turn = [
+        (one.acc_calculate(*a), another.acc_calculate(*b)) for a, b in zip(own, other, strict=True)
+    ]
+    if _differ(first, [mine for mine, _ in in_turn]):
+        faults.append('two PIDs at the same time share their values: store them in self')
+    if used.reset():
+        checks += 1
+        if not leaks and _differ(first, used.acc_sequence(own)):
+            faults.append(f'reset() does not clear {_not_reset(new, own, other)}')
+    score = 1.0 - len(faults) / checks
+    return score, '; '.join(faults) or 'each run starts fresh', {'random': False}
+
+
+def _kept(new: Callable[..., JudgedController], other: SequenceOf[Sample]) -> str:
+    """Return what a new PID has of a run before it; empty if the outputs are random."""
+
+    def after(gains: Gains, rows: SequenceOf[Sample]) -> list[float]:
+        new(*gains).acc_sequence(rows)
+        return new(*gains).acc_sequence(still)
+
+    still = constant(0.0, 3).rows
+    return ' and '.join(
+        name for name, gains in _ALONE.items() if _differ(after(gains, still), after(gains, other))
+    )
+
+
+def _not_reset(
+    new: Callable[..., JudgedController], own: SequenceOf[Sample], other: SequenceOf[Sample]
+) -> str:
+    """Return what a PID has of its own run before its reset."""
+    kept = []
+    for name, gains in _ALONE.items():
+        pid = new(*gains)
+        first = pid.acc_sequence(own)
+        pid.acc_sequence(other)
+        pid.reset()
+        if _differ(first, pid.acc_sequence(own)):
+            kept.append(name)
+    return ' and '.join(kept) or 'its output'
+
+
+def _random(when: str) -> Judged:
+    message = (
+        f'the same speeds give different outputs{when}: does PID use random numbers, or the '
+        f"computer's clock? It is called every {TS:g} s of simulated time"
+    )
+    return 0.0, message, {'random': True}
+
+
+def _differ(one: list[float], other: list[float]) -> bool:
+    return not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE)
+
+
+_WINDING: Gains = (1.0, 2.0, 0.0)
+_PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
+_PUSHES, _PULLS = 300, 600  #: calls
+_GROWN = 0.5  #: [m/s²] The least growth that shows an integral.
+_ALLOWED = 25  #: calls until the output leaves the limit
+
+
+@judges('pid.windup')
+def judge_windup(code: JudgedCode) -> Judged:
+    """Return whether the output leaves its limit when the error changes its sign.
+
+    The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
+    less is full marks; beyond that the score falls with the time.
+    """
+    calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
+    scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in calls]
+    if min(scores) == 1.0:
+        return 1.0, 'the output leaves its limit when the error changes its sign'
+    longest = max(calls)
+    time = f'{longest * TS:.1f} s' if longest < _PULLS else f'more than {_PULLS * TS:g} s'
+    return float(np.mean(scores)), (
+        f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
+        f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
+        f'{time}. Do not add to the integral while the output is at its limit'
+    )
+
+
+def _recovery(code: JudgedCode, sign: float) -> int:
+    """Return the number of calls until the output leaves its limit."""
+    pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
+    pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
+    if pushed.max() <= _WINDING[0] * _PUSHED + _GROWN:
+        raise UserError(
+            'the output does not grow while the error stays the same: is there an integral?'
+        )
+    pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
+    greatest = float(np.abs([*pushed, *pulled]).max())
+    if not greatest < NOT_A_CAR:
+        raise UserError(
+            f'the output reaches {greatest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
+        )
+    inside = np.flatnonzero(pulled < min(float(pushed.max()), ACCELERATION_LIMIT) - _TOLERANCE)
+    return int(inside[0]) if inside.size else _PULLS
