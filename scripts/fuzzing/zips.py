@@ -117,8 +117,9 @@ def _tar(chance: Random) -> bytes:
             data = chance.choice((b'kp = 1\n', bytes(3_000), _zipped(zipfile.ZIP_STORED)))
         size = len(data) if chance.random() < 0.7 else chance.choice(_NUMBERS)  # noqa: PLR2004
         blocks += [_tar_header(chance, kind, size), data, bytes(-len(data) % 512)]
-    repeated = chance.choice((1, 1, 1, 1, 50, 2_000))
-    return b''.join(blocks) * repeated + bytes(chance.choice((0, 512, 1024, 10_240)))
+    whole = b''.join(blocks)
+    repeated = min(chance.choice((1, 1, 1, 1, 50, 5_000)), max(1, (4 << 20) // len(whole)))
+    return whole * repeated + bytes(chance.choice((0, 512, 1024, 10_240)))
 
 
 def _tar_header(chance: Random, kind: bytes, size: int) -> bytes:
