@@ -12,6 +12,8 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from pathlib import Path
 
+_TRIES = 10
+
 
 def check_root(root: Path) -> None:
     """Raise UserError if no bag can be made in the folder `root`; nothing is written."""
@@ -90,16 +92,20 @@ def new_directory(root: Path) -> Path:
     """
     check_root(root)
     name = time.strftime('%Y-%m-%d_%H-%M-%S')
-    suffix = 1
+    suffix, vanished = 1, 0
     while True:
         directory = root / (name if suffix == 1 else f'{name}_{suffix}')
         try:
-            directory.mkdir(parents=True)
+            root.mkdir(parents=True, exist_ok=True)
+            directory.mkdir()
         except FileExistsError:
             suffix += 1
         except OSError as error:
-            raise UserError(
-                f'no bag can be made in {str(root)!r} ({error.strerror}): name another folder'
-            ) from error
+            # A run that began together with this one, and ended at once, may have removed the root.
+            vanished += isinstance(error, FileNotFoundError)
+            if not 0 < vanished < _TRIES:
+                raise UserError(
+                    f'no bag can be made in {str(root)!r} ({error.strerror}): name another folder'
+                ) from error
         else:
             return directory

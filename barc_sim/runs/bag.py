@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
+from contextlib import suppress
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any
 
@@ -71,7 +72,8 @@ class RunBag:
         """Delete the bag; to be called after the recorder is destroyed."""
         shutil.rmtree(self.recorder.path)
         if self._root_is_new:
-            self.recorder.path.parent.rmdir()
+            with suppress(OSError):  # another run has its bag there
+                self.recorder.path.parent.rmdir()
 
     def _add_graph(self) -> None:
         self.recorder.add_metadata({'graph': self._engine.graph().to_json()})

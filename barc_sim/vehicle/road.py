@@ -10,6 +10,7 @@ from math import cos, isfinite, radians, sin
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ class Road:
         path = Path(name)
         try:
             # Spreadsheets on Windows begin UTF-8 with a byte order mark.
-            lines = path.read_text(encoding='utf-8-sig').splitlines()
+            lines = read_regular(path, 1 << 24).decode('utf-8-sig').splitlines()
         except (OSError, ValueError):
             raise UserError(
                 f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"

@@ -64,6 +64,22 @@ def test_what_the_system_refuses_is_one_sentence(
         new_directory(tmp_path / 'bags')
 
 
+def test_a_root_that_another_run_removes_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mkdir, removed = Path.mkdir, []
+
+    def removing(path: Path, **options: bool) -> None:
+        if path.parent.name == 'bags' and not removed:
+            removed.append(path)
+            path.parent.rmdir()
+        mkdir(path, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Path, 'mkdir', removing)
+    assert new_directory(tmp_path / 'bags').is_dir()
+    assert removed
+
+
 def test_too_little_space_is_one_sentence(tmp_path: Path) -> None:
     check_space(tmp_path / 'new', 0)
     with pytest.raises(UserError, match=r'MiB are free, and 1.1259e\+15 MiB must stay free: make'):

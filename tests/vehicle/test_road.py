@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from math import hypot, inf, nan, nextafter, radians, sin
 from typing import TYPE_CHECKING
 
@@ -199,3 +200,9 @@ def test_map_begins_where_the_distance_is_zero() -> None:
     assert road.horizontal(0.0) == 0.0
     assert road.horizontal(-30.0) == pytest.approx(-15.0)
     assert road.horizontal(20.0) == pytest.approx(15.0)
+
+
+def test_a_pipe_is_no_road(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'road.csv')
+    with pytest.raises(UserError, match='nor a CSV file that can be read'):
+        Road.named(str(tmp_path / 'road.csv'))

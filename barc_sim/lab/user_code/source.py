@@ -8,6 +8,7 @@ import re
 import warnings
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class Source(NamedTuple):
 def read(path: Path, name: str) -> Source:
     """Read the file at `path`; an error if it can't be read, or is no text in UTF-8."""
     try:
-        with path.open('rb') as file:
+        with open_regular(path) as file:
             data = file.read(_MAX_BYTES + 1)
     except OSError as error:
         raise UserCodeError(f'{str(path)!r} cannot be read: {error.strerror}') from error

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def read(path: Path, node: str, *, wildcards: bool = True) -> dict[str, Any]:
     {'speed_reference': 8.0}
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+        content = yaml.safe_load(read_regular(path, 1 << 24).decode())
     except OSError as error:
         raise UserError(f'{str(path)!r} cannot be read: {error.strerror}') from None
     except yaml.MarkedYAMLError as error:
