@@ -1,6 +1,6 @@
 """Read damaged files as the commands do, and count what becomes of them.
 
-Each ends in a result or in a sentence, within 10 s and 500 MiB; the exit code is 1 where one does
+Each ends in a result or in a sentence, within 10 s and 300 MiB; the exit code is 1 where one does
 not. The same seed makes the same damage.
 """
 

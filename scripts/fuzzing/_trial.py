@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 SECONDS = 10.0  #: for each use of a file
-MEBIBYTES = 500.0  #: of a process's memory
+MEBIBYTES = 300.0  #: of a process's memory
 _PATIENCE = 3 * SECONDS  # also a use that ends is to be measured
 _ADDRESSES = 4 << 30  # bytes; more is refused to a process
 _AT_ONCE = 250  # files of one process
@@ -111,7 +111,7 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
             trial = trial._replace(seconds=seconds, mebibytes=_peak())
         if seconds > SECONDS or trial.mebibytes > MEBIBYTES:
             outcome = HANG if seconds > SECONDS else MEMORY
-            return trial._replace(outcome=outcome, why=f'{use.__name__}')
+            return trial._replace(outcome=outcome, why=str(use))
     return trial
 
 

@@ -1,17 +1,24 @@
 """Damaged bags: any bytes, and each field of each kind of record of the file's format, MCAP.
 
+Message definitions are changed as texts of their own: types, lengths, names, types within types.
+In some folders links, named pipes, sockets, devices and folders stand in place of files.
+
 Each bag goes through one of `plot`, `replay`, `report` and `graph`, and through
-`recover`; what that leaves is read again.
+`recover`; what that leaves is read again. Nothing outside of the bag may change.
 """
 
 from __future__ import annotations
 
 import io
+import os
+import re
+import socket
 import subprocess
 import sys
 import tempfile
+import time
 from contextlib import redirect_stderr, redirect_stdout
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +32,7 @@ from mcap.records import Attachment
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.recovery import recover
+from barc_sim.errors import UserError
 from barc_sim.figures import run_figures, side_view
 from barc_sim.lab.report import page, read
 
@@ -34,10 +42,23 @@ if TYPE_CHECKING:
 
 #: Shares of bags: damaged wherever, finished, and with a footer that leads to the summary.
 _ANYWHERE, _FINISHED, _MENDED = 0.2, 0.7, 0.8
+#: Shares of bags: with other definitions of messages, and in a folder of more than plain files.
+_DEFINED, _SURROUNDED = 0.3, 0.2
 #: Shares of fields: with a wrong length, and of chunks: with a checksum that is right.
 _LYING, _CHECKED = 0.2, 0.8
 _MOST = 16 << 20  # bytes that a record is repeated to
 
+_FIELD = re.compile(r'(\s*)([\w/]+)(\S*)(\s+)(\w+)(.*)')
+_TYPES = (
+    *('bool', 'byte', 'int32', 'uint32', 'uint64', 'float32', 'float64', 'string', 'string<=9'),
+    *('wstring', 'time', 'Header', 'std_msgs/Header', 'builtin_interfaces/Time', 'a/B', 'ECU'),
+    *('barc_interfaces/ZDynBkMdl', 'barc_interfaces/ControllerState'),
+)
+_SIZES = ('', '', '[]', '[0]', '[1]', '[<=3]', '[1000]', '[400000000]', '[18446744073709551616]')
+_NAMES = ('x', 'sec', 'stamp', 'header', 'names', 'values', 'a', 'class', 'saturated', 'X')
+
+clock = time.process_time
+_SCHEMA = Opcode.SCHEMA
 _DATA_END = bytes([Opcode.DATA_END])
 
 
@@ -65,6 +86,9 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
         found = found[: next(k for k, each in enumerate(found) if each.kind == Opcode.DATA_END)]
     if chance.random() < _ANYWHERE:
         return '.mcap', 'any bytes', damage(assemble(found, finished=finished), chance)
+    if chance.random() < _DEFINED:
+        _redefine(found, chance)
+        return '.mcap', 'definitions', assemble(found, finished=finished)
     kinds = {each.kind for outer in found for each in (outer, *outer.inner)}
     kind = chance.choice(sorted(kinds))
     for _ in range(chance.choice((1, 1, 2, 5))):
@@ -82,6 +106,45 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
     mended = finished and chance.random() < _MENDED
     content = assemble(found, finished=mended and kind != Opcode.FOOTER)
     return '.mcap', Record(kind, b'').name, content
+
+
+def _redefine(found: list[Record], chance: Random) -> None:
+    """Change the definition of a type, in the chunks and in the summary."""
+    schemas = [each for outer in found for each in (outer, *outer.inner) if each.kind == _SCHEMA]
+    of = chance.choice(schemas).fields()['name']
+    for record in schemas:
+        fields = record.fields()
+        if fields['name'] == of:
+            text = without_length('d', fields['definition']).decode()
+            changed = definition(text, chance).encode()
+            record.body = b''.join((fields | {'definition': with_length('d', changed)}).values())
+    for outer in found:
+        if outer.inner:
+            pack_chunk(outer, b'zstd', checked=True)
+
+
+def definition(text: str, chance: Random) -> str:
+    """Return a changed message definition."""
+    lines = [line.partition('#')[0].rstrip() for line in text.splitlines()]
+    for _ in range(chance.choice((1, 1, 1, 2, 5, 20))):
+        at = chance.randrange(len(lines))
+        kind = chance.choice(_TYPES) + chance.choice(_SIZES)
+        field = _FIELD.match(lines[at])
+        match chance.randrange(8):
+            case 0 | 1 | 2 if field:
+                lines[at] = field.expand(rf'\1{kind}\4\5')
+            case 3 | 4:
+                lines.insert(at, f'{kind} {chance.choice(_NAMES)}')
+            case 5:
+                lines[at:at] = [f'{kind} {chance.choice(_NAMES)}{k}' for k in range(500)]
+            case 6:
+                types = [f'MSG: a/B{k}\na/B{k + 1}{chance.choice(_SIZES)} a' for k in range(60)]
+                lines += [line for each in types for line in ('=' * 80, *each.splitlines())]
+                lines.insert(0, f'a/B0{chance.choice(_SIZES)} a')
+            case _:
+                del lines[at]
+                lines = lines or ['']
+    return '\n'.join(lines) + '\n'
 
 
 def _kinds(record: Record) -> set[int]:
@@ -157,6 +220,62 @@ def _graph(path: Path) -> None:
         barc(['graph', '--save', str(path.with_name('graph.svg')), '--bag', str(path)])
 
 
+_OUTSIDE = b'not of the bag'
+_NEIGHBOURS = (
+    *('run_0.mcap', 'run_1.mcap', 'metadata.yaml', '.metadata.yaml', '.run_0.mcap.part'),
+    *('speed.png', '.speed.png', 'report.html', 'graph.svg', 'run_0.mcap.damaged', 'any'),
+)
+
+
+def _outside(path: Path) -> Path:
+    return path.parent.with_name(f'{path.parent.name} outside')
+
+
+def _bind(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+
+
+def _surround(path: Path, chance: Random) -> None:
+    """Put what is no plain file beside the bag's file, or in its place."""
+    outside = _outside(path)
+    outside.mkdir()
+    (outside / 'file').write_bytes(_OUTSIDE)
+    makers: list[Callable[[Path], object]] = [
+        *(partial(Path.symlink_to, target=outside / name) for name in ('', 'file', 'none')),
+        *(partial(Path.symlink_to, target=name) for name in ('run_0.mcap', '/dev/zero', 'loop')),
+        partial(os.link, outside / 'file'),
+        *(os.mkfifo, Path.mkdir, _bind),
+    ]
+    for name in chance.sample(_NEIGHBOURS, chance.choice((1, 1, 2, 5))):
+        place = path.with_name(name)
+        place.unlink(missing_ok=True)
+        chance.choice(makers)(place)
+
+
+def _unchanged(path: Path) -> None:
+    outside = _outside(path)
+    names = [each.name for each in outside.iterdir()]
+    if names != ['file'] or (outside / 'file').read_bytes() != _OUTSIDE:
+        raise AssertionError(f'outside of the bag: {names}')
+
+
+def _command(name: str, path: Path) -> None:
+    error = io.StringIO()
+    with redirect_stdout(io.StringIO()), redirect_stderr(error):
+        code = barc([name, str(path.parent)])
+    if code == 2:  # noqa: PLR2004 (a sentence)
+        raise UserError(error.getvalue())
+
+
 def uses(chance: Random) -> list[Callable[[Path], object]]:
     """Return what to do with a file, one after the other."""
+    if chance.random() < _SURROUNDED:
+        os.environ.pop('DISPLAY', None)
+        commands = chance.sample(('plot', 'report', 'recover'), 3)
+        return [
+            partial(_surround, chance=chance),
+            *(partial(_command, name) for name in commands),
+            _unchanged,
+        ]
     return [chance.choice((_plot, _replay, _report, _graph)), recover, reader.read]
