@@ -1,13 +1,10 @@
-"""The graph of nodes and topics: as a record, as JSON, and as a table of the nodes' purposes."""
+"""The graph of nodes and topics: as a record, as JSON, and with the nodes' purposes."""
 
 from __future__ import annotations
 
-import ast
 import json
-import re
 from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from barc_sim.bags import bounds
 
@@ -16,6 +13,18 @@ if TYPE_CHECKING:
 
 #: ROS's own topics, which every node publishes; figures name them, but do not draw them.
 EVERYONES = ('/rosout', '/parameter_events')
+
+#: Of our nodes, by name: their `description`, for readers of a bag, who may have no ROS.
+PURPOSES = {
+    'vehicle_simulator': 'owns time, and steps the car with the commands that it receives',
+    'controller': 'holds the speed; each state that arrives is answered by a command',
+    'relay': "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz",
+    'keyboard': "publishes the driver's input from the terminal's keys, as `cmd_vel`",
+    'bag_recorder': 'records every wanted topic into a bag',
+    'view': 'serves the live page, and passes its requests to the other nodes',
+    'mirror': "repeats the simulator's states in the messages of ROS's own tools",
+    'foxglove': 'serves every topic to the Foxglove app',
+}
 
 Link = tuple[str, str]
 
@@ -78,36 +87,12 @@ def _links(pairs: Iterable[tuple[object, object]]) -> tuple[Link, ...]:
     return tuple((_name(source), _name(target)) for source, target in pairs)
 
 
-class Part(NamedTuple):
-    """A row of the table; source and purpose are empty for a node that is not ours."""
-
-    name: str
-    source: str
-    purpose: str
-
-
-def table(graph: NodeGraph) -> list[Part]:
-    """Return a row for each node of `graph`.
+def purposes(graph: NodeGraph) -> list[tuple[str, str]]:
+    """Return each node with its purpose, which is empty for a node that is not ours.
 
     Examples
     --------
-    >>> graph = NodeGraph(('/controller',), {}, (), ())
-    >>> table(graph)[0].purpose
-    'holds the speed; each state that arrives is answered by a command'
+    >>> purposes(NodeGraph(('/bag_recorder', '/rviz'), {}, (), ()))
+    [('/bag_recorder', 'records every wanted topic into a bag'), ('/rviz', '')]
     """
-    known = _known()
-    return [Part(name, *known.get(name.rpartition('/')[2], ('', ''))) for name in graph.nodes]
-
-
-def _known() -> dict[str, tuple[str, str]]:
-    """Return source and purpose of our own nodes, by name, from their modules' docstrings."""
-    package = Path(__file__).parents[1]
-    known = {}
-    for path in sorted((package / 'nodes').rglob('*.py')):
-        text = path.read_text(encoding='utf-8')
-        name = re.search(r"super\(\).__init__\('(\w+)'", text)
-        if name:
-            first = (ast.get_docstring(ast.parse(text)) or '').partition('\n\n')[0]
-            purpose = ' '.join(first.split()).partition(': ')[2].rstrip('.')
-            known[name[1]] = str(path.relative_to(package.parent)), purpose
-    return known
+    return [(name, PURPOSES.get(name.rpartition('/')[2], '')) for name in graph.nodes]

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path as Curve
 
-from barc_sim.bags.node_graph import EVERYONES, table
+from barc_sim.bags.node_graph import EVERYONES, purposes
 from barc_sim.figures.graph_layout import layout
 from barc_sim.figures.style import BLUE, GREY, INK, MUTED, STYLE
 
@@ -106,14 +106,11 @@ def lines(graph: NodeGraph) -> list[str]:
     --------
     >>> from barc_sim.bags.node_graph import NodeGraph
     >>> lines(NodeGraph(('/controller',), {}, (), ()))[0].split()
-    ['node', 'source', 'what', 'it', 'does']
+    ['node', 'what', 'it', 'does']
     """
-    parts = [('node', 'source', 'what it does'), *table(graph)]
-    name, source = (max(len(part[k]) for part in parts) for k in (0, 1))
-    return [
-        f'{a:{name}}  {b or "-":{source}}  {c or "(not of this package)"}'.rstrip()
-        for a, b, c in parts
-    ]
+    rows = [('node', 'what it does'), *purposes(graph)]
+    width = max(len(name) for name, _ in rows)
+    return [f'{name:{width}}  {purpose or "(not of this package)"}' for name, purpose in rows]
 
 
 def _box(vertex: str, name: str) -> Box:

@@ -18,7 +18,7 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexers import PythonLexer
 
 from barc_sim.bags import reader
-from barc_sim.bags.node_graph import NodeGraph, table
+from barc_sim.bags.node_graph import NodeGraph, purposes
 from barc_sim.bags.records import files
 from barc_sim.cli.files import open_regular
 from barc_sim.figures.drive_figure import drive_figure
@@ -172,7 +172,7 @@ def page(facts: Facts) -> str:
         sources=[*_shown(facts.sources)],
         code_style=_FORMATTER.get_style_defs('.code'),  # type: ignore[no-untyped-call]
         graph=graph,
-        nodes=table(facts.graph) if facts.graph else [],
+        nodes=purposes(facts.graph) if facts.graph else [],
     )
 
 

@@ -1,34 +1,31 @@
-"""The graph as a record and a table."""
+"""The graph with the purposes of its nodes."""
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import barc_sim
-from barc_sim.bags.node_graph import NodeGraph, table
-
-GRAPH = NodeGraph(
-    nodes=('/car2/controller', '/rviz'),
-    topics={'/car2/ecu': 'barc_interfaces/msg/ECU'},
-    publications=(('/car2/controller', '/car2/ecu'),),
-    subscriptions=(('/car2/ecu', '/rviz'),),
-)
+from barc_sim.bags.node_graph import PURPOSES, NodeGraph, purposes
 
 
-def test_table_tells_source_and_purpose_of_our_own_nodes() -> None:
-    ours, foreign = table(GRAPH)
-    assert ours.name == '/car2/controller'
-    assert ours.source == 'barc_sim/nodes/controller.py'
-    assert ours.purpose.startswith('holds the speed')
-    assert foreign == ('/rviz', '', '')
+def test_our_own_nodes_have_a_purpose() -> None:
+    graph = NodeGraph(('/car2/controller', '/rviz'), {}, (), ())
+    ours, foreign = purposes(graph)
+    assert ours == ('/car2/controller', PURPOSES['controller'])
+    assert foreign == ('/rviz', '')
 
 
-def test_every_node_of_the_package_is_in_the_table() -> None:
-    package = Path(barc_sim.__file__).parent
-    modules = (*package.glob('nodes/[a-z]*.py'), *package.glob('nodes/*/node.py'))
-    sources = {str(path.relative_to(package.parent)) for path in modules}
-    drive = ('vehicle_simulator', 'controller', 'relay', 'keyboard')
-    names = (*drive, 'bag_recorder', 'view', 'mirror', 'foxglove')
-    rows = table(NodeGraph(tuple(f'/{name}' for name in names), {}, (), ()))
-    assert {row.source for row in rows} - {''} == sources
-    assert all(row.purpose for row in rows if row.source)
+def test_purposes_are_the_descriptions_of_the_node_classes() -> None:
+    found = {
+        statement.value.value
+        for path in (Path(barc_sim.__file__).parent / 'nodes').rglob('*.py')
+        for each in ast.parse(path.read_text('utf-8')).body
+        if isinstance(each, ast.ClassDef)
+        for statement in each.body
+        if isinstance(statement, ast.Assign)
+        and ast.unparse(statement.targets[0]) == 'description'
+        and isinstance(statement.value, ast.Constant)
+    }
+    assert found <= set(PURPOSES.values())
+    assert PURPOSES['controller'] in found

@@ -96,4 +96,4 @@ def test_drawing_fits_its_figure_and_is_not_empty(tmp_path: Path, extension: str
 
 def test_node_of_others_is_marked() -> None:
     graph = NodeGraph(('/rviz',), {}, (), ())
-    assert lines(graph)[1] == '/rviz  -       (not of this package)'
+    assert lines(graph)[1] == '/rviz  (not of this package)'
