@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.check.judging import Settings
-    from barc_sim.lab.check.worker import Report
+    from barc_sim.lab.check.judging import Report, Settings
 
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
@@ -66,9 +65,10 @@ def run(options: Namespace) -> int:
     UserError
         where there is nothing to check, or the figure cannot be saved.
     """
+    from barc_sim.lab.check.judging import judge_folder  # noqa: PLC0415
     from barc_sim.lab.check.report import print_report  # noqa: PLC0415
-    from barc_sim.lab.check.worker import judge_folder  # noqa: PLC0415
     from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
+    from barc_sim.lab.user_code.loading import find_files  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
         raise UserError('--save and --no-plot contradict each other: give one of them')
@@ -79,6 +79,7 @@ def run(options: Namespace) -> int:
     settings = _settings(rubric.settings, options)
     name = options.save or str(folder / 'check.png')
     path = None if options.no_plot else target(name, FORMATS)
+    find_files(folder)  # or a UserError
     report = judge_folder(folder, settings)
     print_report(report, rubric)
     composed = _composition(folder)

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from barc_sim.__main__ import main as barc
 from barc_sim.lab.check import report
-from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.check.judging import judge_folder
 from barc_sim.lab.grade.rubric import load
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ def wrong(folder: Path) -> Path:
 
 def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
     lines = printed('check', str(folder)).splitlines()
-    assert lines[0] == 'model.x                   8 / 8  right in all 2,750 states'
-    assert 'pid.proportional          0 / 8  there is no controller.py' in lines
+    assert lines[0] == 'model.x             8 / 8  right in all 2,750 states'
+    assert 'pid.proportional    0 / 8  there is no controller.py' in lines
     assert lines[-2:] == [
         '5 of 5 criteria are met in full: 50 of 100 points',
         str(folder / 'check.png'),
@@ -71,8 +71,10 @@ def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
 
 def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
     out = printed('check', str(wrong), '--no-plot', '--kp', '2', code=1)
-    assert 'pid.integral              0 / 8  I is always 0: is ki used, and is each error' in out
-    assert '100 m  30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: kp = 2 gives' in out
+    assert 'pid.integral         0 / 8  I is always 0: is ki used, and is each error' in out
+    assert (
+        '100 m   30°  2.163 m/s  2.448 m/s  needs 4.9 m/s² more at once: 2.44 m/s too slow' in out
+    )
     assert 'your code printed:\n  [red]called\n' in out
     assert 'more lines' in out
     assert '6 of 9 criteria are met in full: ' in out

@@ -9,8 +9,7 @@ from student_code import WORKS, Work
 
 from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, RELAY
-from barc_sim.lab.check.judging import Settings, judge
-from barc_sim.lab.check.worker import judge_folder, load_parts
+from barc_sim.lab.check.judging import Settings, judge, judge_folder, load_parts
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import report
 from barc_sim.lab.grade.grade import grade

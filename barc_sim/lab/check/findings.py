@@ -70,18 +70,12 @@ MODEL, PID, LOOP, RELAY = (
     tuple(name for name in CRITERIA if name.startswith(f'{group}.'))
     for group in ('model', 'pid', 'loop', 'relay')
 )
-EQUATIONS, TERMS = MODEL[:4], PID[:3]
+EQUATIONS = MODEL[:4]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """How far a criterion is met, and what to check if it is not.
-
-    Examples
-    --------
-    >>> Finding('model.x', score=0.5, message='the sign of sin is wrong').passed
-    False
-    """
+    """How far a criterion is met, and what to check if it is not."""
 
     criterion: str  #: one of `CRITERIA`
     score: float  #: from 0 to 1; 1 is full marks
@@ -90,7 +84,6 @@ class Finding:
     #: what a figure shows
     evidence: Comparison | Trajectory | None = field(default=None, compare=False, repr=False)
     skipped: bool = False  #: there is no such file: the score is 0
-
     factor: float | None = None  #: of a term of the PID: 1 with the lab's formula, dt included
 
     @property

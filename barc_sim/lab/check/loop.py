@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import pairwise
 from math import inf, isfinite, nan
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
@@ -13,51 +14,41 @@ import numpy as np
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import NOT_A_CAR, Comparison, judges
-from barc_sim.lab.check.stretches import Gains, describe_worst, explain
+from barc_sim.lab.check.model import TS
 from barc_sim.lab.user_code.call import NOT_WRITTEN
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.progress import Progress
+from barc_sim.vehicle.bike_model import GRAVITY
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from barc_sim.lab.check.code import JudgedCode, JudgedController
     from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.laws import Floats
     from barc_sim.lab.user_code.gains import ChosenGains
     from barc_sim.simulation.log import Log
 
-
 STEEPEST_DEG = 25.0
-_STRETCHES = 5
-_LEAST, _MOST = 15.0, 30.0  #: [m] of a stretch
+_RANDOM_ROADS = 4
+_GRADES = 5
+_MIN_LENGTH, _MAX_LENGTH = 15.0, 30.0  #: [m] of a grade
 
 
 def random_road(seed: int, number: int) -> tuple[Road, float]:
     """Return random road `number` and its length [m]: 20 m on the flat, then five grades.
 
     The car's motor can climb each of them.
-
-    Examples
-    --------
-    >>> road, distance = random_road(seed=0, number=1)
-    >>> road == random_road(seed=0, number=1)[0]
-    True
     """
     random = Random(f'{seed} road {number}')  # noqa: S311 (a simulation, not a secret)
     starts, grades = [0.0], [0.0]
     end = 20.0
-    for _ in range(_STRETCHES):
+    for _ in range(_GRADES):
         starts.append(end)
         grades.append(round(random.uniform(-STEEPEST_DEG, STEEPEST_DEG), 1))
-        end = round(end + random.uniform(_LEAST, _MOST), 1)
+        end = round(end + random.uniform(_MIN_LENGTH, _MAX_LENGTH), 1)
     return Road(tuple(starts), tuple(grades), name=f'random {number + 1}'), end
-
-
-RANDOM_ROADS = 4
-LAB_DISTANCE = 180.0  #: [m]
 
 
 @dataclass(frozen=True)
@@ -65,11 +56,6 @@ class Thresholds:
     """Speed errors [m/s] after the run-up, for half of the marks each.
 
     Full marks up to `full_…`, none from `zero_…` on, linear in between.
-
-    Examples
-    --------
-    >>> Thresholds().full_rms
-    0.15
     """
 
     full_rms: float = 0.15
@@ -85,13 +71,6 @@ class Conditions:
     gains: ChosenGains
     limit: float = inf  #: [m/s²] of its output
     thresholds: Thresholds = field(default_factory=Thresholds)
-    factors: Sequence[float] = (1.0, 1.0, 1.0)  #: of its terms, as in a finding
-
-    @property
-    def effective(self) -> Gains:
-        """The gains times the terms' factors."""
-        kp, ki, kd = (g * f for g, f in zip(self.gains[:3], self.factors, strict=True))
-        return kp, ki, kd
 
     def __str__(self) -> str:
         """Return them as text."""
@@ -99,12 +78,46 @@ class Conditions:
         return f'with {self.gains}, {limit}'
 
 
-class Drive(NamedTuple):
-    """A drive over one road."""
+@judges('loop.lab_road')
+def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
+    """Return the finding for the lab's road, with what the speed does on each stretch of it."""
+    try:
+        drive = _drive(code, conditions, Road.lab(), DISTANCE)
+    except UserError as error:
+        if NOT_WRITTEN in str(error):
+            raise
+        raise UserError(f'{error} ({conditions})') from error
+    details = {
+        'gains': list(conditions.gains[:3]),
+        'stretches': [stretch._asdict() for stretch in drive.stretches],
+    }
+    message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}'
+    return drive.score, message, details, Comparison(drive.log, _reference(conditions.limit))
 
-    road: Road
-    log: Log
-    failure: str  #: what the car does that never arrives
+
+@cache
+def _reference(limit: float) -> Log:
+    return closed_loop(controller=speed_controller(limit=limit), distance=DISTANCE)
+
+
+@judges('loop.random_roads')
+def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Judged:
+    """Return the finding for random roads: the mean of their scores."""
+    drives = [
+        _drive(code, conditions, *random_road(seed, number)) for number in range(_RANDOM_ROADS)
+    ]
+    worst = min(drives, key=lambda drive: drive.score)
+    message = f'the worst of {len(drives)} roads: {worst.describe()}{worst.worst_stretch()}'
+    roads = [
+        {
+            'starts': list(drive.road.starts),
+            'grades_deg': list(drive.road.grades_deg),
+            'rms_error': drive.errors[0],
+            'score': drive.score,
+        }
+        for drive in drives
+    ]
+    return float(np.mean([drive.score for drive in drives])), message, {'roads': roads}
 
 
 class _Limited(PID):
@@ -130,62 +143,12 @@ class _Limited(PID):
         return output
 
 
-@judges('loop.lab_road')
-def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
-    """Return the finding for the lab's road, with an explanation for each stretch of it."""
-    try:
-        drive = _drive(code, conditions, Road.lab(), LAB_DISTANCE)
-    except UserError as error:
-        if NOT_WRITTEN in str(error):
-            raise
-        raise UserError(f'{error} ({conditions})') from error
-    stretches = explain(drive.log, conditions.effective, conditions.limit)
-    score = _score(drive, conditions.thresholds)
-    message = f'{_describe(drive, conditions.thresholds)}, {conditions}'
-    if score < 1.0:
-        message += f'. {describe_worst(stretches)}'
-    details = {
-        'gains': list(conditions.gains[:3]),
-        'stretches': [stretch._asdict() for stretch in stretches],
-    }
-    return score, message, details, Comparison(drive.log, _reference(conditions.limit))
-
-
-@cache
-def _reference(limit: float) -> Log:
-    return closed_loop(controller=speed_controller(limit=limit), distance=LAB_DISTANCE)
-
-
-@judges('loop.random_roads')
-def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> Judged:
-    """Return the finding for random roads: the mean of their scores."""
-    drives = [
-        _drive(code, conditions, *random_road(seed, number)) for number in range(RANDOM_ROADS)
-    ]
-    thresholds = conditions.thresholds
-    scores = [_score(drive, thresholds) for drive in drives]
-    worst_drive = drives[int(np.argmin(scores))]
-    message = f'the worst of {len(drives)} roads: {_describe(worst_drive, thresholds)}'
-    if min(scores) < 1.0:
-        worst = explain(worst_drive.log, conditions.effective, conditions.limit)
-        message += f'. {describe_worst(worst)}'
-    roads = [
-        {
-            'starts': list(drive.road.starts),
-            'grades_deg': list(drive.road.grades_deg),
-            'rms_error': _errors(drive)[0],
-            'score': score,
-        }
-        for drive, score in zip(drives, scores, strict=True)
-    ]
-    return float(np.mean(scores)), message, {'roads': roads}
-
-
 def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float) -> Drive:
     """Drive over a road; an error of the code on the way names the call."""
     plant = Plant(road=road)
-    controller = code.new_pid(*conditions.gains[:3], limit=conditions.limit)
-    pid = _Limited(controller, conditions.limit)
+    pid = _Limited(
+        code.new_pid(*conditions.gains[:3], limit=conditions.limit), limit=conditions.limit
+    )
     progress = Progress(distance)
     try:
         log = closed_loop(plant, pid, distance=distance, progress=progress)
@@ -194,32 +157,164 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
             raise
         time = (pid.calls - 1) * plant.ts
         raise UserError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
-    return Drive(road, log, progress.failure)
+    return Drive(road, log, progress.failure, conditions)
 
 
-def _errors(drive: Drive) -> tuple[float, float]:
-    """Return the RMS and the greatest error [m/s] after the run-up."""
-    result = summary(drive.log)
-    return round(result.rms_error_after_run_up, 6), round(result.max_error_after_run_up, 6)
+class Stretch(NamedTuple):
+    """A stretch of one grade, with the speed error on it."""
+
+    start: float  #: [m]
+    end: float  #: [m]
+    theta_deg: float
+    rms_error: float  #: [m/s]
+    max_error: float  #: [m/s] greatest absolute error
+    remark: str  #: what the speed does
 
 
-def _score(drive: Drive, thresholds: Thresholds) -> float:
-    if drive.failure:
-        return 0.0
-    rms, greatest = _errors(drive)
-    shares = (
-        (thresholds.zero_rms - rms) / (thresholds.zero_rms - thresholds.full_rms),
-        (thresholds.zero_max - greatest) / (thresholds.zero_max - thresholds.full_max),
+@dataclass(frozen=True)
+class Drive:
+    """A drive over one road."""
+
+    road: Road
+    log: Log
+    failure: str  #: what the car does that never arrives
+    conditions: Conditions
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """The RMS and the greatest error [m/s] after the run-up."""
+        result = summary(self.log)
+        return round(result.rms_error_after_run_up, 6), round(result.max_error_after_run_up, 6)
+
+    @property
+    def score(self) -> float:
+        """The score, from 0 to 1."""
+        if self.failure:
+            return 0.0
+        (rms, maximum), by = self.errors, self.conditions.thresholds
+        shares = (
+            (by.zero_rms - rms) / (by.zero_rms - by.full_rms),
+            (by.zero_max - maximum) / (by.zero_max - by.full_max),
+        )
+        # NaN is no error that is small.
+        return sum(min(1.0, share) if share > 0.0 else 0.0 for share in shares) / len(shares)
+
+    def describe(self) -> str:
+        """Return a sentence on the errors."""
+        if self.failure:
+            return self.failure
+        (rms, maximum), by = self.errors, self.conditions.thresholds
+        return (
+            f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
+            f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
+        )
+
+    @property
+    def stretches(self) -> list[Stretch]:
+        """Each stretch of one grade."""
+        log, limit = self.log, self.conditions.limit
+        changes = np.flatnonzero(np.diff(log.theta_deg)) + 1
+        stretches: list[Stretch] = []
+        for first, last in pairwise([0, *changes.tolist(), len(log)]):
+            part, error = slice(first, last), log.speed_error[first:last]
+            remark = _of_stretch(log, part, limit) if first else _of_start(log, part, limit)
+            stretches.append(
+                Stretch(
+                    start=float(log.distance[first]),
+                    end=float(log.distance[last - 1]),
+                    theta_deg=float(log.theta_deg[first]),
+                    rms_error=float(np.sqrt(np.mean(error**2))),
+                    max_error=float(np.abs(error).max()),
+                    remark=remark,
+                )
+            )
+        return stretches
+
+    def worst_stretch(self) -> str:
+        """Return a sentence on the stretch with the greatest RMS error; empty at full marks."""
+        if self.score == 1.0:
+            return ''
+        _, *later = stretches = self.stretches
+        worst = max(later or stretches, key=lambda stretch: stretch.rms_error)
+        return f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {worst.remark}'
+
+
+_HELD = 0.05  #: [m/s] An error up to this is negligible.
+_NEAR = 0.02  #: share of the reference within which it counts as reached
+_LONG_LIMIT = 0.1  #: [s] An output at its limit for a shorter time has no effect.
+# Shares of the greatest error on a stretch:
+_CARRIED = 0.6  #: that the stretch starts with
+_SWINGS, _SWING = 4, 0.3  #: that a swing reaches, and how many count
+_STEADY = 0.5  #: that is left at the end, or on the other side
+
+
+def _of_start(log: Log, part: slice, limit: float) -> str:
+    """Return what the speed does on the first stretch."""
+    error, speed, reference = log.speed_error[part], log.speed[part], float(log.reference[0])
+    near = np.flatnonzero(np.abs(error) <= _NEAR * abs(reference))
+    if not near.size:
+        if speed.min() < -_HELD:
+            return 'the car drives backwards: is the error speed_reference - speed_current?'
+        return f'{reference:g} m/s is not reached: the greatest speed is {speed.max():.2f} m/s'
+    text = f'{near[0] * TS:.2f} s to {reference:g} m/s'
+    if isfinite(limit):
+        text += f', where {limit:g} m/s² allow {reference / limit:.2f} s'
+    over = -float(error.min())
+    return f'{text}; then {over:.2f} m/s too fast' if over > _NEAR * reference else text
+
+
+def _of_stretch(log: Log, part: slice, limit: float) -> str:
+    """Return what the speed does after a change of grade: what was measured, and no advice."""
+    error = log.speed_error[part]
+    peak = float(np.abs(error).max())
+    slopes = np.sin(np.radians(log.theta_deg[[part.start - 1, part.start]]))
+    change = GRAVITY * float(np.diff(slopes)[0])
+    needs = f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once'
+    if peak <= _HELD:
+        return f'{needs}: held within {_HELD:g} m/s'
+    if abs(float(error[0])) >= _CARRIED * peak:
+        return f'starts {abs(error[0]):.2f} m/s off, from the stretch before: {_end(error)}'
+    return f'{needs}: {_of_output(log, part, limit) or _of_error(error, np.sign(change))}'
+
+
+def _of_output(log: Log, part: slice, limit: float) -> str:
+    """Return how long the output was at its limit; empty if that was too short to matter."""
+    saturated = log.saturated[part]
+    limited = log.motor[part][saturated]
+    if _sign_changes(limited) >= _SWINGS:
+        return f'the output jumps between its limits of {limit:g} m/s²'
+    time, against = (
+        float(np.count_nonzero(each)) * TS
+        for each in (saturated, limited * log.speed_error[part][saturated] < 0.0)
     )
-    # NaN is no error that is small.
-    return sum(min(1.0, share) if share > 0.0 else 0.0 for share in shares) / len(shares)
+    if time <= _LONG_LIMIT:
+        return ''
+    counter = f', {against:.1f} s of it against the error' if against else ''
+    return f'the output was at its limit of {limit:g} m/s² for {time:.1f} s{counter}'
 
 
-def _describe(drive: Drive, thresholds: Thresholds) -> str:
-    if drive.failure:
-        return drive.failure
-    rms, greatest = _errors(drive)
-    return (
-        f'RMS error {rms:.3f} m/s after the first 10 m, at most {greatest:.3f} m/s '
-        f'({thresholds.full_rms:g} and {thresholds.full_max:g} m/s are full marks)'
-    )
+def _of_error(error: Floats, sign: float) -> str:
+    """Return how the error goes on; it begins with `sign`."""
+    peak = float(np.abs(error).max())
+    swings = _sign_changes(error[np.abs(error) > _SWING * peak])
+    if swings >= _SWINGS:
+        return f'the speed swings {swings} times'
+    rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
+    if abs(rest) > _STEADY * peak:
+        return f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end'
+    over = float(np.max(-sign * error))
+    if over > max(_STEADY * peak, _HELD):
+        return f'overshoots by {over:.2f} m/s'
+    return f'{peak:.2f} m/s off, {_end(error)}'
+
+
+def _sign_changes(values: Floats) -> int:
+    return int(np.count_nonzero(np.diff(np.sign(values))))
+
+
+def _end(error: Floats) -> str:
+    """Return when the error was gone."""
+    beyond = np.flatnonzero(np.abs(error) > max(0.1 * float(np.abs(error).max()), 0.01))
+    if beyond.size and beyond[-1] + 1 == len(error):
+        return 'not gone at the end of this one'
+    return f'gone after {(beyond[-1] + 1 if beyond.size else 0) * TS:.1f} s'

@@ -1,8 +1,7 @@
-"""Prints the findings in a terminal."""
+"""Prints the findings in a terminal, or a line for each in a pipe."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 from rich.console import Console
@@ -10,33 +9,28 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from barc_sim.lab.check.findings import Finding
-    from barc_sim.lab.check.worker import Printed, Report
+    from barc_sim.lab.check.judging import Printed, Report
     from barc_sim.lab.grade.rubric import Rubric
 
-
-_HEADER = ('from', 'grade', 'RMS', 'at most', 'cause')
+_PIPE = 10_000  #: columns: a line is never broken
 _LINES = 5  #: of the text that user code printed
 
 
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
-    """Print a report: tables in a terminal, one line for each finding in a pipe."""
+    """Print a report."""
     console = console or Console(highlight=False)
+    if not console.is_terminal:
+        console.width = _PIPE
     worth = rubric.worth(report.findings)
-    findings = _without_repeats([each for each in report.findings if each.criterion in worth])
-    stretches = _stretches(report.findings)
-    if console.is_terminal:
-        console.print(_table(findings, rubric))
-        if stretches:
-            console.print(_stretch_table(stretches))
-    else:
-        for finding in findings:
-            points = _points(finding, rubric)
-            _plain(console, f'{finding.criterion:18} {points:>12}  {finding.message}')
-        for cells in (_HEADER, *map(_cells, stretches)) if stretches else ():
-            _plain(console, '  '.join(cells))
+    findings = [each for each in report.findings if each.criterion in worth]
+    _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
+    if stretches := _stretches(report.findings):
+        _plain(console, "the lab's road, stretch by stretch")
+        header = ('from', 'grade', 'RMS', 'at most', 'the speed')
+        _print_table(console, header, map(_cells, stretches))
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:
@@ -45,21 +39,22 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     judged = [finding for finding in report.findings if not finding.skipped]
     passed = sum(finding.passed for finding in judged)
     total = round(sum(rubric.points_for(finding) for finding in findings), 2)
-    greatest = round(sum(worth.values()), 2)
+    maximum = round(sum(worth.values()), 2)
     _plain(
         console,
-        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {greatest:g} points',
+        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {maximum:g} points',
     )
 
 
-def _without_repeats(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings; a repeated message becomes a reference to its first criterion."""
+def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, ...]]:
+    """Yield the cells of each finding; a repeated message refers to its first criterion."""
     first = {each.message: each.criterion for each in reversed(findings) if not each.passed}
-    where = [first.get(each.message, each.criterion) for each in findings]
-    return [
-        each if each.passed or name == each.criterion else replace(each, message=f'see {name}')
-        for each, name in zip(findings, where, strict=True)
-    ]
+    for each in findings:
+        colour = 'dim' if each.skipped else 'green' if each.passed else 'red'
+        points = f'{rubric.points_for(each):g} / {rubric.points[each.criterion]:g}'
+        where = first.get(each.message, each.criterion)
+        message = each.message if each.passed or where == each.criterion else f'see {where}'
+        yield Text(each.criterion), Text(points, style=colour), Text(message)
 
 
 def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
@@ -68,42 +63,29 @@ def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
     return cast('list[Mapping[str, Any]]', found)
 
 
-def _points(finding: Finding, rubric: Rubric) -> str:
-    return f'{rubric.points_for(finding):g} / {rubric.points[finding.criterion]:g}'
-
-
-def _table(findings: Sequence[Finding], rubric: Rubric) -> Table:
-    table = Table(box=None, pad_edge=False)
-    table.add_column('criterion', no_wrap=True)
-    table.add_column('points', justify='right', no_wrap=True)
-    table.add_column('finding')
-    for finding in findings:
-        colour = 'dim' if finding.skipped else 'green' if finding.passed else 'red'
-        points = Text(_points(finding, rubric), style=colour)
-        table.add_row(finding.criterion, points, Text(finding.message))
-    return table
-
-
-def _stretch_table(stretches: Sequence[Mapping[str, Any]]) -> Table:
-    table = Table(box=None, pad_edge=False, title="the lab's road, stretch by stretch")
-    table.title_justify = 'left'
-    *numbers, cause = _HEADER
-    for name in numbers:
-        table.add_column(name, justify='right', no_wrap=True)
-    table.add_column(cause)
-    for stretch in stretches:
-        table.add_row(*(Text(cell) for cell in _cells(stretch)))
-    return table
-
-
-def _cells(stretch: Mapping[str, Any]) -> tuple[str, ...]:
+def _cells(stretch: Mapping[str, Any]) -> tuple[Text, ...]:
     return (
-        f'{stretch["start"]:.0f} m',
-        f'{stretch["theta_deg"]:g}°',
-        f'{stretch["rms_error"]:.3f} m/s',
-        f'{stretch["max_error"]:.3f} m/s',
-        stretch['cause'],
+        Text(f'{stretch["start"]:.0f} m'),
+        Text(f'{stretch["theta_deg"]:g}°'),
+        Text(f'{stretch["rms_error"]:.3f} m/s'),
+        Text(f'{stretch["max_error"]:.3f} m/s'),
+        Text(stretch['remark']),
     )
+
+
+def _print_table(console: Console, header: Sequence[str], rows: Iterable[tuple[Text, ...]]) -> None:
+    """Print a table; the first and the last column are text, the others numbers."""
+    table = Table(*header, box=None, pad_edge=False, show_header=console.is_terminal)
+    for column in table.columns[:-1]:
+        column.no_wrap = True
+    for column in table.columns[1:-1]:
+        column.justify = 'right'
+    for cells in rows:
+        table.add_row(*cells)
+    with console.capture() as printed:
+        console.print(table)
+    for line in printed.get().splitlines():
+        console.out(line.rstrip(), highlight=False)
 
 
 def _print_output(printed: Printed, console: Console) -> None:

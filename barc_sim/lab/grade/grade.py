@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.check.judging import gains_used, judge
-from barc_sim.lab.check.worker import Printed, Report, judge_files
+from barc_sim.lab.check.judging import Printed, Report, gains_used, judge, judge_folder
 from barc_sim.lab.confined.code import ConfinedCode
 from barc_sim.lab.confined.process import ON_LINUX
 from barc_sim.lab.grade.submissions import PARTS, graded
@@ -64,7 +63,7 @@ def _judge(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -
     """Judge files; their functions are called in a process with limits."""
     if not ON_LINUX:  # as `barc check` does, where no process can be confined
         assert not sandbox  # noqa: S101 (refused before)
-        return judge_files(folder, settings, budget=limits.call, deadline=limits.total)
+        return judge_folder(folder, settings, budget=limits.call, deadline=limits.total)
     with ConfinedCode(folder, limits, sandbox=sandbox) as code:
         found = judge(code, settings)
         gains = gains_used(code, settings) if code.has('controller') else None

@@ -12,8 +12,7 @@ from user_files import CONTROLLER, MODEL
 import barc_sim.lab
 from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, RELAY, Finding
-from barc_sim.lab.check.judging import Settings, judge
-from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.check.judging import Settings, judge, judge_folder
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import SHIPPED, load

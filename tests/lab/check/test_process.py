@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from barc_sim.lab.check.findings import CRITERIA
-from barc_sim.lab.check.worker import judge_folder
+from barc_sim.lab.check.judging import Settings, judge_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,7 +21,7 @@ def write(folder: Path, model: str | None = None, controller: str | None = None)
 
 
 def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controller: str) -> None:
-    report = judge_folder(write(tmp_path, model, controller))
+    report = judge_folder(write(tmp_path, model, controller), Settings())
     assert tuple(finding.criterion for finding in report.findings) == CRITERIA
     assert all(finding.passed for finding in report.findings[:16])
     assert report.printed.text == ''
@@ -30,7 +30,7 @@ def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controll
 
 def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: str) -> None:
     folder = write(tmp_path, model, f'import time\ntime.sleep(1000)\n{controller}')
-    report = judge_folder(folder, deadline=1.0)
+    report = judge_folder(folder, Settings(), deadline=1.0)
     assert len(report.findings) == len(CRITERIA)
     assert all(finding.score == 0.0 for finding in report.findings)
     assert report.findings[0].message.startswith('no result within 1 s: ')
@@ -38,7 +38,7 @@ def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: st
 
 def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller: str) -> None:
     folder = write(tmp_path, f'{SIGNATURE}    while True:\n        pass\n', controller)
-    report = judge_folder(folder, budget=0.1)
+    report = judge_folder(folder, Settings(), budget=0.1)
     assert [finding.passed for finding in report.findings[:16]] == [False] * 7 + [True] * 9
     assert 'bike_model.py, line ' in report.findings[0].message
     assert 'is there an endless loop?' in report.findings[0].message
@@ -50,14 +50,14 @@ def test_code_that_ends_the_process_costs_what_is_left(tmp_path: Path, model: st
         '    def acc_calculate(self, speed_reference, speed_current):\n'
         '        import os\n        os._exit(3)\n'
     )
-    report = judge_folder(write(tmp_path, model, text))
+    report = judge_folder(write(tmp_path, model, text), Settings())
     assert [finding.passed for finding in report.findings] == [True] * 7 + [False] * 16
     assert report.findings[15].message == 'the code ended the whole process, with exit code 3'
 
 
 def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, model: str) -> None:
     text = model.replace('    beta =', '    print("v is", v)\n    beta =')
-    printed = judge_folder(write(tmp_path, text)).printed
+    printed = judge_folder(write(tmp_path, text), Settings()).printed
     assert printed.text.startswith('v is ')
     assert len(printed.text) < 1000
     assert printed.dropped > 4000
