@@ -38,12 +38,12 @@ GROUPS = {
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.
 NODES = {
-    'bag_recorder': ('recorder.node', 'BagRecorder'),
+    'bag_recorder': ('recorder', 'BagRecorder'),
     'controller': ('controller', 'CruiseController'),
     'foxglove_server': ('foxglove.node', 'announced'),
     'keyboard': ('keyboard', 'on_stdin'),
     'mirror': ('mirrors.node', 'MirrorNode'),
     'relay': ('relay', 'Relay'),
     'vehicle_simulator': ('simulator', 'VehicleSimulator'),
-    'view': ('view.node', 'announced'),
+    'view': ('view', 'announced'),
 }

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.nodes.recorder.node import BagRecorder
+    from barc_sim.nodes.recorder import BagRecorder
 
 _EPILOG = (
     'Services bag_recorder/pause, resume, is_paused, split_bagfile, stop and record, all of '
@@ -51,7 +51,7 @@ def run(options: Namespace) -> int:
     UserError
         where the bag cannot be made.
     """
-    from barc_sim.nodes.recorder.node import BagRecorder  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
     made: list[BagRecorder] = []

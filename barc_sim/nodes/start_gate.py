@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from std_srvs.srv import Trigger
 
 from barc_sim.ros import names
-from barc_sim.ros.endpoints import incompatible_peers
 from barc_sim.ros.peers import check_unique, is_own, living_publishers
 
 if TYPE_CHECKING:
@@ -135,8 +134,6 @@ class PeerWatch:
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states
-        for sentence in incompatible_peers(self._node):
-            self._warn(sentence)
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warned:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from barc_sim.nodes.recorder.node import BagRecorder
+    from barc_sim.nodes.recorder import BagRecorder
     from barc_sim.nodes.simulator import VehicleSimulator
 
 

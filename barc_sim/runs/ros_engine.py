@@ -10,7 +10,7 @@ from rclpy.task import Future
 
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.keyboard import Keyboard
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.page.desktop import open_page
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.control.driver import Driver
     from barc_sim.control.keyboard import Terminal
-    from barc_sim.nodes.view.node import ViewNode
+    from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage
 
 
@@ -134,7 +134,7 @@ class RosEngine:
             self._recorder.discover()
 
     def _serve(self, options: Namespace) -> Iterator[ViewNode]:
-        from barc_sim.nodes.view.node import ViewNode  # noqa: PLC0415 (a server, only if wanted)
+        from barc_sim.nodes.view import ViewNode  # noqa: PLC0415 (a server, only if wanted)
 
         for number, simulator in enumerate(self._simulators):
             view = ViewNode(

@@ -16,7 +16,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Header
 
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
 
 if TYPE_CHECKING:

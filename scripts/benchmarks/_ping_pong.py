@@ -147,7 +147,7 @@ def main(task: dict[str, Any]) -> None:
 
 def _record(executor: Any) -> Callable[[], object]:  # noqa: ANN401
     """Add a recorder; return what removes its bag."""
-    from barc_sim.nodes.recorder.node import BagRecorder  # noqa: PLC0415 (in ours alone)
+    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (in ours alone)
 
     folder = tempfile.TemporaryDirectory()
     executor.add_node(BagRecorder(Path(folder.name)))

@@ -61,7 +61,7 @@ def _drive(case: str) -> dict[str, float]:
     from _timed import TimedRun  # noqa: PLC0415
 
     from barc_sim.cli.signals import StopSignals  # noqa: PLC0415
-    from barc_sim.nodes.view.node import ViewNode  # noqa: PLC0415
+    from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
     from barc_sim.ros.process import ros  # noqa: PLC0415
 
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:

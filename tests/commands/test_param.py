@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from barc_sim.bags import reader as bag
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.parameters import declare
 from barc_sim.vehicle.parameters import Parameter

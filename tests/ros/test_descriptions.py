@@ -12,10 +12,10 @@ pytest.importorskip('rclpy')
 
 from barc_sim.control.keyboard import PARAMETERS as KEYBOARD
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.nodes.view.node import ViewNode
+from barc_sim.nodes.view import ViewNode
 
 if TYPE_CHECKING:
     from rclpy.context import Context

@@ -6,7 +6,7 @@ from rclpy.executors import MultiThreadedExecutor
 # Classes of nodes. A node of your own is a class, too: from my_relay import MyRelay
 from barc_sim.control.keyboard import Terminal
 from barc_sim.nodes.keyboard import Keyboard
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
 

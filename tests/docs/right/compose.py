@@ -5,7 +5,7 @@ from rclpy.executors import MultiThreadedExecutor
 
 from barc_sim.control.keyboard import Terminal
 from barc_sim.nodes.keyboard import Keyboard
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
 

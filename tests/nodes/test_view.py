@@ -27,7 +27,7 @@ from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.nodes.view.node import ViewNode
+from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header

@@ -18,12 +18,10 @@ from barc_sim.bags.recording import BAG_DIR, Recording
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.errors import UserError
-from barc_sim.nodes.recorder.type_lookup import request_definition
-from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.names import QOS
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.topic_subscriptions import TopicSubscriptions
+from barc_sim.ros.peers import has_dds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -83,6 +81,8 @@ class BagRecorder(Node):
     >>> rclpy.shutdown()
     """
 
+    description = 'records every wanted topic into a bag'
+
     def __init__(
         self,
         directory: Path | None = None,
@@ -120,7 +120,7 @@ class BagRecorder(Node):
         ):
             self.create_service(Trigger, f'bag_recorder/{name}', partial(_respond, action))
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DISCOVERY_PERIOD, self._on_timer, QuickCallbackGroup(), steady)
+        self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
     def _on_timer(self) -> None:
         self.discover()
@@ -136,7 +136,7 @@ class BagRecorder(Node):
             self._thread.add_metadata({'graph': observe(self).to_json()})
 
     def _subscribe(self) -> None:
-        self._topics = TopicSubscriptions(self, self._recording.wants, self._recording.depth)
+        self._topics = _subscriptions(self, self._recording)
         self.expect(self._expected)
         self.discover()
 
@@ -163,9 +163,12 @@ class BagRecorder(Node):
         self.path = make_directory(path) if path else new_directory(self._root)
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
         self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
+        arrivals = self._topics if has_dds() else None
         self._thread = WriterThread(
-            self._writer, self._topics.take, reserve, self._on_failure, self._topics
+            self._writer, self._topics.take, reserve, self._on_failure, arrivals
         )
+        if not has_dds():
+            self._topics.on_full = self._thread.help
         self._thread.attach(self._attachments)
         self._thread.use_sim_time = self.use_sim_time
         self._graph_size = 0
@@ -192,7 +195,7 @@ class BagRecorder(Node):
 
         What the disk has refused to the end is a loss of the recorder.
         """
-        lost = self._topics.lost()
+        lost: dict[str, dict[str, int] | None] = self._topics.lost()
         for topic, count in self._thread.unwritten.items():
             lost[topic] = (lost.get(topic) or {}) | {self._own_name: count}
         return lost
@@ -200,7 +203,7 @@ class BagRecorder(Node):
     @property
     def left_out(self) -> dict[str, str]:
         """Topics that cannot be recorded, and why."""
-        return self._topics.unknown
+        return dict(self._topics.unknown)
 
     @property
     def paused(self) -> bool:
@@ -248,6 +251,8 @@ class BagRecorder(Node):
             if not (definition and self._topics.subscribe(name, publishers)):
                 why = self._topics.unknown[name]
                 self.get_logger().warning(f'{name} is not recorded: {why}')
+
+        from barc_sim.ros.type_lookup import request_definition  # noqa: PLC0415 (rare)
 
         request_definition(self, publishers, on_answer)
 
@@ -315,3 +320,14 @@ def _respond(
     except UserError as error:
         response.message = str(error)
     return response
+
+
+def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either carrier)
+    """Return the subscriptions of a recorder, over DDS or in this process alone."""
+    if has_dds():
+        from barc_sim.ros.topic_subscriptions import TopicSubscriptions  # noqa: PLC0415
+
+        return TopicSubscriptions(node, recording.wants, recording.depth)
+    from barc_sim.ros.local.recording import LocalSubscriptions  # noqa: PLC0415
+
+    return LocalSubscriptions(node, recording.wants, recording.depth)

@@ -40,7 +40,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.bags.recording import Recording
 from barc_sim.errors import UserError
-from barc_sim.nodes.recorder.node import BagRecorder
+from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
@@ -204,7 +204,7 @@ def test_names_a_topic_whose_type_has_no_definition(
         raise LookupError(f'no definition of {type_name}')
 
     monkeypatch.setattr('barc_sim.ros.offered_qos.definition', definition)
-    monkeypatch.setattr('barc_sim.nodes.recorder.type_lookup.definition', definition)
+    monkeypatch.setattr('barc_sim.ros.type_lookup.definition', definition)
     talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
     executor.add_node(talker)
     talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())

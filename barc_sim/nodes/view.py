@@ -1,0 +1,320 @@
+"""The node `view`: serves the live page, and passes its requests to the other nodes."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from functools import partial
+from math import isfinite, nan
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+from barc_interfaces.msg import ECU, ControllerState, Environment, EZDynBkMdl, PidState, ZDynBkMdl
+from geometry_msgs.msg import Twist
+from rcl_interfaces.msg import ParameterEvent, ParameterType
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+from rclpy.parameter import parameter_value_to_python
+from std_srvs.srv import SetBool, Trigger
+
+from barc_sim.errors import UserError
+from barc_sim.page.feed import Feed, controller_values, is_valid
+from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
+from barc_sim.page.rows import FIELDS, STATE_FIELDS
+from barc_sim.page.run_page import RunPage
+from barc_sim.ros import names
+from barc_sim.ros.conversions import to_nanoseconds
+from barc_sim.ros.parameters import declare
+from barc_sim.vehicle.parameters import Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from rclpy.client import Client
+
+    from barc_sim.page.interfaces import OnDone
+    from barc_sim.page.rows import Sample
+    from barc_sim.vehicle.road import Road
+
+MODES = ('acc', 'teleop')
+_TYPES = {
+    names.STATE_ERROR: EZDynBkMdl,
+    names.ENVIRONMENT: Environment,
+    names.ECU: ECU,
+    names.PID_STATE: PidState,
+    names.CONTROLLER_STATE: ControllerState,
+}
+_OF_CONTROLLER = (names.PID_STATE, names.CONTROLLER_STATE)
+_STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)
+_VALUES: dict[str, Callable[[Any], tuple[float, ...]]] = {
+    topic: attrgetter(*fields) for topic, fields in FIELDS.items()
+}
+#: Messages of a topic that wait for the server's thread: more than come between two polls.
+_DEPTH = 16
+_SERVICES = {
+    names.RESET_SIMULATOR: Trigger,
+    names.RESET_CONTROLLER: Trigger,
+    names.PAUSE_SIMULATOR: SetBool,
+    **{f'{node}/set_parameters': SetParameters for node in (CONTROLLER, SIMULATOR)},
+    **{f'{node}/get_parameters': GetParameters for node in (CONTROLLER, SIMULATOR)},
+}
+
+
+class ViewNode(Node):
+    """Serves the live page at `url`, and publishes `cmd_vel` while a page drives.
+
+    The executor only keeps what arrives; the server's thread does the work, between two steps.
+
+    Parameters
+    ----------
+    mode, host, port
+        Defaults of the parameters.
+    status
+        Returns the facts that no topic carries; called in the server's thread, from the first
+        state on.
+    road
+        Replaces the road that the simulator's parameter names.
+    finish
+        Ends the run; without it, the page cannot.
+    options
+        Those of `rclpy.node.Node`.
+
+    Attributes
+    ----------
+    url
+        The page's address, for the user alone: it gives the right to drive.
+    page
+        The page: its `end` shows the end of the run, and its `laps` are those so far.
+
+    Raises
+    ------
+    UserError
+        A parameter is invalid, or the port cannot be used.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from urllib.request import urlopen
+    >>> rclpy.init()
+    >>> view = ViewNode('teleop')
+    >>> with urlopen(view.url) as answer:
+    ...     b'<title>' in answer.read()
+    True
+    >>> view.destroy_node()
+    >>> rclpy.shutdown()
+    """
+
+    description = 'serves the live page, and passes its requests to the other nodes'
+
+    def __init__(
+        self,
+        mode: str = 'acc',
+        *,
+        host: str = '127.0.0.1',
+        port: int = 0,
+        status: Callable[[], Status] = Status,
+        road: Road | None = None,
+        finish: Callable[[], None] | None = None,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        super().__init__('view', **options)
+        values = declare(
+            self,
+            [
+                Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'", read_only=True),
+                Parameter('host', host, 'the address to serve the page at', read_only=True),
+                Parameter(
+                    'port', port, 'its port; 0: any that is free', (0, 65535), read_only=True
+                ),
+            ],
+        )
+        if values['mode'] not in MODES:
+            raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
+        self.page = page = RunPage(
+            values['mode'], values['host'], values['port'], status, road, finish
+        )
+        self._is_page_released = False
+        self.url = page.url
+        self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
+        clients, feed = NodeClients(self, page.call), StateFeed(self)
+        self._events: deque[ParameterEvent] = deque(maxlen=_DEPTH)
+        self.create_subscription(
+            ParameterEvent, '/parameter_events', _keep_in(self._events), _DEPTH
+        )
+        page.start(feed, clients, self._drive, self._changes)
+        self.get_logger().debug(f'a page of the mode {values["mode"]!r} is served')
+
+    def release_page(self) -> RunPage:
+        """Return the page, which has ended, so that it outlives the node."""
+        self._is_page_released = True
+        return self.page
+
+    def destroy_node(self) -> None:
+        """Close all pages and the port unless they are released, and destroy the node."""
+        if not self._is_page_released:
+            self.page.close()
+        super().destroy_node()
+
+    # The server's thread calls the methods below.
+
+    def _drive(self, command: Drive) -> None:
+        twist = Twist()
+        twist.linear.x, twist.angular.z, brake = command
+        twist.linear.z = -brake
+        self._cmd_vel_pub.publish(twist)
+
+    def _changes(self) -> Iterator[tuple[str, str, float]]:
+        namespace = f'{self.get_namespace().rstrip("/")}/'
+        for event in _drained(self._events):
+            if event.node.startswith(namespace):
+                yield from _tuned(event, event.node.removeprefix(namespace))
+
+
+def _tuned(event: ParameterEvent, node: str) -> Iterator[tuple[str, str, float]]:
+    """Yield the valid changes of an event of `node` that the page shows."""
+    for parameter in event.changed_parameters:
+        value = parameter.value
+        if (
+            TUNABLE.get(parameter.name) == node
+            and value.type == ParameterType.PARAMETER_DOUBLE
+            and isfinite(value.double_value)
+        ):
+            yield node, parameter.name, value.double_value
+
+
+def announced() -> ViewNode:
+    """Return a node, whose page's address is printed."""
+    node = ViewNode()
+    print(f'view    {node.url}', flush=True)  # noqa: T201 (not into /rosout: it has the token)
+    return node
+
+
+def _keep_in(queue: deque[Any]) -> Callable[[Any], None]:
+    def keep(message: Any) -> None:  # noqa: ANN401 (of any type)
+        queue.append(message)
+
+    return keep
+
+
+def _drained(queue: deque[Any]) -> Iterator[Any]:
+    """Yield what waits in a queue, which another thread appends to."""
+    for _ in range(len(queue)):
+        yield queue.popleft()
+
+
+class StateFeed(Feed):
+    """The states of a run with their other messages, from the topics."""
+
+    def __init__(self, node: Node) -> None:
+        """Subscribe with `node`."""
+        super().__init__()
+        self._states_arrived: deque[tuple[int, ZDynBkMdl]] = deque(maxlen=_DEPTH)
+        self._arrived: dict[str, deque[Any]] = {topic: deque(maxlen=_DEPTH) for topic in _TYPES}
+        node.create_subscription(ZDynBkMdl, names.STATE, self._on_state, _DEPTH)
+        for topic, kind in _TYPES.items():
+            node.create_subscription(kind, topic, _keep_in(self._arrived[topic]), _DEPTH)
+
+    def _on_state(self, state: ZDynBkMdl) -> None:
+        self._states_arrived.append((time.time_ns(), state))
+
+    def _others(self) -> dict[str, list[Sample]]:
+        others: dict[str, list[Sample]] = {topic: [] for topic in FIELDS}
+        for topic, arrived in self._arrived.items():
+            of_controller = topic in _OF_CONTROLLER
+            samples = others[names.PID_STATE if of_controller else topic]
+            for message in _drained(arrived):
+                values = _controller_values(message) if of_controller else _VALUES[topic](message)
+                if of_controller or is_valid(values):
+                    samples.append((to_nanoseconds(message.header.stamp), values))
+        return others
+
+    def _states(self) -> list[tuple[int, Sample]]:
+        return [
+            (received, (to_nanoseconds(state.header.stamp), _STATE_VALUES(state)))
+            for received, state in _drained(self._states_arrived)
+        ]
+
+
+def _controller_values(message: PidState | ControllerState) -> tuple[float, ...]:
+    terms: dict[str, float] = {}
+    if isinstance(message, ControllerState):
+        terms = dict(zip(message.names, message.values, strict=False))
+    return controller_values(lambda name: terms.get(name, getattr(message, name, nan)))
+
+
+class NodeClients:
+    """Calls services of `vehicle_simulator` and `controller` without waiting for the responses.
+
+    The callback of a response runs in the thread to which `deliver` passes it.
+    """
+
+    def __init__(self, node: Node, deliver: Callable[[Callable[[], object]], None]) -> None:
+        """Create the clients of `node`."""
+        self._node = node
+        self._deliver = deliver
+        self._clients = {
+            service: node.create_client(kind, service) for service, kind in _SERVICES.items()
+        }
+
+    def reset(self, on_done: OnDone) -> None:
+        """Reset the car to the start."""
+        self._request(names.RESET_SIMULATOR, Trigger.Request(), _success, on_done)
+
+    def reset_controller(self, on_done: OnDone) -> None:
+        """Make the controller forget its past."""
+        self._request(names.RESET_CONTROLLER, Trigger.Request(), _success, on_done)
+
+    def pause(self, on: bool, on_done: OnDone) -> None:
+        """Pause or resume simulated time."""
+        self._request(names.PAUSE_SIMULATOR, SetBool.Request(data=on), _success, on_done)
+
+    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter of a node."""
+        parameter = RosParameter(name, value=value).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        self._request(f'{node}/set_parameters', request, _set_success, on_done)
+
+    def parameters(
+        self, node: str, wanted: Sequence[str], on_values: Callable[[dict[str, Any]], None]
+    ) -> bool:
+        """Request parameters of a node; False if it is not there."""
+        client = self._clients[f'{node}/get_parameters']
+
+        def on_response(response: GetParameters.Response) -> None:
+            # A node that does not have one of the parameters sends no values at all.
+            values = zip(wanted, map(parameter_value_to_python, response.values), strict=False)
+            self._deliver(partial(on_values, dict(values)))
+
+        return self._call(client, GetParameters.Request(names=wanted), on_response)
+
+    def _request(
+        self,
+        service: str,
+        request: Any,  # noqa: ANN401 (the service's own)
+        success: Callable[[Any], tuple[bool, str]],
+        on_done: OnDone,
+    ) -> None:
+        def on_response(response: Any) -> None:  # noqa: ANN401 (the service's own)
+            self._deliver(partial(on_done, *success(response)))
+
+        if not self._call(self._clients[service], request, on_response):
+            name = self._node.resolve_service_name(service)
+            self._deliver(partial(on_done, False, f'no node offers {name}'))
+
+    def _call(self, client: Client, request: Any, on_response: Callable[[Any], None]) -> bool:  # noqa: ANN401
+        """Call a service if it is there; `on_response` runs in the executor's thread."""
+        if not client.service_is_ready():
+            return False
+
+        client.call_async(request).add_done_callback(lambda future: on_response(future.result()))
+        return True
+
+
+def _success(response: Trigger.Response | SetBool.Response) -> tuple[bool, str]:
+    return bool(response.success), str(response.message)
+
+
+def _set_success(response: SetParameters.Response) -> tuple[bool, str]:
+    (result,) = response.results
+    return bool(result.successful), str(result.reason)

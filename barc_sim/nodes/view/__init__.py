@@ -1,1 +1,0 @@
-"""The node `view`, which feeds the live page."""
