@@ -16,12 +16,12 @@ import re
 import signal
 import sys
 from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from importlib.machinery import ModuleSpec
     from types import FrameType, ModuleType
 
 MAX_TEXT = 4000  #: characters of an error; what is longer is cut
@@ -49,6 +49,10 @@ class _Installed(MetaPathFinder):
         if name not in self._folders:
             return None
         folder = self._folders[name]
+        if name == 'rosbags':  # a namespace, without an __init__.py
+            spec = ModuleSpec(name, None, is_package=True)
+            spec.submodule_search_locations = [folder]
+            return spec
         return spec_from_file_location(
             name, f'{folder}/__init__.py', submodule_search_locations=[folder]
         )

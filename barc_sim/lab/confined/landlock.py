@@ -125,7 +125,8 @@ def package_folder(name: str) -> Path:
     """Return the folder of an installed package."""
     spec = importlib.util.find_spec(name)
     assert spec  # noqa: S101 (barc_sim needs it)
-    return Path(str(spec.origin)).resolve().parent
+    assert spec.submodule_search_locations  # noqa: S101 (it is a package)
+    return Path(spec.submodule_search_locations[0]).resolve()
 
 
 def _shared_libraries() -> list[Path]:

@@ -20,7 +20,7 @@ from barc_sim.ros.local.node import Node
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-CMD_VEL, COMMANDS = 'cmd_vel', 'ecu'
+CMD_VEL, STATE, COMMANDS = _TOPICS = 'cmd_vel', 'z_vhcl', 'ecu'
 _STATE_PERIOD = 0.02  #: [s]
 _ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
@@ -40,11 +40,11 @@ class _Modules(dict[str, Any]):
 class RelayWorld(World):
     """The driver and the car around a program, from time 0 to `end` [s].
 
-    Names of topics count without their namespace: the lab's keyboard has `turtle1/cmd_vel`.
+    Its topics have no namespaces: the lab's keyboard has `turtle1/cmd_vel`.
     """
 
     def __init__(self, twists: Sequence[tuple[float, float, float]], end: float) -> None:
-        super().__init__(simulated=True, end=end, flat_names=True, silent=True)
+        super().__init__(simulated=True, end=end, flat_names=_TOPICS, silent=True)
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
         self.published: set[str] = set()  #: the program's topics
         self.subscribed: set[str] = set()
@@ -59,7 +59,7 @@ class RelayWorld(World):
             state = message_type('barc_interfaces/msg/ZDynBkMdl')
             self._state, self._state_pub = (
                 state(),
-                self.node.create_publisher(state, 'z_vhcl', _ALL),
+                self.node.create_publisher(state, STATE, _ALL),
             )
             ecu = message_type('barc_interfaces/msg/ECU')
             self.node.create_subscription(ecu, COMMANDS, self._on_command, _ALL)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.ros.local.messages import message_type
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 SECOND = 1_000_000_000  #: [ns]
 _MOMENT = SECOND // 1000  #: that `rclpy.ok()` takes in simulated time, so that a loop ends
@@ -33,12 +33,12 @@ class World:
         *,
         simulated: bool = False,
         end: float = float('inf'),
-        flat_names: bool = False,
+        flat_names: Collection[str] = (),
         silent: bool = False,
     ) -> None:
         """Begin; `simulated` time lasts from 0 to `end` [s].
 
-        With `flat_names`, topics have no namespaces; a `silent` world has no log.
+        Topics of the `flat_names` have no namespaces; a `silent` world has no log.
         """
         self.simulated, self.now_ns, self.end = simulated, 0, end * SECOND
         self.flat_names, self.silent = flat_names, silent

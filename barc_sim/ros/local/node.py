@@ -370,8 +370,8 @@ class Node(Parameters):
         self, topic: str, *, only_expand: bool = False, error: Any = InvalidTopicNameException
     ) -> str:
         full = self._expanded(topic, error)
-        if self.context.world.flat_names:
-            return f'/{full.rpartition("/")[2]}'
+        if (last := full.rpartition('/')[2]) in self.context.world.flat_names:
+            return f'/{last}'
         for each in () if only_expand else self._arguments:
             if new := each.remap(self._name, {topic: full, full: full}):
                 return self._expanded(new, error)

@@ -191,7 +191,7 @@ def test_program_uses_whatever_rclpy_documents(
         ),
         (
             ROS_2.replace("'ecu'", "'car/command'"),
-            "publishes nothing on ecu, but on 'command'; expected commands of the type ECU",
+            "publishes nothing on ecu, but on 'car/command'; expected commands of the type ECU",
         ),
     ],
 )  # fmt: skip
