@@ -104,7 +104,7 @@ def drained_subscription(
     >>> speeds
     [7.9, 8.0, 8.1]
     """
-    taker = Taker()
+    taker = Taker(node)
 
     def drain() -> None:
         for taken in islice(taker.take(made), QOS.depth):

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from rclpy.exceptions import InvalidHandle
 
 from barc_sim.ros import endpoints
-from barc_sim.ros.executor.descriptors import eventfd
 from barc_sim.ros.executor.rclpy_private import set_listener
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ class Arrivals:
 
     def __init__(self) -> None:
         """Listen to nothing yet."""
-        self._descriptor = eventfd()
+        self._descriptor = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._close = weakref.finalize(self, os.close, self._descriptor)
         self._subscriptions: list[Subscription] = []  # their handles are in use
 

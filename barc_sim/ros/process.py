@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import resource
 import sys
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,7 +36,8 @@ _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     """Initialise ROS with `args`, visible on this machine only unless the environment differs.
 
-    With `network` it is visible in the whole subnet. Segments of dead processes are removed.
+    This process may open as many files as the system allows. With `network` it is visible in the
+    whole subnet. Segments of dead processes are removed.
 
     Raises
     ------
@@ -69,6 +71,8 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profiles()
     sweep()
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # thirty cars need more than 1024
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
     # rcl raises what it logs about its arguments.

@@ -2,7 +2,7 @@
 
 The publisher's GID distinguishes the sequence numbers of several publishers. rclpy's own
 `take_message` leaves it out, so rcl is called here. The structures are those of Jazzy's rmw and
-rcutils, which do not change within a distribution.
+rcutils, checked against rclpy's own take; where they differ, that is used, without the GID.
 """
 
 from __future__ import annotations
@@ -12,12 +12,18 @@ from ctypes import c_void_p
 from struct import Struct
 from typing import TYPE_CHECKING, NamedTuple
 
+from builtin_interfaces.msg import Time
+
+from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.executor.rclpy_private import NOTHING_THERE, TAKEN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from rclpy.node import Node
     from rclpy.subscription import Subscription
+
+_SECOND = 1_000_000_000  # ns
 
 
 class Taken(NamedTuple):
@@ -42,11 +48,16 @@ _ARRAY = Struct('PNN')
 #: rmw_message_info_t, as far as needed: times of publication and reception, sequence numbers of
 #: both; then rmw_gid_t: name of the middleware, GID.
 _INFO = Struct('qqQQP16s')
-_INFO_SIZE = _INFO.size + 8  # with a flag behind, padded
+_INFO_SIZE = 256  # with what follows, and room for what another rmw may have
 
 
 class Taker:
     """Takes messages, through one buffer that grows with them; for one thread at a time.
+
+    Parameters
+    ----------
+    node
+        On whose topic `_layout`, which is hidden and gone at once, one message is sent to check.
 
     Examples
     --------
@@ -54,15 +65,15 @@ class Taker:
     >>> from rclpy.serialization import deserialize_message
     >>> from std_msgs.msg import Float64
     >>> rclpy.init()
-    >>> node, taker = rclpy.create_node('logger'), Taker()
+    >>> node = rclpy.create_node('logger')
+    >>> taker = Taker(node)
     >>> subscription = node.create_subscription(Float64, 'speed', print, 10, raw=True)
     >>> node.create_publisher(Float64, 'speed', 1).publish(Float64(data=8.0))
     >>> [deserialize_message(taken.data, Float64).data for taken in taker.take(subscription)]
     [8.0]
     """
 
-    def __init__(self) -> None:
-        """Allocate nothing yet."""
+    def __init__(self, node: Node) -> None:
         rcutils = ctypes.PyDLL('librcutils.so')
         rcutils.rcutils_get_default_allocator.restype = _Allocator
         allocator = bytes(rcutils.rcutils_get_default_allocator())
@@ -76,15 +87,19 @@ class Taker:
         # PyDLL keeps the interpreter's lock: to give it up for 2 us would cost more than that.
         self._take = ctypes.PyDLL('librcl.so').rcl_take_serialized_message
         self._take.argtypes = (c_void_p, c_void_p, c_void_p, c_void_p)
+        self._fits = _fits(self, node)
 
     def take(self, subscription: Subscription) -> Iterator[Taken]:
-        """Yield what waits in `subscription`, and what arrives meanwhile.
+        """Return what waits in `subscription`, and what arrives meanwhile.
 
         Raises
         ------
         RuntimeError
             rcl has failed.
         """
+        return self._take_all(subscription) if self._fits else _rclpys(subscription)
+
+    def _take_all(self, subscription: Subscription) -> Iterator[Taken]:
         take, info, array, string_at = self._take, self._info, self._array, ctypes.string_at
         unpack_info, unpack_array = _INFO.unpack_from, _ARRAY.unpack_from
         with subscription.handle:
@@ -101,3 +116,39 @@ class Taker:
     def close(self) -> None:
         """Free the buffer."""
         self._free(c_void_p(self._addresses[0]))
+
+
+def _rclpys(subscription: Subscription) -> Iterator[Taken]:
+    """Yield the same as a `Taker`, but for the publisher, the way of rclpy."""
+    while True:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+        if taken is None:
+            return
+        data, about = taken
+        number = about['publication_sequence_number']
+        yield Taken(data, about['source_timestamp'], about['received_timestamp'], number or 0, b'')
+
+
+def _fits(taker: Taker, node: Node) -> bool:
+    """Return whether a taker takes a message as rclpy does."""
+    subscriptions = [
+        node.create_subscription(
+            Time, '_layout', print, 1, callback_group=PolledCallbackGroup(), raw=True
+        )
+        for _ in range(2)
+    ]
+    publisher = node.create_publisher(Time, '_layout', 1)
+    publisher.publish(Time(sec=1))
+    try:
+        (ours,), (theirs,) = taker._take_all(subscriptions[0]), _rclpys(subscriptions[1])  # noqa: SLF001
+        # Each subscription notes its own time of reception.
+        return ours._replace(received=0, publisher=b'') == theirs._replace(received=0) and (
+            abs(ours.received - theirs.received) < _SECOND
+        )
+    except (ValueError, RuntimeError):  # not one message each
+        return False
+    finally:
+        node.destroy_publisher(publisher)
+        for subscription in subscriptions:
+            node.destroy_subscription(subscription)

@@ -70,7 +70,7 @@ class TopicSubscriptions:
         self._wants = wants
         self._depth = depth
         self._polled = PolledCallbackGroup()
-        self._taker = Taker()
+        self._taker = Taker(node)
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
         self._arrivals = Arrivals()

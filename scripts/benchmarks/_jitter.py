@@ -6,18 +6,21 @@ import json
 import os
 import sys
 import tempfile
+import threading
 import time
 from itertools import pairwise
 from pathlib import Path
+from statistics import quantiles
 from typing import TYPE_CHECKING, Any
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from std_msgs.msg import Header
 
 from barc_sim.nodes.recorder import BagRecorder
-from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +37,7 @@ class Ticker(Node):
         super().__init__('ticker')
         self._note = note
         self._outlets = [self.create_publisher(Header, f'topic_{i}', 10) for i in range(7)]
-        self.create_timer(_PERIOD, self._tick, QuickCallbackGroup())
+        self.create_timer(_PERIOD, self._tick)
 
     def _tick(self) -> None:
         self._note()
@@ -42,12 +45,17 @@ class Ticker(Node):
             outlet.publish(Header())
 
 
-class Sleeper(Node):
-    """Blocks its thread for 100 ms in every 200 ms."""
+class Blocker(Node):
+    """Blocks its thread for 100 ms in every 200 ms: it sleeps, or it computes."""
 
-    def __init__(self) -> None:
-        super().__init__('sleeper')
-        self.create_timer(0.2, lambda: time.sleep(0.1))
+    def __init__(self, blocks: str) -> None:
+        super().__init__('blocker')
+        self.create_timer(0.2, self._compute if blocks == 'computes' else lambda: time.sleep(0.1))
+
+    def _compute(self) -> None:
+        end = time.perf_counter() + 0.1
+        while time.perf_counter() < end:
+            pass
 
 
 class Clock:
@@ -55,14 +63,14 @@ class Clock:
 
     def __init__(self) -> None:
         self.ticks: list[tuple[float, float, float]] = []
-        self._statistics = -1
+        self._statistics = threading.local()  # another thread may take over
 
     def __call__(self) -> None:
         """Note now."""
         now = time.perf_counter()
-        if self._statistics < 0:
-            self._statistics = os.open('/proc/thread-self/schedstat', os.O_RDONLY)
-        waited = int(os.pread(self._statistics, 100, 0).split()[1]) * 1e-9
+        if not hasattr(self._statistics, 'file'):
+            self._statistics.file = os.open('/proc/thread-self/schedstat', os.O_RDONLY)
+        waited = int(os.pread(self._statistics.file, 100, 0).split()[1]) * 1e-9
         self.ticks.append((now, waited, time.process_time()))
 
 
@@ -72,7 +80,7 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
     if task['subject'] == 'loop':
         _loop(clock, _WARM_UP + task['seconds'])
     else:
-        _spin(clock, task['subject'], _WARM_UP + task['seconds'])
+        _spin(clock, *task['subject'].split(), _WARM_UP + task['seconds'])
     ticks = clock.ticks[int(_WARM_UP / _PERIOD) :]
     gaps = [
         ((now - before - _PERIOD) * 1e3, (waited - earlier) * 1e3)
@@ -82,6 +90,7 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
     return {
         'ticks': len(gaps),
         'core': (after - before) / (ended - began) * 100.0,
+        'p99': quantiles((abs(gap) for gap, _ in gaps), n=100)[98],
         'late': [gap for gap in gaps if gap[0] > _WORTH_TELLING],
     }
 
@@ -95,19 +104,20 @@ def _loop(clock: Clock, seconds: float) -> None:
         clock()
 
 
-def _spin(clock: Clock, subject: str, seconds: float) -> None:
+def _spin(clock: Clock, name: str, blocks: str, seconds: float) -> None:
     rclpy.init(args=[], domain_id=os.getpid() % 100 + 1)
     with tempfile.TemporaryDirectory() as folder:
         nodes: list[Any] = [Ticker(clock), BagRecorder(Path(folder))]
-        if subject == 'blocked':
-            nodes.append(Sleeper())
-        single = subject == 'single'
-        executor: Any = SingleThreadedExecutor() if single else QuickExecutor(num_threads=2)
+        if blocks != 'free':
+            nodes.append(Blocker(blocks))
+        executor = {
+            'single': SingleThreadedExecutor,
+            'multi': lambda: MultiThreadedExecutor(num_threads=2),
+            'ours': lambda: QuickExecutor(num_threads=2),
+        }[name]()
         for node in nodes:
             executor.add_node(node)
-        end = time.perf_counter() + seconds
-        while time.perf_counter() < end:
-            executor.spin_once(timeout_sec=0.1)
+        executor.spin_until_future_complete(Future(), seconds)
         executor.shutdown()
         for node in nodes:
             node.destroy_node()

@@ -1,4 +1,4 @@
-"""Two nodes that answer one another; its task is JSON on the command line, so are its figures.
+"""Two nodes that answer one another, in default groups; task and figures are JSON.
 
 It runs in other environments, too, and imports barc_sim only for its executor.
 """
@@ -35,14 +35,11 @@ class Player(Node):
         subscribed: str,
         published: str,
         note: Callable[[], None],
-        group: Any,  # noqa: ANN401
     ) -> None:
         super().__init__(published)
         self._note = note
         self._publisher = self.create_publisher(Header, published, 10)
-        self._subscription = self.create_subscription(
-            Header, subscribed, self.answer, 10, callback_group=group
-        )
+        self._subscription = self.create_subscription(Header, subscribed, self.answer, 10)
 
     def is_connected(self) -> bool:
         """Return whether there is another player."""
@@ -101,19 +98,17 @@ class Rounds:
         }
 
 
-def _executor(name: str) -> tuple[Any, Any]:
-    """Return an executor and a callback group."""
+def _executor(name: str) -> Any:  # noqa: ANN401
+    """Return an executor."""
     if name == 'ours':
-        from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor  # noqa: PLC0415
+        from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415
 
-        return QuickExecutor(num_threads=2), QuickCallbackGroup
+        return QuickExecutor(num_threads=2)
     if name in ('events', 'kilted'):
         from rclpy.experimental import EventsExecutor  # noqa: PLC0415
 
-        return EventsExecutor(), lambda: None
-    if name == 'single':
-        return SingleThreadedExecutor(), lambda: None
-    return MultiThreadedExecutor(num_threads=2), lambda: None
+        return EventsExecutor()
+    return SingleThreadedExecutor() if name == 'single' else MultiThreadedExecutor(num_threads=2)
 
 
 def main(task: dict[str, Any]) -> None:
@@ -121,14 +116,14 @@ def main(task: dict[str, Any]) -> None:
     rounds = Rounds(task['seconds'])
     domain = task.setdefault('domain', os.getpid() % 100 + 1)
     rclpy.init(args=[], domain_id=domain)
-    executor, group = _executor(task['executor'])
+    executor = _executor(task['executor'])
     peer = task.get('peer', False)
     apart = 'two processes' in task['case']
     players = []
     if not peer:
-        players.append(Player('pong', 'ping', rounds.note, group()))
+        players.append(Player('pong', 'ping', rounds.note))
     if peer or not apart:
-        players.append(Player('ping', 'pong', lambda: None, group()))
+        players.append(Player('ping', 'pong', lambda: None))
     for player in players:
         executor.add_node(player)
     if 'recorded' in task['case']:

@@ -1,7 +1,7 @@
 """How late a 50 Hz timer is over a long time, and how much of that the machine owes.
 
-Slices with QuickExecutor, once more beside a node whose callback sleeps 100 ms in every 200 ms,
-and with SingleThreadedExecutor, all with the recorder on, take turns with slices of a bare loop
+Slices with rclpy's executors and QuickExecutor, also beside a node whose callback sleeps or
+computes for 100 ms in every 200 ms, all with the recorder on, take turns with slices of a bare loop
 of `time.sleep`, which has neither ROS nor an executor in it. Of what is late by more than 1 ms,
 the time in which the kernel kept the thread waiting for a core is counted apart.
 """
@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 
 _SUBJECTS = {
     'loop': 'bare loop',
-    'single': 'SingleThreadedExecutor',
-    'ours': 'QuickExecutor',
-    'blocked': 'QuickExecutor, blocked',
+    'single free': 'SingleThreadedExecutor',
+    'multi free': 'MultiThreadedExecutor',
+    'ours free': 'QuickExecutor',
+    'multi sleeps': 'Multi, beside sleep',
+    'ours sleeps': 'Quick, beside sleep',
+    'multi computes': 'Multi, beside compute',
+    'ours computes': 'Quick, beside compute',
 }
 _LIMITS = (1.0, 5.0, 15.0)  # ms
 
@@ -48,7 +52,7 @@ def measure(options: argparse.Namespace) -> Found:
 def report(found: Found) -> str:
     """Return a table of the numbers of late ticks, and in brackets of those the machine owes."""
     limits = [f'> {limit:g} ms' for limit in _LIMITS]
-    heads = ('ticks', *limits, 'max, ms', 'without waiting, ms', 'core, %')
+    heads = ('ticks', *limits, 'p99, ms', 'max, ms', 'without waiting, ms', 'core, %')
     lines = [f'{"":24}' + ''.join(f'{head:>20}' for head in heads)]
     for subject, slices in found.items():
         late = [each for part in slices for each in part['late']]
@@ -57,6 +61,7 @@ def report(found: Found) -> str:
             count = sum(ms > limit for ms, _ in late)
             left = sum(ms - waited > limit for ms, waited in late)
             cells.append(f'{count} ({count - left})')
+        cells.append(f'{median(part["p99"] for part in slices):.3g}')
         cells.append(f'{max((ms for ms, _ in late), default=0.0):.3g}')
         cells.append(f'{max((ms - waited for ms, waited in late), default=0.0):.3g}')
         cells.append(f'{median(part["core"] for part in slices):.2f}')

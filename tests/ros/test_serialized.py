@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from struct import Struct
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 
+from barc_sim.ros import serialized
 from barc_sim.ros.serialized import Taken, Taker
 
 if TYPE_CHECKING:
@@ -43,7 +45,7 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     time.sleep(0.01)  # so that the two times of a message cannot be mistaken for each other
     subscribed = time.time_ns()
     subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
-    taker = Taker()
+    taker = Taker(subscribing)
     taken: list[Taken] = []
     while len(taken) < 3:
         taken += taker.take(subscription)
@@ -54,3 +56,20 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     assert [each.number for each in taken] == [1, 2, 3]
     (info,) = subscribing.get_publishers_info_by_topic('number')
     assert {each.publisher for each in taken} == {bytes(info.endpoint_gid)}
+
+
+def test_other_layouts_are_found_and_rclpys_own_take_is_used(
+    nodes: tuple[Node, Node], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serialized, '_INFO', Struct('8xqqQQP8s'))
+    publishing, subscribing = nodes
+    taker = Taker(subscribing)
+    subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)
+    publisher = publishing.create_publisher(Int64, 'number', LATCHED)
+    publisher.publish(Int64(data=7))
+    taken: list[Taken] = []
+    while not taken:
+        taken += taker.take(subscription)
+    taker.close()
+    assert [deserialize_message(each.data, Int64).data for each in taken] == [7]
+    assert [each.number for each in taken] == [1]

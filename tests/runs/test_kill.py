@@ -46,7 +46,7 @@ from barc_sim.ros.serialized import Taker
 rclpy.init()
 node = Node('witness')
 subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda _: None, 10_000, raw=True)
-taker = Taker()
+taker = Taker(node)
 print(flush=True)
 while True:
     for taken in taker.take(subscription):

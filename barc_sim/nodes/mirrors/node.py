@@ -152,12 +152,23 @@ class MirrorNode(Node):
         self._commands = None
         if on & {'markers', 'joint_states', 'diagnostics'}:
             self._commands = polled(self, ECU, names.ECU, _DEPTH, PolledCallbackGroup())
+        self._states = None
         if on:
-            subscription(self, ZDynBkMdl, names.STATE, self._on_state, group, qos=_ALL_STATES)
+            self._states = subscription(
+                self, ZDynBkMdl, names.STATE, self._on_state, group, qos=_ALL_STATES
+            )
         if 'diagnostics' in on:
             self._diagnostics_pub = publisher(self, DiagnosticArray, names.DIAGNOSTICS)
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(period, self._diagnose, group, steady)
+
+    def destroy_node(self) -> None:
+        """Mirror the states that still wait, and end."""
+        if self._states:
+            for state, _ in take(self._states, _ALL_STATES.depth):
+                self._on_state(state)
+            self._states = None
+        super().destroy_node()
 
     def _state_mirrors(self, on: set[str]) -> list[tuple[Publisher, Mirror]]:
         """Return the publishers of each state, each with the function that makes its message."""

@@ -1,9 +1,27 @@
 """The executor of every run, on events: DDS counts what arrives, and epoll waits for it.
 
-What executes callbacks lives here; what a callback does lives in the nodes.
+What executes callbacks lives here; what a callback does lives in the nodes. Nothing here changes
+rclpy's classes, or the process's limits.
 """
 
+import warnings
+from typing import TYPE_CHECKING
+
+from rclpy.executors import MultiThreadedExecutor
+
 from barc_sim.ros.executor.callback_groups import PolledCallbackGroup, QuickCallbackGroup
-from barc_sim.ros.executor.executor import QuickExecutor
+from barc_sim.ros.executor.rclpy_private import missing
 
 __all__ = ['PolledCallbackGroup', 'QuickCallbackGroup', 'QuickExecutor']
+
+if TYPE_CHECKING or not (_missing := missing()):
+    from barc_sim.ros.executor.executor import QuickExecutor
+else:
+    warnings.warn(
+        f'QuickExecutor is a plain MultiThreadedExecutor here, as this rclpy or machine has no '
+        f'{", ".join(_missing)}: use rclpy 7.1.6 on Linux for a fast one',
+        stacklevel=2,
+    )
+
+    class QuickExecutor(MultiThreadedExecutor):
+        """rclpy's own."""

@@ -14,20 +14,6 @@ class PolledCallbackGroup(CallbackGroup):
     Waking up for each message would cost 4 % of a core at 50 Hz with 7 topics; polling all of them
     every 50 ms costs about 1 %, and nothing runs between a state and the command that answers it.
     DDS stamps the time of reception, so polling late loses nothing.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import Float64
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('logger')
-    >>> speeds = node.create_subscription(
-    ...     Float64, 'speed', print, 1, callback_group=PolledCallbackGroup()
-    ... )
-    >>> node.create_publisher(Float64, 'speed', 1).publish(Float64(data=8.0))
-    >>> rclpy.spin_once(node, timeout_sec=0.01)
-    >>> speeds.handle.take_message(Float64, False)[0].data
-    8.0
     """
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002 (rclpy's)

@@ -36,22 +36,13 @@ _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
 _LIBC.timerfd_settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
+_spare: list[int] = []  # eventfds that nothing uses
+add_to = os.eventfd_write
 _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
 
 
 class Descriptors:
-    """Waits for descriptors to become readable; for one thread at a time.
-
-    Examples
-    --------
-    >>> descriptors, counter = Descriptors(), eventfd()
-    >>> descriptors.add(counter)
-    >>> os.eventfd_write(counter, 3)
-    >>> descriptors.wait(1.0) == [counter], descriptors.take_count(counter)
-    (True, 3)
-    >>> descriptors.close()
-    >>> os.close(counter)
-    """
+    """Waits for descriptors to become readable; for one thread at a time."""
 
     def __init__(self) -> None:
         """Wait for none yet."""
@@ -99,19 +90,24 @@ class Descriptors:
         self._epoll.close()
 
 
-def eventfd() -> int:
-    """Return a descriptor that counts what is written to it.
-
-    Examples
-    --------
-    >>> counter = eventfd()
-    >>> for _ in range(3):
-    ...     os.eventfd_write(counter, 1)
-    >>> os.eventfd_read(counter)
-    3
-    >>> os.close(counter)
-    """
+def counter() -> int:
+    """Return an eventfd, which counts what is written to it."""
+    with suppress(IndexError):
+        return _spare.pop()
     return _opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC))
+
+
+def retire(descriptor: int) -> None:
+    """Keep an eventfd for the next `counter`: it is never closed.
+
+    A listener of DDS that fired late would write into it. The middleware says that none does, once
+    it was taken back: Fast DDS calls it, and replaces it, with the same mutex held. And if one did,
+    the number would not be somebody else's file, socket or timer: at most another entity of ours
+    would be tried in vain. A process holds as many as it has needed at a time.
+    """
+    with suppress(BlockingIOError):
+        os.eventfd_read(descriptor)
+    _spare.append(descriptor)
 
 
 def timerfd(*, blocking: bool = False) -> int:
@@ -121,32 +117,18 @@ def timerfd(*, blocking: bool = False) -> int:
 
 
 def _opened(create: Callable[[], Opened]) -> Opened:
-    """Open a descriptor; raise the process's limit to the system's where it is reached."""
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    for _ in range(2):
-        with suppress(OSError):
-            if (opened := create()) != -1:
-                return opened
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+    """Open a descriptor."""
+    with suppress(OSError):
+        if (opened := create()) != -1:
+            return opened
+    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     raise UserError(
-        f'this process may open {most} files at a time, and the executor needs one more: '
-        'raise the limit with `ulimit -Hn`, or start fewer nodes in one process'
+        f'this process may open {allowed} files at a time, and the executor needs one more: '
+        'raise the limit with `ulimit -n`, or start fewer nodes in one process'
     )
 
 
 def set_time(descriptor: int, due: float) -> None:
-    """Set a timerfd's time [ns] of the monotonic clock; inf: never.
-
-    Examples
-    --------
-    >>> import time
-    >>> descriptors, timer = Descriptors(), timerfd()
-    >>> descriptors.add(timer)
-    >>> set_time(timer, time.monotonic_ns() + 5_000_000)
-    >>> descriptors.wait(1.0) == [timer]
-    True
-    >>> descriptors.close()
-    >>> os.close(timer)
-    """
+    """Set a timerfd's time [ns] of the monotonic clock; inf: never."""
     first = divmod(int(due), 1_000_000_000) if due < inf else (0, 0)
     _LIBC.timerfd_settime(descriptor, _ABSOLUTE, pack('4l', 0, 0, *first), None)

@@ -11,6 +11,7 @@ from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
+from rclpy.executors import await_or_execute
 from rclpy.guard_condition import GuardCondition
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.service import Service
@@ -54,10 +55,16 @@ class Entry:
     found: float = 0.0  #: [s] when it was queued
     executed: float = 0.0  #: [s] when it was taken last
     lasting: bool = False  #: whether its last callback lasted
-    descriptor: int | None = None  #: the eventfd in which arrivals are counted
+    descriptor: int = -1  #: the eventfd in which arrivals are counted
+    idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
+    destroyed: bool = False
     on_taken: Callable[[Entry], None] | None = None
     #: By its take: a QoS event's last status, an action's wait set, a subscription's message taker.
     kept: Any = None
+
+    def note_destruction(self) -> None:
+        """Take nothing for it any longer: its user has destroyed it."""
+        self.destroyed = True
 
     @property
     def name(self) -> str:
@@ -82,7 +89,7 @@ class Entry:
 def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a message; faster than rclpy's way, as the entry keeps the handle in use."""
     subscription = entry.entity
-    if subscription._is_destroyed:
+    if entry.destroyed:
         raise InvalidHandle
     message_only = subscription._callback_type is _MESSAGE_ONLY
     if message_only and not subscription.raw:
@@ -92,8 +99,26 @@ def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     elif taken := entry.handle.take_message(subscription.msg_type, subscription.raw):
         return subscription.callback, taken[:1] if message_only else taken
     # Of a full queue, older messages are gone: so many at most can wait behind this one.
-    entry.pending = min(entry.pending, subscription.qos_profile.depth or entry.pending)
+    most = 0 if entry.idle_uses else subscription.qos_profile.depth or entry.pending
+    entry.pending = min(entry.pending, most)
     return None
+
+
+def take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+    """Take a request; unlike rclpy's way, this tells whether there was one."""
+    service = entry.entity
+    if entry.destroyed:
+        raise InvalidHandle
+    request, header = entry.handle.service_take_request(service.srv_type.Request)
+    if header is None:
+        entry.pending = 0
+        return None
+
+    async def execute() -> None:
+        response = await await_or_execute(service.callback, request, service.srv_type.Response())
+        service.send_response(response, header)
+
+    return execute, ()
 
 
 def take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
@@ -117,7 +142,9 @@ def take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     with entry.handle:
         taken = entry.handle.take_event()
     names = (name for name in dir(taken) if not name.startswith('_'))
-    status = [getattr(taken, name) for name in names if not name.endswith('_change')]
+    status = {name: getattr(taken, name) for name in names if not name.endswith('_change')}
+    if entry.kept is None and not any(status[name] for name in status if name.endswith('_count')):
+        return None  # another one was meant that shares the descriptor
     if status == entry.kept:
         return None
     entry.kept = status
@@ -170,7 +197,7 @@ _TAKES: dict[type[Any], Take] = {
     Subscription: take_subscription,
     Timer: take_timer,
     GuardCondition: _rclpys('guard_condition'),
-    Service: _rclpys('service'),
+    Service: take_service,
     Client: _rclpys('client'),
     EventHandler: take_event,
     ActionClient: take_action,

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections import deque
@@ -15,13 +14,16 @@ from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
+from rclpy.service import Service
+from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.waitable import Waitable
 
 from barc_sim.ros.executor.callback_groups import PolledCallbackGroup
-from barc_sim.ros.executor.descriptors import Descriptors, eventfd
+from barc_sim.ros.executor.descriptors import Descriptors, add_to, counter, retire
 from barc_sim.ros.executor.entities import (
     KINDS,
     Entity,
@@ -32,6 +34,7 @@ from barc_sim.ros.executor.entities import (
 )
 from barc_sim.ros.executor.rclpy_private import (
     handle_of,
+    note_destruction,
     notify_of_triggers,
     reset_trigger,
     set_listener,
@@ -48,6 +51,10 @@ if TYPE_CHECKING:
 #: [s] The longest wait. Then the context is checked, as a signal ends it without an event, and
 #: action servers, whose results expire without one.
 _CHECK_PERIOD = 0.1
+#: What shares a descriptor while it is idle: so many at most, until each has been used so often.
+_SHARING = (Subscription, Service, EventHandler)
+_SHARED = 32
+_IDLE_USES = 8
 
 
 def _beginning(entity: Entity) -> Callable[[], bool]:
@@ -62,6 +69,9 @@ def _beginning(entity: Entity) -> Callable[[], bool]:
 class Events:
     """The entities of an executor's nodes, and which of them something has arrived for.
 
+    A subscription or service that is hardly used shares its descriptor: when something arrives for
+    one, all of them are tried. After a few uses it gets a descriptor of its own.
+
     All but `wake` is for one thread at a time. An entity's handle stays in use until `refresh`
     finds it gone, so that its listener is taken back before it is destroyed. `on_failure` is
     called in the wait set's thread with an exception of a waitable.
@@ -74,10 +84,11 @@ class Events:
         self.woken = True  #: whether `wake` was called, or it is time for a check
         self._entries: dict[Entity, Entry] = {}
         self._by_descriptor: dict[int, Entry] = {}
+        self._shared: dict[int, list[Entry]] = {}  # by descriptor
         self._signalled: deque[Entry] = deque()  # by other threads
         self._jumped = False
         self._next_check = 0.0
-        self._wakeup = eventfd()
+        self._wakeup = counter()
         self._wakeup_lock = Lock()
         self._wakeup_is_set = False  # also once it is closed
         self._timers = Timers(self.queue, self._on_jump)
@@ -97,7 +108,7 @@ class Events:
         with self._wakeup_lock:
             if not self._wakeup_is_set:
                 self._wakeup_is_set = True
-                os.eventfd_write(self._wakeup, 1)
+                add_to(self._wakeup, 1)
 
     def queue(self, entry: Entry, count: int = 1) -> None:
         """Note that something has arrived for an entity."""
@@ -115,10 +126,12 @@ class Events:
             descriptors = self._descriptors.wait(min(deadline - now, _CHECK_PERIOD))
         for descriptor in descriptors:
             entry = self._by_descriptor.get(descriptor)
-            if entry is None:
-                self._special[descriptor]()
-            else:
+            if entry is not None:
                 self.queue(entry, self._descriptors.take_count(descriptor))
+            elif descriptor in self._shared:
+                self._try_all(descriptor)
+            else:
+                self._special[descriptor]()
         if descriptors and len(self.ready) > 1:
             self._sort()
         if now >= self._next_check:
@@ -207,16 +220,63 @@ class Events:
             self._waiter.add(entry)
 
     def _listen(self, entry: Entry) -> bool:
-        descriptor = eventfd()
-        if not set_listener(entry.entity, descriptor):
-            os.close(descriptor)
+        """Have arrivals counted; return False where there are no listeners."""
+        if isinstance(entry.entity, _SHARING):
+            entry.idle_uses = _IDLE_USES
+        if not self._count_arrivals(entry):
             return False
-        entry.descriptor = descriptor
-        self._by_descriptor[descriptor] = entry
-        self._descriptors.add(descriptor)
+        if isinstance(entry.entity, (Subscription, Service)):
+            note_destruction(entry.entity, entry.note_destruction)
         if left := getattr(entry.entity, '_arrived', 0):  # counted, but not taken before
             self.queue(entry, left)
         return True
+
+    def _count_arrivals(self, entry: Entry) -> bool:
+        """Count an entity's arrivals in a descriptor: a shared one while it is idle."""
+        room = (number for number, sharing in self._shared.items() if len(sharing) < _SHARED)
+        descriptor = next(room, None) if entry.idle_uses else None
+        if is_new := descriptor is None:
+            descriptor = counter()
+        if not set_listener(entry.entity, descriptor):
+            if is_new:
+                retire(descriptor)
+            return False
+        entry.descriptor = descriptor
+        if entry.idle_uses:
+            self._shared.setdefault(descriptor, []).append(entry)
+        else:
+            self._by_descriptor[descriptor] = entry
+        if is_new:
+            self._descriptors.add(descriptor)
+        return True
+
+    def _try_all(self, descriptor: int) -> None:
+        """Try each of those that share a descriptor, as something has arrived for one."""
+        count = self._descriptors.take_count(descriptor)
+        for entry in self._shared[descriptor]:
+            self.queue(entry, count)
+
+    def note_use(self, entry: Entry) -> None:
+        """Note that something was taken for an idle entity: others may share with it no longer."""
+        entry.idle_uses -= 1
+        if not entry.idle_uses:
+            former = entry.descriptor
+            self._count_arrivals(entry)
+            self._leave(entry, former)
+
+    def _leave(self, entry: Entry, descriptor: int) -> None:
+        """Count no arrivals of an entity in a descriptor any longer."""
+        if descriptor in self._shared:
+            self._try_all(descriptor)
+            self._shared[descriptor].remove(entry)
+            if self._shared[descriptor]:
+                return
+            del self._shared[descriptor]
+        else:
+            entry.pending += self._descriptors.take_count(descriptor)
+            del self._by_descriptor[descriptor]
+        self._descriptors.remove(descriptor)
+        retire(descriptor)
 
     def remove(self, entity: Entity) -> None:
         """Listen to an entity no longer, and let it be destroyed."""
@@ -229,14 +289,16 @@ class Events:
                 reset_trigger(entity, entry.node.context)
                 if entry.pending or entry in self._signalled:
                     entity.trigger()  # for its next executor
-        elif entry.descriptor is None:
+        elif entry.descriptor < 0:
             self._waiter.remove(entry)
         else:
             set_listener(entity, None)
-            entity._arrived = entry.pending + self._descriptors.take_count(entry.descriptor)
-            del self._by_descriptor[entry.descriptor]
-            self._descriptors.remove(entry.descriptor)
-            os.close(entry.descriptor)
+            if isinstance(entity, (Subscription, Service)):
+                note_destruction(entity, None)
+            self._leave(entry, entry.descriptor)
+            entity._arrived = entry.pending
+        if entry.queued:
+            self.ready.remove(entry)
         entry.pending = 0
         entry.kept = None
         entry.handle.__exit__(None, None, None)
@@ -249,5 +311,6 @@ class Events:
             self._timers.close()
             with self._wakeup_lock:
                 self._wakeup_is_set = True
-                os.close(self._wakeup)
+                self._descriptors.remove(self._wakeup)
+                retire(self._wakeup)
             self._descriptors.close()

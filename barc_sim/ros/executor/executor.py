@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 import traceback
-import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from inspect import iscoroutinefunction
@@ -23,7 +22,7 @@ from rclpy.executors import MultiThreadedExecutor, TimeoutObject
 
 from barc_sim.ros.executor.events import Events
 from barc_sim.ros.executor.leadership import LASTING, Leadership
-from barc_sim.ros.executor.rclpy_private import differing, notify_of_triggers
+from barc_sim.ros.executor.rclpy_private import notify_of_triggers
 from barc_sim.ros.executor.thread_pool import TaskStepper, ThreadPool
 
 if TYPE_CHECKING:
@@ -48,6 +47,7 @@ class Spin:
     once: bool
     over: Event
     in_place: bool  #: whether callbacks run in the thread that polls, or are handed to the pool
+    by_pool: bool = False  #: whether threads of the pool poll
 
 
 class QuickExecutor(MultiThreadedExecutor):
@@ -203,10 +203,10 @@ class QuickExecutor(MultiThreadedExecutor):
         leads = False
         try:
             leads = self._leadership.claim(inf)
+            self._calls_in_place = spin.once and spin.in_place
             if spin.in_place:
-                self._pool_spin = replace(spin, deadline=inf, once=False)
+                self._pool_spin = replace(spin, deadline=inf, once=False, by_pool=True)
             if spin.once:
-                self._calls_in_place = spin.in_place
                 if spin.in_place:
                     self._submit_stand_by()
                 leads = self._lead(spin)
@@ -229,7 +229,7 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _spin_within(self, spin: Spin) -> None:
         """Spin in a callback: lead, where no other thread does."""
-        spin.in_place = True
+        spin.in_place = spin.by_pool = True
         while not (self._is_over(spin) or time.monotonic() > spin.deadline):
             free = self._leadership.take()
             if free or (self._pool.is_full() and self._leadership.claim(0.01)):
@@ -279,6 +279,9 @@ class QuickExecutor(MultiThreadedExecutor):
     def _stand_by(self) -> Spin | None:
         """Return the spin for which to lead from now on, or None where none needs this thread."""
         while (spin := self._pool_spin) and self._standing_by.acquire(blocking=False):
+            if self._calls_in_place and self._pool.is_full():  # the caller's thread is one more
+                self._standing_by.release()
+                return None
             try:
                 while self._pool_spin is spin and not self._is_over(spin):
                     if self._leadership.take_over():
@@ -333,7 +336,7 @@ class QuickExecutor(MultiThreadedExecutor):
         ready = events.ready
         executed = False
         for _ in range(len(ready)):
-            if not spin.in_place and self._pool.is_full():
+            if not spin.by_pool and self._pool.is_full():
                 break
             entry = ready.popleft()
             if not entry.pending:
@@ -353,7 +356,7 @@ class QuickExecutor(MultiThreadedExecutor):
         stepper = self._stepper
         stepped = False
         for task in stepper.due():
-            if not spin.in_place and self._pool.is_full():
+            if not spin.by_pool and self._pool.is_full():
                 break
             stepper.begin(task)
             stepped = True
@@ -377,6 +380,8 @@ class QuickExecutor(MultiThreadedExecutor):
         finally:
             if call is None:
                 entry.end()
+            elif entry.idle_uses:
+                self._events.note_use(entry)
             if entry.on_taken:
                 entry.on_taken(entry)
             if entry.pending:
@@ -450,14 +455,3 @@ class QuickExecutor(MultiThreadedExecutor):
 
 def _is_done(future: Future | None) -> bool:
     return future is not None and (future.done() or future.cancelled())
-
-
-if names := differing():
-    warnings.warn(
-        f'this rclpy has no {", ".join(names)}: QuickExecutor is a MultiThreadedExecutor; '
-        'use rclpy 7.1 for a fast one',
-        stacklevel=2,
-    )
-
-    class QuickExecutor(MultiThreadedExecutor):  # type: ignore[no-redef]
-        """rclpy's own."""

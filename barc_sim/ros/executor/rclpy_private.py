@@ -1,4 +1,8 @@
-"""The private parts of rclpy and rcl that the executor uses, and whether they are as in Jazzy."""
+"""The private parts of rclpy, rcl and Linux that the executor uses, and whether they are there.
+
+`missing` is asked before any other module of the executor is imported, so that nothing here but
+`missing` may rely on what it checks.
+"""
 
 # ruff: noqa: SLF001 - rclpy's private names are the point.
 
@@ -6,31 +10,25 @@ from __future__ import annotations
 
 import ctypes
 import os
+import select
 from ctypes import c_char_p, c_void_p, py_object
 from functools import cache
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
-from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
-from rclpy.executors import Executor, MultiThreadedExecutor
 from rclpy.guard_condition import GuardCondition
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from rclpy.type_support import check_is_valid_msg_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.context import Context
-
-#: libc's `eventfd_write(descriptor, number)` has the signature of a listener of DDS,
-#: `(user_data, number_of_events)`: as a listener it counts arrivals without any code of ours.
-_COUNT = ctypes.cast(ctypes.CDLL(None).eventfd_write, c_void_p)
 
 #: By type of entity, the attribute with its handle and the functions of rcl that set listeners.
 LISTENERS: dict[type[Any], tuple[str, tuple[str, ...]]] = {
@@ -59,46 +57,101 @@ _pointer_in = ctypes.PYFUNCTYPE(c_void_p, py_object, c_char_p)(
     ('PyCapsule_GetPointer', ctypes.pythonapi)
 )
 
-_TAKES = ('guard_condition', 'client', 'service', 'waitable')
+#: By module and class, its private names: those that it has, or that its methods use.
+_NAMES: dict[str, tuple[str, ...]] = {
+    'rclpy.executors:': (
+        'TimeoutObject',
+        'await_or_execute',
+        'ShutdownException',
+        'ExternalShutdownException',
+    ),
+    'rclpy.executors:Executor': (
+        *('_guard', '_is_shutdown', '_tasks', '_tasks_lock', '_sigint_gc'),
+        *('_wait_for_ready_callbacks', 'can_execute'),
+    ),
+    'rclpy.executors:MultiThreadedExecutor': (
+        *('_executor', '_take_guard_condition', '_take_client', '_take_waitable'),
+    ),
+    'concurrent.futures:ThreadPoolExecutor': ('_max_workers',),
+    'rclpy.task:Future': ('remove_done_callback',),  # since 7.1.4
+    'rclpy.guard_condition:GuardCondition': (
+        *('_GuardCondition__gc', '_executor_triggered', '_executor_event'),
+    ),
+    'rclpy.subscription:Subscription': ('_callback_type', '_executor_event'),
+    'rclpy.subscription:Subscription.CallbackType': ('MessageOnly',),
+    'rclpy.timer:Timer': ('_executor_event',),
+    'rclpy.client:Client': ('_executor_event',),
+    'rclpy.service:Service': ('_executor_event',),
+    'rclpy.waitable:Waitable': ('_executor_event',),
+    'rclpy.event_handler:EventHandler': (LISTENERS[EventHandler][0],),
+    'rclpy.action:ActionClient': (LISTENERS[ActionClient][0],),
+    'rclpy.action:ActionServer': (LISTENERS[ActionServer][0],),
+    'rclpy._rclpy_pybind11:': ('RCLError',),
+    'rclpy._rclpy_pybind11:Subscription': ('take_message', 'pointer'),
+    'rclpy._rclpy_pybind11:Timer': (
+        *('is_timer_ready', 'call_timer', 'time_until_next_call', 'pointer'),
+    ),
+    'rclpy._rclpy_pybind11:Service': ('service_take_request', 'pointer'),
+    'rclpy._rclpy_pybind11:EventHandle': ('take_event', 'pointer'),
+    'rclpy._rclpy_pybind11:GuardCondition': ('trigger_guard_condition',),
+    'rclpy._rclpy_pybind11:WaitSet': (
+        *('clear_entities', 'wait', 'get_ready_entities', 'is_ready', 'add_guard_condition'),
+    ),
+    'os:': ('eventfd', 'EFD_NONBLOCK', 'EFD_CLOEXEC'),
+    'select:': ('epoll',),
+}
 
-#: Methods, and attributes that are set by a class's `__init__`.
-_NAMES: tuple[tuple[Any, tuple[str, ...]], ...] = (
-    (Executor, ('_guard', '_is_shutdown', '_tasks', '_tasks_lock', '_sigint_gc')),
-    (MultiThreadedExecutor, ('_executor', *(f'_take_{kind}' for kind in _TAKES))),
-    (GuardCondition, ('trigger', '_executor_triggered')),
-    (_rclpy.Subscription, ('take_message', 'pointer')),
-    (_rclpy.Timer, ('is_timer_ready', 'call_timer', 'time_until_next_call', 'pointer')),
-    (_rclpy.EventHandle, ('take_event', 'pointer')),
-    (_rclpy.WaitSet, ('clear_entities', 'wait', 'get_ready_entities', 'is_ready')),
-)
 
-
-def differing() -> list[str]:
-    """Return the private names that this rclpy or rcl lacks, or that behave differently in it."""
-    names = [
-        f'{owner.__name__}.{name}'
-        for owner, names in (*_NAMES, *((each, (LISTENERS[each][0],)) for each in LISTENERS))
-        for name in names
-        if not hasattr(owner, name) and name not in owner.__init__.__code__.co_names
-    ]
+def missing() -> list[str]:
+    """Return what this rclpy, rcl or machine lacks, or has with another behaviour."""
+    names = [name for path, names in _NAMES.items() for name in _lacking(path, names)]
     try:
         for name in (name for _, names in LISTENERS.values() for name in names):
             _setter(name)
     except (OSError, AttributeError) as error:
         names.append(str(error))
     checks = {
-        'eventfd_write': _counts,
+        'eventfd, epoll or timerfd': _counts,
         '_take_guard_condition': _takes,
         '_CONVERT_TO_PY': _converts,
     }
-    return names or [f'{name} as in Jazzy' for name, check in checks.items() if not check()]
+    return names or [f'{name} as in Jazzy' for name, check in checks.items() if not _holds(check)]
+
+
+def _lacking(path: str, names: tuple[str, ...]) -> list[str]:
+    """Return those of the names that a class, or a module, lacks."""
+    module, _, qualified = path.partition(':')
+    try:
+        owner: Any = import_module(module)
+        for part in filter(None, qualified.split('.')):
+            owner = getattr(owner, part)
+    except (ImportError, AttributeError):
+        return [qualified or module]
+    methods = [getattr(each, 'fset', each) for each in vars(owner).values()]
+    used = {
+        name for each in methods if hasattr(each, '__code__') for name in each.__code__.co_names
+    }
+    return [
+        f'{qualified or module}.{name}'
+        for name in names
+        if not hasattr(owner, name) and name not in used
+    ]
+
+
+def _holds(check: Callable[[], bool]) -> bool:
+    try:
+        return check()
+    except Exception:  # noqa: BLE001 - any error is another behaviour
+        return False
 
 
 def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
     """Return the handle of an entity: the entity itself for other packages' waitables."""
     kind = next((each for each in LISTENERS if isinstance(entity, each)), None)
+    if isinstance(entity, GuardCondition):
+        return getattr(entity.handle, 'handle', entity.handle)
     if kind is None:
-        return entity.handle if isinstance(entity, GuardCondition) else entity
+        return entity
     return getattr(entity, LISTENERS[kind][0])
 
 
@@ -116,7 +169,7 @@ def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
     for name in LISTENERS[kind][1]:
         if descriptor is None:
             _setter(name)(pointer, None, None)
-        elif any(_setter(name)(pointer, _COUNT, descriptor) for _ in range(2)):
+        elif any(_setter(name)(pointer, counting_listener(), descriptor) for _ in range(2)):
             ctypes.PyDLL('librcutils.so').rcutils_reset_error()
             return False
     return True
@@ -170,19 +223,57 @@ def _kept_message(message_type: Any) -> tuple[c_void_p, Callable[[c_void_p], Any
     return kept, convert
 
 
+class _NotifyingHandle:
+    """The handle of a guard condition, which also calls a function at each trigger."""
+
+    def __init__(self, handle: Any, notify: Callable[[], None]) -> None:  # noqa: ANN401
+        self.handle = handle
+        self.notify: Callable[[], None] | None = notify
+
+    def trigger_guard_condition(self) -> None:
+        self.handle.trigger_guard_condition()
+        if notify := self.notify:
+            notify()
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
+        return getattr(self.handle, name)
+
+    def __enter__(self) -> None:
+        self.handle.__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        self.handle.__exit__(*error)
+
+
 def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None) -> None:
-    """Call `notify` at each trigger of a guard condition; with None, no longer."""
-    guard._notify = notify
+    """Call `notify` at each trigger of one guard condition; with None, no longer.
+
+    Its handle is replaced and not its `trigger`, which others may have kept.
+    """
+    former, handle = guard.handle, handle_of(guard)
+    guard._GuardCondition__gc = _NotifyingHandle(handle, notify) if notify else handle
+    if former is not handle:
+        former.notify = None  # others may have kept it
+
+
+def note_destruction(entity: Any, note: Callable[[], None] | None) -> None:  # noqa: ANN401
+    """Call `note` before one entity is destroyed; with None, no longer."""
+    vars(entity).pop('destroy', None)
+    if note:
+        destroy = entity.destroy
+        entity.destroy = lambda: (note(), destroy())
 
 
 def reset_trigger(guard: GuardCondition, context: Context) -> bool:
     """Forget the triggers of a guard condition; return whether there were any."""
     if not context.ok():
         return False
-    with guard.handle, context.handle:
-        wait_set = _rclpy.WaitSet(0, 1, 0, 0, 0, 0, context.handle)
+    handle = handle_of(guard)
+    with handle, context.handle:
+        make = import_module('rclpy._rclpy_pybind11').WaitSet
+        wait_set = make(0, 1, 0, 0, 0, 0, context.handle)
         wait_set.clear_entities()
-        wait_set.add_guard_condition(guard.handle)
+        wait_set.add_guard_condition(handle)
         wait_set.wait(0)
         return bool(wait_set.get_ready_entities('guard_condition'))
 
@@ -197,13 +288,29 @@ def raised_by_rclpy(error: BaseException) -> bool:
     return all(name.startswith(('rclpy.', 'barc_sim.ros.executor.')) for name in names)
 
 
+def counting_listener() -> c_void_p:
+    """Return libc's `eventfd_write(descriptor, number)`.
+
+    It has the signature of a listener of DDS, `(user_data, number_of_events)`: as a listener it
+    counts arrivals without any code of ours.
+    """
+    return ctypes.cast(ctypes.CDLL(None).eventfd_write, c_void_p)
+
+
 def _counts() -> bool:
-    descriptor = os.eventfd(0, os.EFD_NONBLOCK)
+    """Return whether a listener counts in an eventfd, and epoll and timerfd are there."""
+    libc = ctypes.CDLL(None)
+    listener = ctypes.CFUNCTYPE(None, c_void_p, ctypes.c_size_t)(counting_listener().value or 0)
+    counter, timer = os.eventfd(0, os.EFD_NONBLOCK), libc.timerfd_create(1, 0)
     try:
-        ctypes.CFUNCTYPE(None, c_void_p, ctypes.c_size_t)(_COUNT.value or 0)(descriptor, 3)
-        return os.eventfd_read(descriptor) == 3  # noqa: PLR2004
+        with select.epoll() as poll:
+            poll.register(counter, select.EPOLLIN)
+            poll.register(timer, select.EPOLLIN)
+            listener(counter, 3)
+            return poll.poll(0) == [(counter, 1)] and os.eventfd_read(counter) == 3  # noqa: PLR2004
     finally:
-        os.close(descriptor)
+        os.close(counter)
+        os.close(timer)
 
 
 def _takes() -> bool:
@@ -211,42 +318,17 @@ def _takes() -> bool:
     called: list[bool] = []
     guard: Any = GuardCondition.__new__(GuardCondition)
     guard.callback = lambda: called.append(True)
+    executor = import_module('rclpy.executors').MultiThreadedExecutor
     try:
-        MultiThreadedExecutor._take_guard_condition(None, guard)().send(None)
+        executor._take_guard_condition(None, guard)().send(None)
     except StopIteration:
         return called == [True]
-    except Exception:  # noqa: BLE001 - any error is another behaviour
-        return False
     return False
 
 
 def _converts() -> bool:
     """Return whether a message of C can be made and converted."""
-    try:
-        check_is_valid_msg_type(Time)  # loads what converts it
-        kept, convert = _kept_message(Time)
-        return bool(convert(kept) == Time())
-    except Exception:  # noqa: BLE001 - any error is another behaviour
-        return False
-
-
-_destroy = Subscription.destroy
-_trigger = GuardCondition.trigger
-
-
-def _destroy_and_note(subscription: Subscription) -> None:
-    subscription._is_destroyed = True
-    _destroy(subscription)
-
-
-def _trigger_and_notify(guard: GuardCondition) -> None:
-    _trigger(guard)
-    notify = getattr(guard, '_notify', None)
-    if notify:
-        notify()
-
-
-if not differing():
-    Subscription._is_destroyed = False
-    Subscription.destroy = _destroy_and_note
-    GuardCondition.trigger = _trigger_and_notify
+    time = import_module('builtin_interfaces.msg').Time
+    import_module('rclpy.type_support').check_is_valid_msg_type(time)  # loads what converts it
+    kept, convert = _kept_message(time)
+    return bool(convert(kept) == time())

@@ -11,7 +11,7 @@ from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 
-from barc_sim.ros.executor.descriptors import eventfd, set_time, timerfd
+from barc_sim.ros.executor.descriptors import counter, retire, set_time, timerfd
 from barc_sim.ros.executor.rclpy_private import set_listener
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class Timers:
 
     def __init__(self, is_ready: Callable[[Entry], None], on_jump: Callable[[], None]) -> None:
         self.descriptor = timerfd()
-        self.resets = eventfd()
+        self.resets = counter()
         self._is_ready = is_ready
         self._on_jump = on_jump
         self._armed: float = inf
@@ -102,4 +102,4 @@ class Timers:
     def close(self) -> None:
         """Close the descriptors, when all timers were removed."""
         os.close(self.descriptor)
-        os.close(self.resets)
+        retire(self.resets)

@@ -49,7 +49,7 @@ class Messages:
     def __init__(self, node: Node, topic: str, kind: type[Any], qos: QoSProfile) -> None:
         """Subscribe; `kind` is the class of the messages."""
         self.losses = Losses()
-        self._taker = Taker()
+        self._taker = Taker(node)
         self._subscription = subscription(
             node, kind, topic, lambda _: None, PolledCallbackGroup(), qos=qos, raw=True
         )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -170,6 +172,61 @@ def test_entities_created_and_destroyed_by_several_threads_under_traffic(
     assert descriptors() <= before
 
 
+@pytest.mark.parametrize(
+    'rounds',
+    [500, pytest.param(10_000, marks=[pytest.mark.slow, pytest.mark.timeout(600)])],
+)
+def test_a_listener_never_writes_into_somebody_elses_descriptor(
+    node: Node, spinning: threading.Thread, rounds: int
+) -> None:
+    """A stranger gets the lowest free numbers while subscriptions come and go under a flood."""
+    publisher = node.create_publisher(Time, 'a', 10)
+    ended = threading.Event()
+
+    def flood() -> None:
+        while not ended.is_set():
+            publisher.publish(Time())
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    touched = 0
+    before = descriptors()
+    for _ in range(rounds):
+        subscription = node.create_subscription(Time, 'a', lambda _: None, 1)
+        node.destroy_subscription(subscription)
+        stranger = os.eventfd(0, os.EFD_NONBLOCK)
+        with suppress(BlockingIOError):
+            touched += os.eventfd_read(stranger)
+        os.close(stranger)
+    ended.set()
+    flooding.join()
+
+    assert spinning.is_alive()
+    assert touched == 0
+    assert descriptors() <= before + 2
+
+
+def test_idle_endpoints_share_descriptors_and_used_ones_do_not(
+    node: Node, executor: QuickExecutor, until: Until
+) -> None:
+    received: list[int] = []
+    before = descriptors()
+    for number in range(150):
+        node.create_subscription(
+            Time, f'topic_{number}', lambda _, number=number: received.append(number), 10
+        )
+    executor.spin_once(timeout_sec=0)
+    idle = descriptors() - before
+    publishers = [node.create_publisher(Time, f'topic_{number}', 10) for number in (3, 70)]
+    for round_ in range(20):
+        for publisher in publishers:
+            publisher.publish(Time())
+        until(lambda expected=2 * (round_ + 1): len(received) == expected)
+
+    assert idle < 30
+    assert sorted(received) == [3] * 20 + [70] * 20
+
+
 def test_a_thousand_subscriptions(node: Node, until: Until) -> None:
     received: list[int] = []
     group = MutuallyExclusiveCallbackGroup()
@@ -189,11 +246,11 @@ OUT_OF_FILES = """if True:
     import os
     import resource
     from barc_sim.errors import UserError
-    from barc_sim.ros.executor.descriptors import Descriptors, eventfd, timerfd
+    from barc_sim.ros.executor.descriptors import Descriptors, counter, timerfd
     first = os.dup(0)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (first + 1, first + 2))
-    kept = eventfd()
-    for function in (eventfd, timerfd, Descriptors):
+    resource.setrlimit(resource.RLIMIT_NOFILE, (first + 2, first + 2))
+    kept = counter()
+    for function in (counter, timerfd, Descriptors):
         try:
             function()
         except UserError as error:

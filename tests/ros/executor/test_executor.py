@@ -1,4 +1,4 @@
-"""The executor does without rclpy's private names."""
+"""The executor does without what is missing, and leaves rclpy and the process as they are."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 from builtin_interfaces.msg import Time
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 
 from barc_sim.ros.executor import QuickExecutor, rclpy_private
-from barc_sim.ros.executor.rclpy_private import differing
+from barc_sim.ros.executor.rclpy_private import missing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,11 +21,11 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.timeout(60)
 
-PROGRAM = """if True:
+USE = """if True:
     import warnings
-    from rclpy.executors import Executor, MultiThreadedExecutor
-    for name in ({names}):
-        delattr(Executor, name)
+    from importlib import import_module
+    import rclpy.executors
+    {lose}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter('always')
         from barc_sim.ros.executor import QuickExecutor
@@ -53,31 +52,82 @@ PROGRAM = """if True:
 """
 
 
-def run(*names: str) -> list[str]:
-    """Use the executor in a process whose rclpy lacks the names; return the lines printed."""
-    program = PROGRAM.format(names=''.join(f'{name!r}, ' for name in names))
-    process = subprocess.run(
+def run(program: str) -> list[str]:
+    """Return the lines that a program in a process of its own prints."""
+    return subprocess.run(
         [sys.executable, '-c', program], check=True, stdout=subprocess.PIPE, text=True, timeout=50
-    )
-    return process.stdout.splitlines()
+    ).stdout.splitlines()
 
 
 def test_this_rclpys_private_names_are_as_they_were() -> None:
-    assert differing() == []
+    assert missing() == []
 
 
 def test_nothing_is_warned_of_where_all_names_are_there(ros_domain: int) -> None:
     del ros_domain  # by the environment
-    assert run() == ['works']
+    assert run(USE.format(lose='')) == ['works']
 
 
-def test_a_missing_private_name_is_warned_of_once_and_rclpys_own_way_is_gone(
-    ros_domain: int,
+@pytest.mark.parametrize(
+    ('lose', 'name'),
+    [
+        ('del rclpy.executors.Executor._take_client', 'MultiThreadedExecutor._take_client'),
+        ("del import_module('rclpy.task').Future.remove_done_callback", 'remove_done_callback'),
+        ("del import_module('os').eventfd", 'os.eventfd'),
+        ("del import_module('select').epoll", 'select.epoll'),
+    ],
+)
+def test_what_is_missing_is_named_once_and_rclpys_own_executor_does_the_work(
+    ros_domain: int, lose: str, name: str
 ) -> None:
     del ros_domain  # by the environment
-    warning, works = run('_take_client')
-    assert 'MultiThreadedExecutor._take_client' in warning
+    warning, works = run(USE.format(lose=lose))
+    assert name in warning
     assert works == 'works'
+
+
+LOSE_EACH = """if True:
+    import os
+    import warnings
+    from importlib import import_module
+    from barc_sim.ros.executor.rclpy_private import LISTENERS, _NAMES
+    import sys
+    for name in [name for name in sys.modules if name.startswith('barc_sim.ros')]:
+        del sys.modules[name]
+
+    def lose(owner, name):
+        if name in vars(owner):
+            vars(owner).get('_member_map_', {}).pop(name, None)  # of an Enum
+            (type.__delattr__ if hasattr(owner, '__members__') else delattr)(owner, name)
+        for each in list(vars(owner).values()):
+            each = getattr(each, 'fset', each)
+            if hasattr(each, '__code__') and name in each.__code__.co_names:
+                names = tuple('gone' if n == name else n for n in each.__code__.co_names)
+                each.__code__ = each.__code__.replace(co_names=names)
+
+    for path, names in _NAMES.items():
+        module, _, qualified = path.partition(':')
+        for name in names:
+            if os.fork():
+                os.wait()
+                continue
+            owner = import_module(module)
+            for part in filter(None, qualified.split('.')):
+                owner = getattr(owner, part)
+            lose(next((c for c in getattr(owner, '__mro__', ()) if name in vars(c)), owner), name)
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter('always')
+                from barc_sim.ros.executor import QuickExecutor
+            warned = [str(each.message) for each in caught if 'QuickExecutor' in str(each.message)]
+            print(len(warned) == 1 and name in warned[0], path, name, warned, flush=True)
+            os._exit(0)
+"""
+
+
+def test_every_private_name_is_checked_before_it_is_used() -> None:
+    lines = run(LOSE_EACH)
+    assert len(lines) == sum(len(names) for names in rclpy_private._NAMES.values())  # noqa: SLF001
+    assert [line for line in lines if not line.startswith('True')] == []
 
 
 @pytest.mark.parametrize(
@@ -88,13 +138,52 @@ def test_a_private_name_that_behaves_differently_is_found(
 ) -> None:
     monkeypatch.setattr(MultiThreadedExecutor, '_take_guard_condition', other)
 
-    assert differing() == ['_take_guard_condition as in Jazzy']
+    assert missing() == ['_take_guard_condition as in Jazzy']
 
 
 def test_messages_that_cannot_be_converted_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(Time), '_CONVERT_TO_PY', None)
 
-    assert differing() == ['_CONVERT_TO_PY as in Jazzy']
+    assert missing() == ['_CONVERT_TO_PY as in Jazzy']
+
+
+UNTOUCHED = """if True:
+    import resource
+    import rclpy.executors
+    from rclpy.node import Node
+
+    def state():
+        classes = {c for m in list(sys.modules.values()) if m.__name__.startswith('rclpy')
+                   for c in vars(m).values() if isinstance(c, type)}
+        limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+        return {c: dict(vars(c)) for c in classes if c.__module__.startswith('rclpy')}, limit
+
+    import sys
+    rclpy.init()
+    node = Node('tested')
+    node.create_timer(0.001, lambda: None)
+    entity = node.create_guard_condition(print)
+    handle = entity.handle
+    with rclpy.executors.MultiThreadedExecutor(2) as executor:
+        executor.add_node(node)
+        executor.spin_once()
+    import builtin_interfaces.msg, rclpy.action
+    before = state()
+    from barc_sim.ros.executor import QuickExecutor
+    with QuickExecutor(2) as executor:
+        executor.add_node(node)
+        executor.spin_once()
+    after = state()
+    print(all(after[0][c] == before[0][c] for c in before[0]) and before[1] == after[1])
+    print(entity.handle is handle and 'destroy' not in vars(entity))
+"""
+
+
+def test_neither_rclpys_classes_nor_the_process_nor_former_entities_are_changed(
+    ros_domain: int,
+) -> None:
+    del ros_domain  # by the environment
+    assert run(UNTOUCHED) == ['True', 'True']
 
 
 def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
@@ -103,10 +192,8 @@ def test_a_middleware_without_listeners_is_waited_for_in_a_wait_set(
     monkeypatch.setattr(rclpy_private, '_setter', lambda _: lambda *_: 1)
     node = Node('tested', context=ros)
     received: list[Time] = []
-    node.create_subscription(
-        Time, 'a', received.append, 10, callback_group=MutuallyExclusiveCallbackGroup()
-    )
-    node.create_subscription(Time, 'a', received.append, 10)
+    for _ in range(2):
+        node.create_subscription(Time, 'a', received.append, 10)
     with QuickExecutor(2, context=ros) as executor:
         with pytest.warns(UserWarning, match='the middleware has no listeners'):
             executor.add_node(node)
