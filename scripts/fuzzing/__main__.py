@@ -13,13 +13,13 @@ from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
-from _trial import HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, content, trials
+from _trial import ESCAPE, HANG, MEMORY, RESULT, SENTENCE, TRACEBACK, Trial, content, trials
 
 from barc_sim.cli.parser import Parser, whole
 from barc_sim.cli.process import call
 
-_KINDS = ('bags', 'zips')
-_OUTCOMES = (RESULT, SENTENCE, TRACEBACK, HANG, MEMORY)
+_KINDS = ('bags', 'zips', 'links', 'limits')
+_OUTCOMES = (RESULT, SENTENCE, TRACEBACK, HANG, MEMORY, ESCAPE)
 
 
 def main(args: list[str] | None = None) -> int:
@@ -39,12 +39,14 @@ def main(args: list[str] | None = None) -> int:
     kind.original()  # before the processes begin, which share it
     found: dict[str, list[Trial]] = defaultdict(list)
     failed = 0
-    for trial in trials(kind, options.seed, range(options.first, options.first + options.n)):
+    numbers = range(options.first, options.first + options.n)
+    tried = kind.trials(options.seed, numbers) if hasattr(kind, 'trials') else None
+    for trial in tried or trials(kind, options.seed, numbers):
         found[trial.damaged].append(trial)
         if trial.outcome not in (RESULT, SENTENCE):
             failed += 1
             print(f'{trial.number}: {trial.outcome}: {trial.why}', file=sys.stderr, flush=True)
-            if options.save:
+            if options.save and not tried:
                 _save(kind, options.seed, trial.number, options.save)
     print(table(found))
     return 1 if failed else 0

@@ -26,8 +26,9 @@ _PATIENCE = 3 * SECONDS  # also a use that ends is to be measured
 _ADDRESSES = 4 << 30  # bytes; more is refused to a process
 _AT_ONCE = 250  # files of one process
 
-#: What can become of a file.
-RESULT, SENTENCE, TRACEBACK, HANG, MEMORY = 'result', 'sentence', 'traceback', 'hang', 'memory'
+#: What can become of a file, or of a command.
+RESULT, SENTENCE = 'result', 'sentence'
+TRACEBACK, HANG, MEMORY, ESCAPE = 'traceback', 'hang', 'memory', 'escape'
 
 
 class Trial(NamedTuple):

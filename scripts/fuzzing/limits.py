@@ -1,0 +1,195 @@
+"""Commands with odd options in an odd shell: limits, closed streams, strange environments.
+
+The options are those that the commands declare, so that a new one is tried without a change here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from functools import cache, partial
+from importlib import import_module
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING
+
+from _command import Ended, judge
+from _trial import Trial
+from links import made, original
+
+import barc_sim
+from barc_sim.cli.parser import Parser
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ['original', 'trials']
+_ROOT = Path(barc_sim.__file__).parents[1]
+_DRIVE = ['--engine', 'local', '--distance', '5', '--laps', '1', '--cars', '1', '-q']
+#: The words of each command: before the odd options, and after them, so that these count.
+_COMMANDS: dict[str, tuple[list[str], list[str]]] = {
+    'acc': ([], [*_DRIVE, '--realtime-factor', 'max']),
+    'teleop': (['--engine', 'local', '--view', 'none'], []),
+    'plot': (['bags/run'], []),
+    'replay': (['bags/run', '--save', 'out/r.gif'], []),
+    'report': (['bags/run'], []),
+    'graph': (['--bag', 'bags/run'], []),
+    'recover': (['bags/killed'], []),
+    'new': (['new'], []),
+    'check': (['lab'], ['--no-plot']),
+    'submit': (['lab'], ['--engine', 'local']),
+    'grade': (['class'], ['--jobs', '1']),
+    'tune': ([], ['--distance', '20']),
+    'show': (['ECU'], []),
+    'topics': ([], []),
+    'echo': (['ecu'], []),
+    'param': (['list'], []),
+    'record': ([], []),
+    'node': (['relay'], []),
+}
+_VALUES = (
+    *('', '.', '-', '--', '..', '0', '-0', '1', '-1', '1e308', '-1e309', '5e-324', '1e-9', 'nan'),
+    *(
+        '9' * 5000,
+        'x' * 5000,
+        'a/' * 2500,
+        '\udcff',
+        'caf\udce9.svg',
+        '\u202e.png',
+        'ü.csv',
+        'a\nb',
+    ),
+    *('*', '[', '(', '%s', '{}', '\x1b[2J', 'lab', 'road.csv', '/dev/full', '/dev/null/x.png'),
+    *('0x10', '٣', '1_000', 'tcp://localhost:1', 'kp=1', 'all', 'none', '/proc/self/mem', 'max'),
+)
+_ENVIRONMENT = {
+    'HOME': ('', '/nonexistent', '/dev/null', '\udcff', 'out'),
+    'TMPDIR': ('/nonexistent', '', '\udcff', '/dev/null'),
+    'LANG': ('C', 'tr_TR.UTF-8', 'zz_ZZ', '\udcff'),
+    'LC_ALL': ('C', 'POSIX', 'ja_JP.eucJP'),
+    'COLUMNS': ('0', '-5', '1', '9' * 12, 'abc'),
+    'LINES': ('0', '-1', 'x'),
+    'TERM': ('', 'dumb', 'nonsense'),
+    'FORCE_COLOR': ('1',),
+    'PYTHONIOENCODING': ('ascii', 'utf-16'),
+    'PYTHONUTF8': ('0',),
+    'TZ': ('Nowhere/Land', '\udcff', 'UTC+99'),
+    'XDG_STATE_HOME': ('/nonexistent', '/dev/null', '\udcff'),
+    'MPLCONFIGDIR': ('/nonexistent', '/dev/null'),
+    'MPLBACKEND': ('nonsense', 'TkAgg'),
+    'DISPLAY': (':99', 'nowhere:0'),
+    'PATH': ('', '/nonexistent'),
+    'ROS_DOMAIN_ID': ('abc', '-1', '9999999', ''),
+    'ROS_LOG_DIR': ('/dev/null', '\udcff', '/nonexistent'),
+    'RMW_IMPLEMENTATION': ('rmw_none',),
+}
+_LIMITS = {
+    'RLIMIT_NOFILE': (10, 16, 24, 30, 40, 64, 128),
+    'RLIMIT_AS': (150 << 20, 300 << 20, 450 << 20, 700 << 20, 1100 << 20),
+    'RLIMIT_FSIZE': (0, 1, 4096, 65536),
+}
+_LIVE = 12.0  #: [s] after which a command is asked to stop, as by Ctrl-C
+_PATIENCE = 40.0  #: [s] until it has to have stopped
+
+
+def trials(seed: int, numbers: range) -> Iterator[Trial]:
+    """Yield what became of each command."""
+    for number in numbers:
+        chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
+        name = chance.choice([*_COMMANDS])
+        before, after = _COMMANDS[name]
+        words = [name, *before, *_options(name, chance), *after]
+        odd = chance.choice(('options', 'limits', 'streams', 'environment', 'all'))
+        if odd not in ('options', 'all'):
+            words = [name, *before, *after]
+        shell = _shell(odd, chance)
+        with tempfile.TemporaryDirectory() as folder:
+            began = time.monotonic()
+            ended = _run(words, made(Path(folder)).inside, *shell)
+        outcome, why = judge(ended)
+        why = why and f'barc {words} with {shell}: {why}'.encode(errors='replace').decode()
+        yield Trial(number, odd, outcome, time.monotonic() - began, 0.0, why)
+
+
+def _options(name: str, chance: Random) -> list[str]:
+    """Return one to three options of a command, with odd values, or odd words in place of them."""
+    words: list[str] = []
+    for _ in range(chance.randint(1, 3)):
+        action = chance.choice(_actions(name))
+        values = [chance.choice(action.choices or _VALUES) for _ in range(action.nargs or 1)]
+        if chance.random() < 0.1:  # noqa: PLR2004 (now and then)
+            values = [chance.choice(_VALUES)]
+        words += [*action.option_strings[-1:], *(values if action.nargs != 0 else [])]
+    return words
+
+
+@cache
+def _actions(name: str) -> list[argparse.Action]:
+    parser = Parser(prog='fuzz')
+    import_module(f'barc_sim.commands.{name}').add_arguments(parser)
+    found: list[argparse.Action] = []
+    for action in parser._actions:  # noqa: SLF001 (argparse has no other list)
+        if not isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):  # noqa: SLF001
+            action.nargs = action.nargs if isinstance(action.nargs, int) else 1
+            action.choices = [*action.choices] if action.choices else None
+            found.append(action)
+    return found or [argparse.Action(['--none'], 'none')]
+
+
+def _shell(odd: str, chance: Random) -> tuple[dict[str, int], list[int], dict[str, str]]:
+    """Return limits, closed streams and the environment."""
+    limits, closed, environment = {}, [], {}
+    if odd in ('limits', 'all'):
+        for name in chance.sample([*_LIMITS], chance.choice((1, 1, 2))):
+            limits[name] = chance.choice(_LIMITS[name])
+    if odd in ('streams', 'all'):
+        closed = chance.sample((0, 1, 2), chance.randint(1, 3))
+    if odd in ('environment', 'all'):
+        for name in chance.sample([*_ENVIRONMENT], chance.randint(1, 4)):
+            environment[name] = chance.choice(_ENVIRONMENT[name])
+    return limits, closed, environment
+
+
+def _confine(limits: dict[str, int], closed: list[int]) -> None:
+    for name, value in limits.items():
+        resource.setrlimit(getattr(resource, name), (value, value))
+    for descriptor in closed:
+        os.close(descriptor)
+
+
+def _run(
+    words: list[str],
+    folder: Path,
+    limits: dict[str, int],
+    closed: list[int],
+    environment: dict[str, str],
+) -> Ended:
+    home = {'HOME': str(folder / 'home'), 'BARC_SIM_NO_BROWSER': '1', 'PYTHONPATH': str(_ROOT)}
+    with subprocess.Popen(  # noqa: S603 (our own)
+        [sys.executable, '-m', 'barc_sim', *words],
+        cwd=folder,
+        env=os.environ | home | environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        preexec_fn=partial(_confine, limits, closed),  # noqa: PLW1509 (one thread)
+        start_new_session=True,
+    ) as process:
+        try:
+            text, _ = process.communicate(timeout=_LIVE)
+            return Ended(process.returncode, text.decode(errors='replace'))
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGINT)
+        try:
+            text, _ = process.communicate(timeout=_PATIENCE - _LIVE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            return Ended(None, process.communicate()[0].decode(errors='replace'))
+        code = 0 if process.returncode == 128 + signal.SIGINT else process.returncode
+        return Ended(code, text.decode(errors='replace'))

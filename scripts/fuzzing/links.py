@@ -1,0 +1,245 @@
+"""Commands in a folder where a link, a pipe, a socket or a folder lies in place of a file.
+
+A command runs once unharmed, while an audit hook of Python notes each file that it opens, makes,
+renames or removes. Then it runs in a new copy of the folder, with something else at one of these
+places. Nothing outside of the folder may change, and the command must end by itself.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import stat
+import sys
+import tempfile
+import time
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING, NamedTuple
+
+from _command import judge, run
+from _trial import ESCAPE, Trial
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_RUN = ['acc', '--engine', 'local', '-q', '--distance', '5', '--realtime-factor', 'max']
+_BAG, _KILLED = 'bags/run', 'bags/killed'
+#: The commands, and how often each is drawn: a slow one less.
+_COMMANDS = {
+    f'plot {_BAG}': 4,
+    f'plot {_BAG} --save out/speed.svg': 4,
+    f'report {_BAG}': 4,
+    f'report {_BAG} -o out/report.html': 3,
+    f'graph --bag {_BAG} --save out/graph.svg': 3,
+    f'replay {_BAG} --save out/replay.gif': 1,
+    f'recover {_KILLED}': 6,
+    'new new': 3,
+    'check lab': 2,
+    'check lab --save out/check.png': 1,
+    'submit lab --save out/lab.zip': 2,
+    'grade class --out grades --jobs 1': 2,
+    'tune --distance 20 --save out/map.png': 1,
+    f'{" ".join(_RUN)} --lab lab --road road.csv --bag-dir out/bags': 6,
+    f'{" ".join(_RUN)} --view web --view-port {{port}}': 4,
+}
+_OPENED = {'open', 'os.listdir', 'os.scandir', 'subprocess.Popen'}
+_CHANGED = {'mkdir', 'rename', 'remove', 'rmdir', 'link', 'symlink', 'truncate', 'chmod', 'utime'}
+_EVENTS = _OPENED | {f'os.{name}' for name in _CHANGED}
+#: What libraries keep in the user's own home, and words of a command that are no files.
+_OF_LIBRARIES = ('home/.cache', 'home/.config', 'home/.fonts', 'home/.local/share', '-', 'fc-list')
+#: The name of a new bag, so that two runs make the same.
+_DATE = '2026-01-02_03-04-05'
+_MODEL = """\
+def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
+    return [x + ts * v, y, psi, v + ts * a]
+"""
+_ROAD = 'start_m,grade_deg\n0,0\n20,10\n'
+
+
+class Place(NamedTuple):
+    """A folder to run in, and what lies outside of it."""
+
+    inside: Path
+    outside: Path
+
+
+def _link(target: str) -> Callable[[Path, Path], None]:
+    def make(path: Path, outside: Path) -> None:
+        path.symlink_to(outside / target)
+
+    return make
+
+
+def _folder(path: Path, _: Path) -> None:
+    path.mkdir()
+    (path / 'file').write_text('inside\n', encoding='utf-8')
+
+
+def _pipe(path: Path, _: Path) -> None:
+    os.mkfifo(path)
+
+
+def _socket(path: Path, _: Path) -> None:
+    before = Path.cwd()
+    os.chdir(path.parent)  # a socket's path is at most 108 characters
+    with socket.socket(socket.AF_UNIX) as bound:
+        bound.bind(path.name)
+    os.chdir(before)
+
+
+def _hard_link(path: Path, outside: Path) -> None:
+    path.hardlink_to(outside / 'file')
+
+
+_KINDS: dict[str, Callable[[Path, Path], None]] = {
+    'link to a file': _link('file'),
+    'link to a folder': _link('folder'),
+    'link to nothing': _link('nothing'),
+    'link to a full disk': _link('/dev/full'),
+    'link to endless zeros': _link('/dev/zero'),
+    'hard link': _hard_link,
+    'named pipe': _pipe,
+    'socket': _socket,
+    'folder': _folder,
+}
+
+
+def trials(seed: int, numbers: range) -> Iterator[Trial]:
+    """Yield what became of each command."""
+    for number in numbers:
+        chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
+        command = chance.choices([*_COMMANDS], [*_COMMANDS.values()])[0]
+        name = chance.choice(_files(command))
+        kind = chance.choice([*_KINDS])
+        with tempfile.TemporaryDirectory() as folder:
+            yield _try(number, command, name, kind, made(Path(folder)))
+
+
+def _try(number: int, command: str, name: str, kind: str, place: Place) -> Trial:
+    path = place.inside / name
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    path.unlink(missing_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _KINDS[kind](path, place.outside)
+    before = _content(place.outside)
+    began = time.monotonic()
+    words, title = _words(command), f'barc {command}, {kind} at {name}'
+    outcome, why = judge(run(words, place.inside, _prepare))
+    why = why and f'{title}: {why}'
+    after = _content(place.outside)
+    harm = {each for each, what in before.items() if after.get(each) != what}
+    if name not in (*words, 'bags', 'out'):  # a folder that the user names may be a link
+        harm |= after.keys() - before.keys()
+    if harm:
+        outcome, why = ESCAPE, f'{title}: changed {sorted(harm)} outside'
+    return Trial(number, kind, outcome, time.monotonic() - began, 0.0, why)
+
+
+def _words(command: str) -> list[str]:
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        return command.format(port=free.getsockname()[1]).split()
+
+
+def _content(folder: Path) -> dict[str, object]:
+    """Return what lies in a folder: kinds, times and bytes."""
+    found: dict[str, object] = {}
+    for path in sorted(folder.rglob('*')):
+        status = path.lstat()
+        data = path.read_bytes() if stat.S_ISREG(status.st_mode) else b''
+        changed = 0 if path.is_dir() else status.st_mtime_ns
+        found[str(path.relative_to(folder))] = status.st_mode, changed, data
+    return found
+
+
+@cache
+def _original() -> Path:
+    """Return a folder with a bag, one of a killed run, a lab, a class and a road."""
+    folder = Path(tempfile.mkdtemp(prefix='fuzz_links_'))
+    inside = folder / 'inside'
+    for name in ('out', 'home', 'bags', 'class'):
+        (inside / name).mkdir(parents=True)
+    (inside / 'road.csv').write_text(_ROAD, encoding='ascii')
+    for words in (['new', 'lab'], [*_RUN, '--bag-dir', 'made']):
+        ended = run(words, inside, _prepare)
+        if ended.code:
+            raise RuntimeError(ended.text)
+    (inside / 'lab' / 'bike_model.py').write_text(_MODEL, encoding='ascii')
+    shutil.copytree(inside / 'lab', inside / 'class' / 'ada')
+    (made,) = (inside / 'made').iterdir()
+    made.replace(inside / _BAG)
+    (inside / 'made').rmdir()
+    shutil.copytree(inside / _BAG, inside / _KILLED)
+    (killed,) = (inside / _KILLED).glob('*.mcap')
+    os.truncate(killed, killed.stat().st_size // 2)
+    outside = folder / 'outside'
+    (outside / 'folder').mkdir(parents=True)
+    for path in (outside / 'file', outside / 'folder' / 'file'):
+        path.write_text('outside\n', encoding='ascii')
+    return folder
+
+
+def original() -> None:
+    """Make what all trials begin with."""
+    _original()
+
+
+def made(folder: Path) -> Place:
+    """Return a copy of what all trials begin with."""
+    shutil.copytree(_original(), folder, dirs_exist_ok=True)
+    return Place(folder / 'inside', folder / 'outside')
+
+
+@cache
+def _files(command: str) -> list[str]:
+    """Return the files and folders that a command uses in its folder, by their paths in that.
+
+    A file whose name differs from run to run, such as a temporary one, cannot be foreseen.
+    """
+    runs = []
+    for _ in range(2):
+        with tempfile.TemporaryDirectory() as folder:
+            place = made(Path(folder))
+            notes = Path(folder) / 'notes'
+            ended = run(_words(command), place.inside, lambda notes=notes: _prepare(notes))
+            if failure := judge(ended)[1]:
+                raise RuntimeError(failure)
+            used = notes.read_text(encoding='utf-8', errors='surrogateescape').split('\0')
+            root = f'{place.inside}{os.sep}'
+            paths = {os.path.normpath(path) for path in used if path.startswith(root)}
+            runs.append({path.removeprefix(root) for path in paths})
+    found = (runs[0] & runs[1]) - {''}
+    # The processes that run a user's code note nothing: all in a folder that is used counts.
+    inside = _original() / 'inside'
+    found |= {
+        str(path.relative_to(inside)) for used in {*found} for path in (inside / used).glob('**/*')
+    }
+    return sorted(path for path in found if not path.startswith(_OF_LIBRARIES))
+
+
+def _prepare(notes: Path | None = None) -> None:
+    """Prepare the process of a command: its home, its names of bags, and the notes of its files."""
+    os.environ['HOME'] = str(Path.cwd() / 'home')
+    os.environ['BARC_SIM_NO_BROWSER'] = '1'
+    real = time.strftime
+    time.strftime = lambda form, *args: _DATE if form == '%Y-%m-%d_%H-%M-%S' else real(form, *args)
+    if not notes:
+        return
+    file = os.open(notes, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
+    here = Path.cwd()
+
+    def note(event: str, arguments: tuple[object, ...]) -> None:
+        if event not in _EVENTS:
+            return
+        words = arguments[:1] if event == 'open' else arguments[:2]
+        if event == 'subprocess.Popen':
+            words = arguments[1]
+        for word in words if isinstance(words, (list, tuple)) else ():
+            if isinstance(word, (str, bytes, os.PathLike)):
+                path = os.path.join(here, os.fsdecode(word))  # noqa: PTH118 (no Path in a hook)
+                os.write(file, os.fsencode(path) + b'\0')
+
+    sys.addaudithook(note)
