@@ -19,9 +19,8 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.errors import UserError
-from barc_sim.page.feed import Feed, controller_values, is_valid
+from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, controller_values, is_valid
 from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
-from barc_sim.page.rows import FIELDS, STATE_FIELDS
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
@@ -33,8 +32,8 @@ if TYPE_CHECKING:
 
     from rclpy.client import Client
 
-    from barc_sim.page.interfaces import OnDone
-    from barc_sim.page.rows import Sample
+    from barc_sim.page.feed import Sample
+    from barc_sim.page.run_page import OnDone
     from barc_sim.vehicle.road import Road
 
 MODES = ('acc', 'teleop')

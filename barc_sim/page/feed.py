@@ -1,27 +1,47 @@
-"""The states of a run for the page, as rows, with ROS and without."""
+"""The states of a run for the page: samples of its topics become rows, live or from a log."""
 
 from __future__ import annotations
 
+import struct
 import time
 from abc import ABC, abstractmethod
 from collections import deque
-from math import nan
+from math import cos, hypot, nan, sin
 from typing import TYPE_CHECKING
 
-from barc_sim.page.rows import FIELDS, Rows
-from barc_sim.simulation.log import PID_STATE
+import numpy as np
+
+from barc_sim.figures.style import use_measurement
+from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
+from barc_sim.simulation.laps import Laps, laps_of
+from barc_sim.simulation.log import ENVIRONMENT, PID_STATE, STATE_ERROR, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.page.rows import Sample
-    from barc_sim.simulation.laps import Laps
+    from barc_sim.simulation.log import Log
 
+    #: [ns] stamp, and values in the order of `FIELDS`.
+    Sample = tuple[int, tuple[float, ...]]
+
+#: The fields of each topic that belong to a state, and their values before its first message.
+FIELDS: dict[str, dict[str, float]] = {
+    STATE_ERROR: dict.fromkeys(('s', 'ey', 'epsi', 'v_x', 'v_y'), 0.0),
+    **{topic: dict.fromkeys(columns_of(topic), nan) for topic in TOPICS},
+}
+# What `controller_state` holds beyond the fields of `pid_state`.
+FIELDS[PID_STATE] |= dict.fromkeys(OTHER_TERMS, nan)
+STATE_FIELDS = ('x', 'y', 'psi', 'v_x', 'v_y')
+_REFERENCE = [*FIELDS[PID_STATE]].index('reference')
+_THETA = [*FIELDS[ENVIRONMENT]].index('theta')
+_ROW = struct.Struct(f'<{len(COLUMNS)}d')
+_HISTORY = 3000  #: rows that are sent to a page when it opens: a minute
+_WAITING = 100  #: samples per topic that wait for their state
 NANOSECONDS = 1_000_000_000
 _PERIOD = 0.02  #: [s] between two polls
 #: [s] after a state at which to poll: its command has come by then, and the next step is far.
 _AFTER = 0.006
-_GREATEST = 1e12  #: in any unit: a greater value is invalid, and sums of such are not finite
+_MAX_VALUE = 1e12  #: in any unit: beyond, a value is invalid, and a sum may not be finite
 #: [ns] without a state, by the wall clock and by the stamps, after which time has been set anew.
 _STILL = NANOSECONDS
 _STEP = 20_000_000  #: [ns] that the page shows in place of such a jump
@@ -29,18 +49,26 @@ _WINDOW = 4  #: calls over which the real-time factor is measured
 
 
 class Feed(ABC):
-    """The states of a run with their other messages, as rows.
+    """The states of a run with their other messages, as rows; it keeps those of the last minute.
 
     Attributes
     ----------
     seen
         Number of states taken.
+    laps
+        The laps of the run so far.
     """
 
     def __init__(self) -> None:
         """Begin without states."""
         self.seen = 0
-        self._rows = Rows()
+        self.laps = Laps()
+        self._first: int | None = None  # stamp [ns] at which the time of the rows begins
+        self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
+        self._waiting: dict[str, deque[Sample]] = {
+            topic: deque(maxlen=_WAITING) for topic in FIELDS
+        }
+        self._history: deque[bytes] = deque(maxlen=_HISTORY)
         self._newest: tuple[int, int] | None = None  # reception and stamp [ns] of a state
         self._window: deque[tuple[int, int]] = deque(maxlen=_WINDOW)
 
@@ -53,15 +81,22 @@ class Feed(ABC):
         """Return the new states, each with the time of its reception [ns]."""
 
     def poll(self) -> bytes:
-        """Return the rows of the new states."""
-        rows = self._rows.add((), self._others())
+        """Return the rows of the new states, each with the latest samples that are not newer.
+
+        A command without a stamp holds from its arrival.
+        """
+        for topic, samples in self._others().items():
+            self._waiting[topic].extend(samples)
+        rows = []
         for received, (stamp, values) in self._states():
             if is_valid(values):
-                self._rows.skip(self._stood_still(received, stamp))
-                rows += self._rows.add([(stamp, values)], {})
+                first = stamp if self._first is None else self._first
+                self._first = first + self._stood_still(received, stamp)
+                rows.append(self._row(stamp, values))
                 self._newest = received, stamp
                 self.seen += 1
-        return rows
+        self._history.extend(rows)
+        return b''.join(rows)
 
     def _stood_still(self, received: int, stamp: int) -> int:
         """Return by how much [ns] stamps have jumped, as a reset after a pause makes them."""
@@ -70,14 +105,35 @@ class Feed(ABC):
         waited, passed = received - self._newest[0], stamp - self._newest[1]
         return passed - _STEP if min(waited, passed) > _STILL else 0
 
+    def _row(self, stamp: int, values: tuple[float, ...]) -> bytes:
+        for topic, waiting in self._waiting.items():
+            while waiting and waiting[0][0] <= stamp:
+                self._latest[topic] = waiting.popleft()[1]
+        x, y, psi, v_x, v_y = values
+        s, ey, epsi, e_v_x, e_v_y = self._latest[STATE_ERROR]
+        heading = psi - epsi
+        t = (stamp - (self._first or 0)) / 1e9
+        distance = x - (s * cos(heading) - ey * sin(heading))
+        across = y - (s * sin(heading) + ey * cos(heading))
+        speed = v_x - e_v_x
+        reference = self._latest[PID_STATE][_REFERENCE]
+        theta_deg = self._latest[ENVIRONMENT][_THETA]
+        lap = self.laps.add(t, distance, across, speed, reference, theta_deg)
+        return _ROW.pack(
+            t,
+            distance,
+            across,
+            heading,
+            speed,
+            v_x,
+            hypot(speed, v_y - e_v_y),
+            lap,
+            *(value for topic in TOPICS for value in self._latest[topic]),
+        )
+
     def history(self) -> bytes:
         """Return the rows of the last minute."""
-        return self._rows.history()
-
-    @property
-    def laps(self) -> Laps:
-        """The laps of the run so far."""
-        return self._rows.laps
+        return b''.join(self._history)
 
     def until_next(self) -> float:
         """Return the time until the next poll [s], a little after the next state is expected."""
@@ -101,14 +157,8 @@ class Feed(ABC):
 
 
 def is_valid(values: tuple[float, ...]) -> bool:
-    """Return whether all values are finite, and none is absurd.
-
-    Examples
-    --------
-    >>> is_valid((8.0, 0.1)), is_valid((float('nan'),))
-    (True, False)
-    """
-    return all(abs(value) <= _GREATEST for value in values)  # False for NaN
+    """Return whether all values are finite, and none is absurdly large."""
+    return all(abs(value) <= _MAX_VALUE for value in values)  # False for NaN
 
 
 def controller_values(value_of: Callable[[str], float]) -> tuple[float, ...]:
@@ -117,4 +167,28 @@ def controller_values(value_of: Callable[[str], float]) -> tuple[float, ...]:
     `value_of` returns a value by name, NaN where it is not known.
     """
     values = map(value_of, FIELDS[PID_STATE])
-    return tuple(value if abs(value) <= _GREATEST else nan for value in values)
+    return tuple(value if abs(value) <= _MAX_VALUE else nan for value in values)
+
+
+def rows_of(log: Log) -> bytes:
+    """Return a whole run's rows."""
+    known = use_measurement(log)
+    heading = known.psi - known.e_epsi
+    columns = known.columns() | {
+        't': known.t,
+        'x': known.distance,
+        'y': known.y - (known.e_s * np.sin(heading) + known.e_ey * np.cos(heading)),
+        'psi': heading,
+        'speed': known.speed,
+        'measured_speed': known.v_x,
+        'absolute_speed': np.hypot(known.speed, known.v_y - known.e_v_y),
+        'lap': np.array(laps_of(known)[1], dtype=float),
+    }
+    absent = np.full(len(log), nan)
+    rows = [columns.get(name, absent) for name in columns_in(log)]
+    return np.column_stack(rows).astype('<f8').tobytes()
+
+
+def columns_in(log: Log) -> tuple[str, ...]:
+    """Return the names of the values in a row of `rows_of(log)`."""
+    return (*COLUMNS, *(name for name in log.terms if name not in COLUMNS))

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.figures.palette import QUANTITIES, term_colours
-from barc_sim.page.desktop import open_page
 from barc_sim.page.facts import driven_road, facts, lap_facts, road_facts
+from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import encode
-from barc_sim.page.rows import columns_in, rows_of
-from barc_sim.page.server import ViewServer
+from barc_sim.page.server import ViewServer, open_page
 from barc_sim.simulation.laps import laps_of
 
 if TYPE_CHECKING:
-    from barc_sim.page.interfaces import OpenPage
     from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
 
 _LONG = 3600.0
@@ -51,10 +50,10 @@ class Replay:
         """Return the messages with the whole run."""
         return list(self._messages)
 
-    def receive(self, page: OpenPage, request: Request) -> None:
+    def receive(self, page: Page, request: Request) -> None:
         """Do nothing: a recorded run cannot be driven."""
 
-    def leave(self, page: OpenPage) -> None:
+    def leave(self, page: Page) -> None:
         """Do nothing."""
 
     def pulse(self) -> float:

@@ -1,15 +1,14 @@
-"""The live page of a run: what it shows and does, with ROS and without."""
+"""The live page of a run: what it shows, what its buttons do, and which page drives."""
 
 from __future__ import annotations
 
 import time
 from functools import partial
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
-from barc_sim.page.driver_arbiter import DriverArbiter
 from barc_sim.page.facts import OF_SIMULATOR, facts, lap_facts, stretch_facts
 from barc_sim.page.protocol import (
     CONTROLLER,
@@ -30,19 +29,131 @@ from barc_sim.page.protocol import (
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from barc_sim.control.controller import Controller
     from barc_sim.page.feed import Feed
-    from barc_sim.page.interfaces import Clients, Offer, OpenPage
     from barc_sim.page.protocol import File, Request
+    from barc_sim.page.server import Page
     from barc_sim.simulation.laps import Laps
     from barc_sim.vehicle.road import Road
 
+    #: Called with whether the request succeeded, and if not, with the reason.
+    OnDone = Callable[[bool, str], None]
+
 _SLOW_PERIOD = 0.1  #: [s] between two polls while no page is open
 _STATUS_PERIOD = 0.25  #: [s]
-_LONGEST_END = 2.0  #: [s] to wait for the end's message
+_MAX_WAIT = 2.0  #: [s] for the message of the end
 _RETRY_AFTER = 1.0  #: [s] after which an unanswered request is repeated
+
+IDLE = 3.0  #: [s] without a key held after which another page may drive
+STALE = 0.5  #: [s] without a message of the driving page after which its keys count as released
+_PERIOD = 0.05  #: [s] between two commands while a key is held
+_MIN_PERIOD = 0.01  #: [s] between two commands that differ
+_REST = Drive()
+_BRAKE = Drive(brake=1.0)
+_HELD = (_REST, _BRAKE)  #: sent once: they hold until the next command
+
+
+class Clients(Protocol):
+    """Passes a page's requests to the simulator and the controller, without waiting.
+
+    What is passed back is called in the server's thread.
+    """
+
+    def reset(self, on_done: OnDone) -> None:
+        """Reset the car to the start."""
+
+    def reset_controller(self, on_done: OnDone) -> None:
+        """Reset the controller alone."""
+
+    def pause(self, on: bool, on_done: OnDone) -> None:
+        """Pause or resume simulated time."""
+
+    def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
+        """Set a parameter of a node."""
+
+    def parameters(
+        self, node: str, names: Sequence[str], on_values: Callable[[dict[str, Any]], None]
+    ) -> bool:
+        """Request parameters of a node; False if it is not there."""
+
+
+class Offer(Protocol):
+    """What a page can do after the end of its run."""
+
+    def message(self) -> str:
+        """Return the message that shows a page what is offered."""
+
+    def file(self, name: str) -> File | None:
+        """Return a file to download."""
+
+    def compare(self) -> Iterable[str | bytes]:
+        """Return the messages that show the run before."""
+
+    def again(self, values: Mapping[str, float]) -> str:
+        """Drive again with these values of the sliders; return the next page's address."""
+
+
+class DriverArbiter:
+    """Lets the first page that presses a key drive, until it closes or has been idle.
+
+    While a key is held, `due` returns a command every 50 ms; after its release zero once, then
+    nothing, so that other publishers of `cmd_vel` are not overridden. If the page closes or falls
+    silent with a key held, the brake takes the place of zero. Times are of a monotonic clock.
+
+    Attributes
+    ----------
+    driver
+        The page that drives, or None.
+    """
+
+    def __init__(self) -> None:
+        self.driver: object | None = None
+        self._command = self._sent = _REST
+        self._received = self._published = float('-inf')  # [s]
+
+    def request(self, page: object, command: Drive, now: float) -> bool:
+        """Take the command of `page` at `now` [s]; return False if another page drives."""
+        if self.driver != page:
+            if command == _REST:
+                return True
+            if self.driver is not None and not self._idle(now):
+                return False
+            self.driver = page
+        if command != _REST or self._command != _REST:
+            self._received = now
+        self._command = command
+        return True
+
+    def leave(self, page: object) -> None:
+        """Brake if the closed `page` held a key."""
+        if self.driver == page:
+            self.driver = None
+            self._release()
+
+    def due(self, now: float) -> Drive | None:
+        """Return the command to publish at `now` [s], or None."""
+        if now - self._received > STALE:
+            self._release()
+        if self.driver is not None and self._idle(now):
+            self.driver = None
+        since = now - self._published
+        if self._command == self._sent and self._command in _HELD:
+            return None
+        is_repeated = self._command == self._sent
+        if self._command not in _HELD and since < (_PERIOD if is_repeated else _MIN_PERIOD):
+            return None
+        self._sent = self._command
+        self._published = now
+        return self._command
+
+    def _release(self) -> None:
+        if self._command != _REST:
+            self._command = _BRAKE
+
+    def _idle(self, now: float) -> bool:
+        return self._command in _HELD and now - self._received > IDLE
 
 
 class RunPage:
@@ -134,7 +245,7 @@ class RunPage:
             done.set()
 
         self._server.call(end)
-        done.wait(_LONGEST_END)
+        done.wait(_MAX_WAIT)
 
     def keep(self, offer: Offer) -> None:
         """Offer the pages what they can do after the end; may be called from any thread."""
@@ -165,7 +276,7 @@ class RunPage:
         known = facts(self._mode, simulator, controller, kind, self._road)
         return known | {'can_finish': self._finish is not None}
 
-    def receive(self, page: OpenPage, request: Request) -> None:
+    def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
         if self._ended is not None:
             self._receive_after_end(page, request)
@@ -190,7 +301,7 @@ class RunPage:
             on_done = partial(self._on_done, page, 'reset the controller')
             self._clients.reset_controller(on_done=on_done)
 
-    def _receive_after_end(self, page: OpenPage, request: Request) -> None:
+    def _receive_after_end(self, page: Page, request: Request) -> None:
         if isinstance(request, Tune):  # for the next run
             self._on_parameters(TUNABLE[request.name], {request.name: request.value})
         elif self._offer and isinstance(request, Compare):
@@ -200,7 +311,7 @@ class RunPage:
             values: dict[str, float] = self._facts()['tuning'] if self._mode == 'acc' else {}
             self._server.send(encode('again', address=self._offer.again(values)))
 
-    def leave(self, page: OpenPage) -> None:
+    def leave(self, page: Page) -> None:
         """Release the keys of a page that has closed."""
         if self._ended is not None:
             return
@@ -276,11 +387,11 @@ class RunPage:
         self._parameters[node].update(values)
         self._server.send(encode('facts', **self._facts()))
 
-    def _on_done(self, page: OpenPage, what: str, done: bool, why: str) -> None:
+    def _on_done(self, page: Page, what: str, done: bool, why: str) -> None:
         if not done:
             page.send(encode('refused', what=what, why=why))
 
-    def _on_paused(self, page: OpenPage, request: Pause, done: bool, why: str) -> None:
+    def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
         if done:
             self._paused = request.on
             self._send_status()

@@ -1,17 +1,21 @@
-"""The live page's server: a thread that serves the files and the websocket."""
+"""The live page's server: a thread that serves the files and the websocket; its secret token."""
 
 from __future__ import annotations
 
 import asyncio
+import hmac
 import logging
+import os
 import socket
+import webbrowser
+from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
 from ipaddress import ip_address
 from pathlib import Path
-from secrets import compare_digest, token_hex, token_urlsafe
+from secrets import compare_digest, token_bytes, token_hex, token_urlsafe
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
@@ -20,17 +24,18 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
+from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import warn
 from barc_sim.errors import UserError
 from barc_sim.figures.palette import style_sheet
 from barc_sim.page.protocol import RequestError, encode, parse
-from barc_sim.page.token import kept_token
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
-    from barc_sim.page.interfaces import Host
+    from barc_sim.page.protocol import File, Request
 
+NO_BROWSER = 'BARC_SIM_NO_BROWSER'
 _FILES = Path(__file__).with_name('web')
 _TYPES = {
     '.css': 'text/css; charset=utf-8',
@@ -55,6 +60,9 @@ _MAX_MESSAGE = 256  #: [byte] from a page
 _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
 _MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
+_CHECKOUT = Path(__file__).resolve().parents[2]
+_SECRET_LENGTH = 32  #: [byte]
+_TOKEN_LENGTH = 22  #: characters
 _POLICY_VIOLATION = 1008
 _TRY_AGAIN_LATER = 1013
 _QUIET = logging.getLogger('barc_sim.page.server')
@@ -87,6 +95,25 @@ class Page:
         self._messages += 1
         if self._messages > _MAX_MESSAGES_PER_SECOND:
             raise RequestError(f'more than {_MAX_MESSAGES_PER_SECOND} messages in a second')
+
+
+class Host(Protocol):
+    """The source of a page's content; the server's thread calls all of it."""
+
+    def greet(self) -> Iterable[str | bytes]:
+        """Return the messages for a new page."""
+
+    def receive(self, page: Page, request: Request) -> None:
+        """Handle a request of a page."""
+
+    def leave(self, page: Page) -> None:
+        """Handle that a page has closed."""
+
+    def pulse(self) -> float:
+        """Do the periodic work; return the time to the next call [s]."""
+
+    def file(self, name: str) -> File | None:
+        """Return a file to download; called in a thread of its own."""
 
 
 class _Connection(ServerConnection):
@@ -325,3 +352,63 @@ def _response(
     headers = {'Content-Type': kind, 'Content-Length': str(len(body)), 'Connection': 'close'}
     headers |= _HEADERS | dict(more or {})
     return Response(status.value, status.phrase, Headers(headers), body)
+
+
+def kept_token(port: int, state: Path | None = None) -> str | None:
+    """Return the token of this checkout's page on `port`; None where no secret can be kept.
+
+    It derives from a secret that only the user can read, in `state`: by default the user's
+    directory for state.
+
+    Examples
+    --------
+    >>> token = kept_token(8080, Path('state'))
+    >>> token == kept_token(8080, Path('state'))
+    True
+    """
+    secret = _secret(state or _state_directory())
+    if secret is None:
+        return None
+    return hmac.new(secret, f'{_CHECKOUT}:{port}'.encode(), 'sha256').hexdigest()[:_TOKEN_LENGTH]
+
+
+def _state_directory() -> Path:
+    home = os.environ.get('XDG_STATE_HOME') or Path('~/.local/state').expanduser()
+    return Path(home) / 'barc_sim'
+
+
+def _secret(directory: Path) -> bytes | None:
+    """Return the user's secret, made where there is none."""
+    path = directory / 'page_secret'
+    with suppress(OSError, RuntimeError, UserError):
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with (
+            suppress(FileExistsError),
+            open(path, 'xb', opener=partial(os.open, mode=0o600)) as file,
+        ):
+            file.write(token_bytes(_SECRET_LENGTH))
+        secret = read_regular(path, _SECRET_LENGTH, follow=False)
+        if len(secret) == _SECRET_LENGTH and _is_private(path.stat()):
+            return secret
+    return None
+
+
+def _is_private(status: os.stat_result) -> bool:
+    """Return whether a file is the user's own, and no other user can read it."""
+    if not hasattr(os, 'getuid'):  # on Windows the user's folder is closed to others
+        return True
+    return status.st_uid == os.getuid() and not status.st_mode & 0o077
+
+
+def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:
+    """Open `url` without waiting for the browser; return False where there is no desktop.
+
+    `BARC_SIM_NO_BROWSER` in the environment keeps it from opening.
+    """
+    if environment.get(NO_BROWSER):
+        return False
+    screen = environment.get('DISPLAY') or environment.get('WAYLAND_DISPLAY')
+    if not screen or environment.get('SSH_CONNECTION'):  # the user sits at another screen
+        return False
+    Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()
+    return True

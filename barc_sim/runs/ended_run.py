@@ -15,9 +15,8 @@ import numpy as np
 
 from barc_sim.cli.parser import ROS_ARGS
 from barc_sim.errors import UserError
-from barc_sim.page.desktop import NO_BROWSER
 from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, encode
-from barc_sim.page.token import kept_token
+from barc_sim.page.server import NO_BROWSER, kept_token
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -13,8 +13,8 @@ from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.page.desktop import open_page
 from barc_sim.page.protocol import Status
+from barc_sim.page.server import open_page
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.process import NUM_THREADS

@@ -7,7 +7,7 @@ from threading import Event
 
 import pytest
 
-from barc_sim.page.desktop import open_page
+from barc_sim.page.server import open_page
 
 
 @pytest.mark.parametrize(

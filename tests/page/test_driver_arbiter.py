@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.page.driver_arbiter import IDLE, STALE, DriverArbiter
 from barc_sim.page.protocol import Drive
+from barc_sim.page.run_page import IDLE, STALE, DriverArbiter
 
 AHEAD = Drive(1.0, 0.0)
 LEFT = Drive(0.0, 1.0)

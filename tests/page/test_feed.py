@@ -1,40 +1,60 @@
-"""The feed: the time of the rows is that of the run, whatever the stamps do."""
+"""The rows of a feed: each state with its other messages, in the time of the run."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from barc_sim.page.feed import NANOSECONDS, Feed
+from barc_sim.control.lqr import LQR
+from barc_sim.page.feed import NANOSECONDS, Feed, columns_in, rows_of
 from barc_sim.page.protocol import COLUMNS
-from barc_sim.page.rows import FIELDS
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
-    from barc_sim.page.rows import Sample
+    from collections.abc import Mapping
+
+    from barc_sim.page.feed import Sample
 
 STEP = 20_000_000  #: [ns]
 
 
-class Given(Feed):
-    """A feed of given states: distance [m], reception and stamp [ns]."""
+AT_REST = (0.0,) * 5
 
-    def __init__(self, *states: tuple[float, int, int]) -> None:
+
+class MadeFeed(Feed):
+    """A feed of what `add` is given, each state received at its stamp unless told otherwise."""
+
+    def __init__(self) -> None:
         super().__init__()
-        self.given = [[state] for state in states]
+        self.others: dict[str, list[Sample]] = {}
+        self.states: list[tuple[int, Sample]] = []
 
     def _others(self) -> dict[str, list[Sample]]:
-        return {topic: [] for topic in FIELDS}
+        return self.others
 
     def _states(self) -> list[tuple[int, Sample]]:
-        return [(at, (stamp, (x, 0.0, 0.0, 8.0, 0.0))) for x, at, stamp in self.given.pop(0)]
+        return self.states
 
-    def columns(self) -> dict[str, list[float]]:
-        """Return the columns of all rows, by name."""
-        rows = b''.join(self.poll() for _ in list(self.given))
-        columns = np.frombuffer(rows, '<f8').reshape(-1, len(COLUMNS)).T
-        return {name: column.tolist() for name, column in zip(COLUMNS, columns, strict=True)}
+    def add(self, *states: Sample, at: int | None = None, **others: list[Sample]) -> Any:  # noqa: ANN401
+        """Return the columns of the rows of `states`, by name, as arrays."""
+        self.others = others
+        self.states = [(sample[0] if at is None else at, sample) for sample in states]
+        return table(self.poll())
+
+
+def table(data: bytes) -> dict[str, Any]:
+    columns = np.frombuffer(data, '<f8').reshape(-1, len(COLUMNS)).T
+    return dict(zip(COLUMNS, columns, strict=True))
+
+
+def driven(*states: tuple[float, int, int]) -> dict[str, list[float]]:
+    """Return the columns of states, one poll each: distance [m], reception and stamp [ns]."""
+    feed = MadeFeed()
+    for x, at, stamp in states:
+        feed.add((stamp, (x, 0.0, 0.0, 8.0, 0.0)), at=at)
+    return {name: column.tolist() for name, column in table(feed.history()).items()}
 
 
 def test_a_reset_after_a_pause_leaves_no_gap_and_begins_a_lap() -> None:
@@ -45,17 +65,100 @@ def test_a_reset_after_a_pause_leaves_no_gap_and_begins_a_lap() -> None:
         (0.0, gap, gap),
         (0.16, gap + STEP, gap + STEP),
     ]
-    columns = Given(*states).columns()
+    columns = driven(*states)
     assert columns['t'] == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert columns['lap'] == [0.0, 0.0, 1.0, 1.0]
 
 
 def test_states_that_are_left_out_in_lock_step_are_time_that_has_passed() -> None:
-    columns = Given((0.0, 0, 0), (25.6, STEP, 160 * STEP)).columns()
+    columns = driven((0.0, 0, 0), (25.6, STEP, 160 * STEP))
     assert columns['t'] == pytest.approx([0.0, 3.2])
     assert columns['lap'] == [0.0, 0.0]
 
 
 def test_a_pause_without_a_reset_is_a_step() -> None:
-    columns = Given((8.0, 0, 0), (8.16, 5 * NANOSECONDS, STEP)).columns()
+    columns = driven((8.0, 0, 0), (8.16, 5 * NANOSECONDS, STEP))
     assert columns['t'] == pytest.approx([0.0, 0.02])
+
+
+def test_time_counts_from_the_first_state() -> None:
+    feed = MadeFeed()
+    first = feed.add((7 * STEP, AT_REST))
+    later = feed.add((57 * STEP, AT_REST))
+    assert first['t'] == 0.0
+    assert later['t'] == 1.0
+
+
+def test_what_never_came_is_nan_and_the_measurement_counts_as_true() -> None:
+    row = MadeFeed().add((1, (3.0, 4.0, 0.5, 6.0, 8.0)))
+    assert (row['x'], row['y'], row['psi'], row['speed']) == (3.0, 4.0, 0.5, 6.0)
+    for name in ('theta_deg', 'elevation', 'motor', 'servo', 'reference', 'integral'):
+        assert np.isnan(row[name])
+
+
+def test_a_sample_goes_with_the_state_of_its_stamp_and_holds_until_the_next() -> None:
+    feed = MadeFeed()
+    states = [(k * STEP, AT_REST) for k in range(4)]
+    commands = [(1 * STEP, (1.0, 0.1)), (3 * STEP, (3.0, 0.3))]
+    found = feed.add(*states, ecu=commands)
+    np.testing.assert_array_equal(found['motor'], [np.nan, 1.0, 1.0, 3.0])
+    np.testing.assert_array_equal(found['servo'], [np.nan, 0.1, 0.1, 0.3])
+
+
+def test_a_sample_that_comes_before_its_state_waits_for_it() -> None:
+    feed = MadeFeed()
+    feed.add(environment=[(STEP, (10.0, 2.0, -1.0, -2.0, -3.0))])
+    found = feed.add((0, AT_REST), (STEP, AT_REST))
+    np.testing.assert_array_equal(found['theta_deg'], [np.nan, 10.0])
+    np.testing.assert_array_equal(found['gravity'], [np.nan, -3.0])
+
+
+def test_a_command_without_a_stamp_holds_from_its_arrival() -> None:
+    feed = MadeFeed()
+    found = feed.add((5 * STEP, AT_REST), ecu=[(0, (2.0, 0.0))])
+    assert found['motor'] == 2.0
+
+
+def test_the_truth_is_shown_where_the_error_is_known() -> None:
+    error = (0.3, 0.4, 0.0, 0.5, 0.25)
+    found = MadeFeed().add((1, (10.0, 0.0, np.pi / 2, 6.0, 12.25)), ez_vhcl=[(1, error)])
+    assert found['x'] == pytest.approx(10.4)
+    assert found['y'] == pytest.approx(-0.3)
+    assert found['speed'] == 5.5
+    assert found['measured_speed'] == 6.0
+    assert found['absolute_speed'] == pytest.approx(np.hypot(5.5, 12.0))
+
+
+def test_a_page_that_opens_late_gets_the_last_minute() -> None:
+    feed = MadeFeed()
+    for k in range(4000):
+        feed.add((k * STEP, (float(k), 0.0, 0.0, 50.0, 0.0)))
+    history = table(feed.history())
+    np.testing.assert_array_equal(history['x'], np.arange(1000, 4000))
+
+
+def test_a_run_of_another_controller_has_its_terms() -> None:
+    class Own(LQR):
+        """A controller that no table has."""
+
+        terms: Mapping[str, str] = {'own': 'whatever it is'}
+
+        @property
+        def own(self) -> float:
+            """A part of the output."""
+            return self.feedback
+
+    log = closed_loop(controller=Own(output_min=-8.0, output_max=8.0), distance=3.0)
+    assert columns_in(log) == (*COLUMNS, 'own')
+    rows = np.frombuffer(rows_of(log), '<f8').reshape(len(log), -1)
+    np.testing.assert_array_equal(rows[:, -1], log.terms['own'])
+
+
+def test_a_whole_run_has_the_same_columns() -> None:
+    log = closed_loop()
+    found = table(rows_of(log))
+    np.testing.assert_array_equal(found['t'], log.t)
+    np.testing.assert_array_equal(found['x'], log.distance)
+    np.testing.assert_array_equal(found['speed'], log.speed)
+    for name in ('theta_deg', 'gravity', 'motor', 'reference', 'integral', 'saturated'):
+        np.testing.assert_array_equal(found[name], getattr(log, name))

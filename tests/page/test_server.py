@@ -26,8 +26,8 @@ from barc_sim.page.server import ViewServer
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from barc_sim.page.interfaces import OpenPage
     from barc_sim.page.protocol import Request
+    from barc_sim.page.server import Page
 
 DEADLINE = 20.0
 
@@ -43,12 +43,12 @@ class Host:
         """Greet the page."""
         return [encode('hello'), b'history']
 
-    def receive(self, page: OpenPage, request: Request) -> None:
+    def receive(self, page: Page, request: Request) -> None:
         """Record the request, and answer."""
         self.received.append(request)
         page.send(encode('refused', what='drive', why='test'))
 
-    def leave(self, page: OpenPage) -> None:  # noqa: ARG002 (the server's)
+    def leave(self, page: Page) -> None:  # noqa: ARG002 (the server's)
         """Count the page."""
         self.left += 1
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.node_graph import NodeGraph
-from barc_sim.page.desktop import open_page
 from barc_sim.page.protocol import Status
+from barc_sim.page.server import open_page
 from barc_sim.runs.local.driving import DriverTopic, LocalKeyboard, LocalRelay
 from barc_sim.runs.local.host import LocalHost
 from barc_sim.runs.local.nodes import LocalController, LocalSimulator

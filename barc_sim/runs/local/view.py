@@ -9,18 +9,16 @@ from math import nan
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.control.driver import DriverInput
-from barc_sim.page.feed import Feed, controller_values, is_valid
+from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, controller_values, is_valid
 from barc_sim.page.protocol import SIMULATOR
-from barc_sim.page.rows import FIELDS, STATE_FIELDS
 from barc_sim.simulation.log import CONTROLLER_STATE, PID_STATE, STATE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from barc_sim.page.interfaces import OnDone
+    from barc_sim.page.feed import Sample
     from barc_sim.page.protocol import Drive
-    from barc_sim.page.rows import Sample
-    from barc_sim.page.run_page import RunPage
+    from barc_sim.page.run_page import OnDone, RunPage
     from barc_sim.runs.local.host import LocalHost
     from barc_sim.runs.local.nodes import LocalController, LocalSimulator
 
