@@ -87,7 +87,6 @@ _ENVIRONMENT = {
     'PATH': ('', '/nonexistent'),
     'ROS_DOMAIN_ID': ('abc', '-1', '9999999', ''),
     'ROS_LOG_DIR': ('/dev/null', '\udcff', '/nonexistent'),
-    'RMW_IMPLEMENTATION': ('rmw_none',),
 }
 _LIMITS = {
     'RLIMIT_NOFILE': (10, 16, 24, 30, 40, 64, 128),

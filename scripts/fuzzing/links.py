@@ -132,7 +132,8 @@ def _try(number: int, command: str, name: str, kind: str, place: Place) -> Trial
     why = why and f'{title}: {why}'
     after = _content(place.outside)
     harm = {each for each, what in before.items() if after.get(each) != what}
-    if name not in (*words, 'bags', 'out'):  # a folder that the user names may be a link
+    # A folder that the user names, or has at home, may be a link.
+    if name not in (*words, 'bags', 'out', 'home/.local', 'home/.local/state'):
         harm |= after.keys() - before.keys()
     if harm:
         outcome, why = ESCAPE, f'{title}: changed {sorted(harm)} outside'

@@ -169,3 +169,17 @@ def test_what_the_machine_refuses_is_one_sentence(
 def test_a_fault_of_ours_keeps_its_traceback() -> None:
     with pytest.raises(KeyError):
         failing(KeyError('ours'))
+
+
+@pytest.mark.parametrize(
+    'option', ['--road', '--model', '--controller', '--ros-args --params-file']
+)
+def test_a_pipe_or_device_in_place_of_a_file_ends_in_one_sentence(
+    option: str, tmp_path: Path
+) -> None:
+    pipe, zeros = tmp_path / 'pipe', tmp_path / 'zeros'
+    os.mkfifo(pipe)
+    zeros.symlink_to('/dev/zero')
+    for path in (pipe, zeros):
+        line = sentence(limited(*LOCAL, *option.split(), str(path), cwd=tmp_path))
+        assert path.name in line

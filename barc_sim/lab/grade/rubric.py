@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import yaml
 
+from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import CRITERIA
 from barc_sim.lab.check.judging import Settings
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 SHIPPED = ('lab', 'strict', 'extended')
 DEFAULT = 'lab'
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
+_MAX_BYTES = 1 << 20  #: of a rubric
 _MOST = 10_000  # points for a criterion
 
 
@@ -80,7 +82,7 @@ def load(rubric: str | Path = DEFAULT) -> Rubric:
     """
     name = str(rubric)
     try:
-        text = path_of(rubric).read_text(encoding='utf-8')
+        text = read_regular(path_of(rubric), _MAX_BYTES).decode()
     except OSError as error:
         raise UserError(f'the rubric {name!r} cannot be read: {error.strerror}') from None
     except UnicodeDecodeError as error:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import needs_ros
 from barc_sim.errors import UserError
 
@@ -75,7 +76,7 @@ class RosArguments:
 
     def _read(self, file: Path) -> None:
         try:
-            nodes = yaml.safe_load(file.read_text(encoding='utf-8'))
+            nodes = yaml.safe_load(read_regular(file, 1 << 20).decode())
             for node, values in nodes.items():
                 for name, value in values['ros__parameters'].items():
                     self._values.append((node.lstrip('/') if node != _ALL else _ALL, name, value))
