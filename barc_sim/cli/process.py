@@ -13,11 +13,8 @@ import os
 import re
 import shlex
 import sys
-import sysconfig
-import tempfile
 import time
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -147,6 +144,8 @@ def needs_ros(what: str) -> UserError:
 
 
 def _is_installed(package: str) -> bool:
+    from importlib.util import find_spec  # noqa: PLC0415 (not for --help)
+
     try:
         spec = find_spec(package)
     except ImportError:
@@ -171,6 +170,7 @@ def _prepare() -> None:
     if home and not Path(home).is_dir():
         import atexit  # noqa: PLC0415 (rare)
         import shutil  # noqa: PLC0415
+        import tempfile  # noqa: PLC0415
 
         os.environ['HOME'] = folder = tempfile.mkdtemp(prefix='barc_sim_home_')
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -257,6 +257,8 @@ def _missing(error: ImportError, prog: str) -> str | None:
 
 def _pip_options() -> list[str]:
     """Return what pip needs to install beside the packages of the system, as with ROS from apt."""
+    import sysconfig  # noqa: PLC0415 (only for an error)
+
     managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED')
     if sys.prefix == sys.base_prefix and managed.exists():
         return ['--user', '--break-system-packages']

@@ -11,7 +11,6 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, find_files, load_files
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.runs.composition import Setup
-from barc_sim.runs.ended_run import serve_ended_run
 from barc_sim.runs.engine import uses_ros
 from barc_sim.runs.terminal.user_output import UserOutput
 from barc_sim.vehicle.road import Road
@@ -64,6 +63,8 @@ def conduct(create: Callable[[Setup], Run], options: Namespace, stop: StopSignal
             run.close()
     run.print_end()
     if page:
+        from barc_sim.runs.ended_run import serve_ended_run  # noqa: PLC0415 (slow)
+
         serve_ended_run(page, run, stop)
     if run.failure:
         report(f'barc {options.mode}', run.failure)

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import LocalCode
-from barc_sim.lab.check.judging import Settings, gains_used
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.runs.composition import Run, check_left_out, given
 from barc_sim.runs.terminal.display import (
@@ -116,6 +114,9 @@ class CruiseControl(Run):
         )
         if user_controller:
             named = _gains(options)
+            from barc_sim.lab.check.code import LocalCode  # noqa: PLC0415 (slow: only where needed)
+            from barc_sim.lab.check.judging import Settings, gains_used  # noqa: PLC0415
+
             settings = Settings(kp=named.get('kp'), ki=named.get('ki'), kd=named.get('kd'))
             gains = gains_used(LocalCode(setup.user_code), settings)
             limit = controller.values['acceleration_limit']

@@ -14,7 +14,6 @@ from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.page.protocol import Status
-from barc_sim.page.server import open_page
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.process import NUM_THREADS
@@ -148,6 +147,8 @@ class RosEngine:
             )
             if not options.quiet:
                 print(f'live page  {view.url}', flush=True)  # noqa: T201
+            from barc_sim.page.server import open_page  # noqa: PLC0415 (slow: only for a page)
+
             open_page(view.url)
             yield view
 

@@ -31,6 +31,8 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
 @pytest.mark.parametrize(
     ('kind', 'count'),
     [
+        ('links', 1_000 if SOAK else 8),
+        ('limits', 1_000 if SOAK else 8),
         ('zips', 5_000 if SOAK else 200),
         ('bags', 10_000 if SOAK else 15),
         pytest.param('bags', 300, marks=pytest.mark.slow),

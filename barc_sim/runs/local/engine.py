@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.page.protocol import Status
-from barc_sim.page.server import open_page
 from barc_sim.runs.local.driving import DriverTopic, LocalKeyboard, LocalRelay
 from barc_sim.runs.local.host import LocalHost
 from barc_sim.runs.local.nodes import LocalController, LocalSimulator
@@ -178,6 +177,8 @@ class LocalEngine:
         serve(page, host, clients, topic.publish)
         if not options.quiet:
             print(f'live page  {page.url}', flush=True)  # noqa: T201
+        from barc_sim.page.server import open_page  # noqa: PLC0415 (slow: only for a page)
+
         open_page(page.url)
 
     def spin(self) -> None:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from contextlib import suppress
 from math import degrees, isnan
 from typing import TYPE_CHECKING, NamedTuple
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn
-from rich.table import Column, Table
-
 from barc_sim.control.driver import COAST, DriverInput
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from rich.console import Console
+    from rich.progress import ProgressColumn
 
     from barc_sim.simulation.metrics import Summary
 
@@ -105,8 +105,15 @@ def display(*, quiet: bool, distance: float | None = None) -> Display:
     """
     if quiet:
         return Display()
-    console = Console(highlight=False)
-    return LiveLine(console, distance) if console.is_terminal else PlainLines()
+    if not sys.stdout.isatty():
+        return PlainLines()
+    return LiveLine(_console(), distance)
+
+
+def _console() -> Console:
+    from rich.console import Console  # noqa: PLC0415 (slow: not before a run)
+
+    return Console(highlight=False)
 
 
 class PlainLines(Display):
@@ -146,6 +153,9 @@ class LiveLine(Display):
 
     def __init__(self, console: Console, distance: float | None) -> None:
         """Draw a bar to `distance` [m], one that pulses for 0, or none for None."""
+        from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415
+        from rich.table import Column  # noqa: PLC0415
+
         columns: list[ProgressColumn] = [] if distance is None else [BarColumn(bar_width=24)]
         text = TextColumn('{task.description}', table_column=Column(no_wrap=True))
         self._progress = Progress(*columns, text, console=console, auto_refresh=False)
@@ -189,9 +199,11 @@ def print_summary(summary: Summary, slipped: int) -> None:
 
     `slipped` is the number of periods by which simulated time fell behind the wall clock.
     """
-    console = Console(highlight=False)
+    from rich.table import Table  # noqa: PLC0415
+
+    console = _console()
     table = Table(title='Speed error', title_justify='left', box=None, pad_edge=False)
-    for heading in ('', 'grade', 'RMS, m/s', 'greatest, m/s'):
+    for heading in ('', 'grade', 'RMS, m/s', 'maximum, m/s'):
         table.add_column(heading, justify='left' if not heading else 'right')
     rows = [
         ('whole run', '', summary.rms_error, summary.max_error),
@@ -200,8 +212,8 @@ def print_summary(summary: Summary, slipped: int) -> None:
     for part in summary.stretches:
         where = f'{part.start:5.1f} to {part.end:5.1f} m'
         rows.append((where, f'{part.theta_deg:+.0f}°', part.rms_error, part.max_error))
-    for where, grade, rms, greatest in rows:
-        table.add_row(where, grade, _figure(rms, '.4f'), _figure(greatest, '.4f'))
+    for where, grade, rms, maximum in rows:
+        table.add_row(where, grade, _figure(rms, '.4f'), _figure(maximum, '.4f'))
     console.print(table)
     console.print(
         f'overshoot {_figure(summary.overshoot, ".1%")}, '
@@ -215,9 +227,11 @@ def print_summaries(kind: str, summaries: Mapping[str, Summary], slipped: int) -
 
     A lap that a reset has cut short has its line, too.
     """
-    console = Console(highlight=False)
+    from rich.table import Table  # noqa: PLC0415
+
+    console = _console()
     table = Table(title='Speed error after 10 m', title_justify='left', box=None, pad_edge=False)
-    headings = ('RMS, m/s', 'greatest, m/s', 'overshoot', 'settling, s', 'missed')
+    headings = ('RMS, m/s', 'maximum, m/s', 'overshoot', 'settling, s', 'missed')
     table.add_column(kind, no_wrap=True)
     for heading in headings:
         table.add_column(heading, justify='right')
