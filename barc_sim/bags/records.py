@@ -22,8 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
 from barc_sim.bags.bounds import MAX_ATTACHED, MAX_METADATA, MAX_RECORD, Budget
-from barc_sim.bags.chunk import CHUNK_SIZE
-from barc_sim.bags.file import MAGIC
+from barc_sim.bags.file import CHUNK_SIZE, MAGIC
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 

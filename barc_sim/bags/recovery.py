@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from barc_sim.bags import bounds, metadata
-from barc_sim.bags.file import BagFile
+from barc_sim.bags.file import BagFile, is_being_written
 from barc_sim.bags.metadata import METADATA_NAME, Span, Topic
-from barc_sim.bags.pieces import is_being_written
 from barc_sim.bags.records import Damage, budget_of, files, records
 from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
@@ -104,7 +103,7 @@ def _recover_file(file: Path, found: Recovered, budget: Budget) -> None:
             found.kept.append(file.rename(_unused(file)))
         part.replace(file)
     finally:
-        copy.file.pieces.close()
+        copy.file.appender.close()
         part.unlink(missing_ok=True)
 
 

@@ -200,10 +200,10 @@ class BagWriter:
         OSError
             It cannot be made anew.
         """
-        pieces = self._files[-1].pieces
-        removed = not self.closed and not pieces.in_place
+        appender = self._files[-1].appender
+        removed = not self.closed and not appender.in_place
         if removed:
-            pieces.restore()
+            appender.restore()
         return removed
 
     def close(self) -> None:
@@ -223,7 +223,7 @@ class BagWriter:
         finally:
             self.closed = True
             for file in self._files:
-                file.pieces.close()
+                file.appender.close()
 
     def _information(self) -> dict[str, Any]:
         spans = {file.path.name: file.span for file in self._files}

@@ -29,7 +29,7 @@ def run(options: Namespace) -> None:
     UserError
         where there is no such type, or there are several.
     """
-    from barc_sim.bags import interfaces  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags import schemas  # noqa: PLC0415 (slow: not for --help)
 
-    for line in interfaces.lines(interfaces.find(options.type)):
+    for line in schemas.definition_lines(schemas.find_type(options.type)):
         print(line)  # noqa: T201

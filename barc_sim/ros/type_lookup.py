@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from type_description_interfaces.srv import GetTypeDescription
 
-from barc_sim.bags.type_descriptions import definition
+from barc_sim.bags.schemas import definition_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -63,7 +63,7 @@ def _definition(name: str, response: Any) -> str | None:  # noqa: ANN401 (a gene
     found = response.type_description
     descriptions = [found.type_description, *found.referenced_type_descriptions]
     try:
-        return definition(name, [_as_json(description) for description in descriptions])
+        return definition_of(name, [_as_json(description) for description in descriptions])
     except LookupError:
         return None
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SECONDS = 10.0  #: for each use of a file
 MEBIBYTES = 300.0  #: of a process's memory
-_PATIENCE = 3 * SECONDS  # also a use that ends is to be measured
+_PATIENCE = 12 * SECONDS  # on a busy machine; also a use that ends is to be measured
 _ADDRESSES = 4 << 30  # bytes; more is refused to a process
 _AT_ONCE = 250  # files of one process
 

@@ -20,8 +20,7 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
-from barc_sim.bags.chunk import CHUNK_SIZE
-from barc_sim.bags.file import BagFile
+from barc_sim.bags.file import CHUNK_SIZE, BagFile
 from barc_sim.bags.metadata import METADATA_NAME, Topic, to_yaml
 
 if TYPE_CHECKING:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import barc
 
-from barc_sim.bags import interfaces
-from barc_sim.bags.interfaces import find, lines
+from barc_sim.bags import schemas
+from barc_sim.bags.schemas import definition_lines as lines
+from barc_sim.bags.schemas import find_type as find
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def test_without_ros_those_of_a_run_are_there(monkeypatch: pytest.MonkeyPatch) -
     def missing(package: str) -> Path:
         raise LookupError(package)
 
-    monkeypatch.setattr(interfaces, 'share', missing)
+    monkeypatch.setattr(schemas, 'share', missing)
     monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
 
     assert '\n'.join([*lines(find('ECU')), '']) == ECU

@@ -43,7 +43,7 @@ def write(directory: Path, *, limits: FileLimits | None = None) -> BagWriter:
 def kill(writer: BagWriter) -> Path:
     """Leave the bag as a kill would; return it."""
     for file in writer._files:  # noqa: SLF001
-        file.pieces.close()
+        file.appender.close()
     return writer.directory
 
 
@@ -173,7 +173,7 @@ def test_full_disk_leaves_the_bag_unchanged(killed: Path, monkeypatch: pytest.Mo
         raise OSError(28, 'No space left on device')
 
     before = (killed / 'run_0.mcap').read_bytes()
-    monkeypatch.setattr('barc_sim.bags.pieces.write_at', refuse)
+    monkeypatch.setattr('barc_sim.bags.file.write_at', refuse)
     with pytest.raises(UserError, match=r'cannot be recovered \(No space left on device\)'):
         make_whole(killed)
     assert {file.name: file.read_bytes() for file in killed.iterdir()} == {'run_0.mcap': before}

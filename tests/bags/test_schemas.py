@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from typing import Any
 
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from barc_sim.bags.schemas import definition, share
+from barc_sim.bags.schemas import definition, definition_of, share
 from barc_sim.cli.process import has_ros
 
 needs_ros = pytest.mark.skipif(not has_ros(), reason='compares with what ROS has installed')
@@ -46,12 +47,10 @@ def test_dependencies_follow_depth_first_and_by_name_under_their_headings() -> N
 @needs_ros
 @pytest.mark.parametrize('name', TYPES)
 def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
-    package, _, base = name.split('/')
-    installed = json.loads((share(package) / 'msg' / f'{base}.json').read_text())
-    expected = {entry['type_name']: entry['hash_string'] for entry in installed['type_hashes']}
+    _, hashes = installed(*name.split('/'))
     types = get_typestore(Stores.EMPTY)
     types.register(get_types_from_msg(definition(name), name))
-    assert types.hash_rihs01(name) == expected[name]
+    assert types.hash_rihs01(name) == hashes[name]
 
 
 @pytest.mark.parametrize(
@@ -70,3 +69,56 @@ def test_definition_has_the_hash_of_the_installed_type(name: str) -> None:
 def test_what_is_not_installed_is_named(name: str, reason: str) -> None:
     with pytest.raises(LookupError, match=re.escape(reason)):
         definition(name)
+
+
+def installed(package: str, kind: str, base: str) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """Return the descriptions of a type and of those it refers to, and their hashes."""
+    content = json.loads((share(package) / kind / f'{base}.json').read_text())
+    found = content['type_description_msg']
+    hashes = {entry['type_name']: entry['hash_string'] for entry in content['type_hashes']}
+    return [found['type_description'], *found['referenced_type_descriptions']], hashes
+
+
+@needs_ros
+@pytest.mark.parametrize(
+    'name',
+    [
+        'barc_interfaces/msg/ZDynBkMdl',
+        'geometry_msgs/msg/PoseWithCovariance',
+        'nav_msgs/msg/Odometry',
+        'rcl_interfaces/msg/ParameterEvent',
+        'rcl_interfaces/msg/ParameterDescriptor',
+        'type_description_interfaces/msg/TypeDescription',
+    ],
+)
+def test_schema_has_the_hash_of_the_described_type(name: str) -> None:
+    package, kind, base = name.split('/')
+    descriptions, hashes = installed(package, kind, base)
+    types = get_typestore(Stores.EMPTY)
+    types.register(get_types_from_msg(definition_of(name, descriptions), name))
+    assert types.hash_rihs01(name) == hashes[name]
+
+
+@needs_ros
+def test_parts_of_a_service_keep_their_full_names() -> None:
+    assert definition('std_srvs/srv/SetBool_Event').splitlines()[:3] == [
+        'service_msgs/ServiceEventInfo info',
+        'std_srvs/srv/SetBool_Request[<=1] request',
+        'std_srvs/srv/SetBool_Response[<=1] response',
+    ]
+    assert 'MSG: std_srvs/srv/SetBool_Response\nbool success\nstring message\n' in definition(
+        'std_srvs/srv/SetBool_Event'
+    )
+
+
+@needs_ros
+def test_a_missing_part_is_named() -> None:
+    descriptions, _ = installed('std_msgs', 'msg', 'Header')
+    with pytest.raises(LookupError, match="no description of 'builtin_interfaces/msg/Time'"):
+        definition_of('std_msgs/msg/Header', descriptions[:1])
+
+
+def test_a_field_that_ros2msg_cannot_express_is_named() -> None:
+    field = {'name': 'x', 'type': {'type_id': 12, 'nested_type_name': ''}}
+    with pytest.raises(LookupError, match='no ros2msg name for the field type 12'):
+        definition_of('a/msg/B', [{'type_name': 'a/msg/B', 'fields': [field]}])

@@ -12,7 +12,7 @@ import pytest
 from command_line import wait_for
 from mcap.records import Message as Record
 
-from barc_sim.bags import pieces
+from barc_sim.bags import file as bag_file
 from barc_sim.bags.messages import Message
 from barc_sim.bags.metadata import Topic
 from barc_sim.bags.records import records
@@ -125,7 +125,7 @@ def test_what_the_disk_refuses_to_the_end_is_counted(
     thread.start()
     source.put(1)
     wait_for(lambda: writer.on_disk == {'/value': 1})
-    written = pieces.write_at
+    written = bag_file.write_at
     full = (tmp_path / 'run' / 'run_0.mcap').stat().st_size + 70_000
 
     def fill(descriptor: int, data: bytes, offset: int) -> int:
@@ -133,7 +133,7 @@ def test_what_the_disk_refuses_to_the_end_is_counted(
             raise OSError(28, 'No space left on device')
         return written(descriptor, data, offset)
 
-    monkeypatch.setattr(pieces, 'write_at', fill)
+    monkeypatch.setattr(bag_file, 'write_at', fill)
     for k in range(messages):
         source.put(k + 2)
         if k % 500 == 0:
@@ -160,7 +160,7 @@ def test_refused_messages_are_written_once_the_disk_accepts_them(
     source.put(1)
     wait_for(lambda: recorded(tmp_path) == [1])
     with monkeypatch.context() as patch:
-        patch.setattr(pieces, 'write_at', refuse)
+        patch.setattr(bag_file, 'write_at', refuse)
         source.put(2)
         wait_for(lambda: bool(failures))
         source.put(3)
@@ -179,7 +179,7 @@ def test_bag_that_cannot_be_finished_stays_readable(
 
     source.put(1, 2)
     wait_for(lambda: recorded(tmp_path) == [1, 2])
-    monkeypatch.setattr(pieces, 'write_at', refuse)
+    monkeypatch.setattr(bag_file, 'write_at', refuse)
     source.put(3)
     thread.close()
     assert recorded(tmp_path) == [1, 2]

@@ -21,7 +21,7 @@ from std_msgs.msg import Float64, UInt8MultiArray
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags import records as bag_records
-from barc_sim.bags.chunk import CHUNK_SIZE
+from barc_sim.bags.file import CHUNK_SIZE
 from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:

@@ -294,7 +294,7 @@ def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
     recorder.discover()
     publisher.publish(Float64())
     wait_for(lambda: recorder.counts.get('/value') == 1)
-    monkeypatch.setattr('barc_sim.bags.pieces.write_at', refuse)
+    monkeypatch.setattr('barc_sim.bags.file.write_at', refuse)
     for _ in range(7):
         publisher.publish(Float64())
     recorder.destroy_node()
