@@ -1,20 +1,29 @@
-"""What a recorder records: topics, sizes of files, and what to do when writing fails."""
+"""What a recording is: its topics, the directory of its bag, and the messages that it lost."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import time
 from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
+from barc_sim.errors import UserError
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     import re
+    from collections.abc import Mapping
+    from pathlib import Path
 
 _MEBIBYTE = 2**20
+_TRIES = 10
 BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
+#: The number of a message that the middleware does not number.
+UNNUMBERED = 2**64 - 1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,3 +60,160 @@ class Recording:
     def reserve(self) -> int:
         """Space to leave free on the disk [B]."""
         return int(self.min_free_space * _MEBIBYTE)
+
+
+def _existing(folder: Path) -> Path:
+    path = folder.absolute()
+    return next(folder for folder in (path, *path.parents) if folder.exists())
+
+
+def check_root(root: Path) -> None:
+    """Raise UserError if no bag can be made in the folder `root`; nothing is written."""
+    folder = _existing(root)
+    if not folder.is_dir():
+        reason = f'{str(folder)!r} is not a folder'
+    elif not os.access(folder, os.W_OK | os.X_OK):
+        reason = f'{str(folder)!r} is not writable'
+    else:
+        return
+    raise UserError(f'no bag can be made in {str(root)!r}, as {reason}: name another folder')
+
+
+def short_of_space(folder: Path, reserve: int) -> str | None:
+    """Return a clause if less than `reserve` [B] is free on the disk of `folder`, else None."""
+    free = shutil.disk_usage(folder).free
+    if free >= reserve:
+        return None
+    return (
+        f'only {free / _MEBIBYTE:.1f} MiB are free, and {reserve / _MEBIBYTE:g} MiB must stay free'
+    )
+
+
+def check_space(folder: Path, reserve: int) -> None:
+    """Raise UserError if less than `reserve` [B] is free for `folder`, which need not exist yet."""
+    if short := short_of_space(_existing(folder), reserve):
+        raise UserError(
+            f'no bag can be made in {str(folder)!r}, as {short}: '
+            'make space, name another folder, or lower --min-free-space'
+        )
+
+
+def make_directory(path: Path) -> Path:
+    """Make and return the directory `path` of a bag.
+
+    Raises
+    ------
+    UserError
+        It exists, or cannot be made.
+    """
+    check_root(path.parent)
+    try:
+        path.mkdir(parents=True)
+    except FileExistsError:
+        raise UserError(f'{str(path)!r} exists: name a new folder for the bag') from None
+    except OSError as error:
+        raise UserError(
+            f'the bag {str(path)!r} cannot be made ({error.strerror}): name another folder'
+        ) from error
+    return path
+
+
+def new_directory(root: Path) -> Path:
+    """Make and return `<root>/<YYYY-MM-DD>_<HH-MM-SS>`, with a number at the end if that exists.
+
+    Raises
+    ------
+    UserError
+        The directory cannot be made.
+    """
+    check_root(root)
+    name = time.strftime('%Y-%m-%d_%H-%M-%S')
+    suffix, vanished = 1, 0
+    while True:
+        directory = root / (name if suffix == 1 else f'{name}_{suffix}')
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            directory.mkdir()
+        except FileExistsError:
+            suffix += 1
+        except OSError as error:
+            # A run that began together with this one, and ended at once, may have removed the root.
+            vanished += isinstance(error, FileNotFoundError)
+            if not 0 < vanished < _TRIES:
+                raise UserError(
+                    f'no bag can be made in {str(root)!r} ({error.strerror}): name another folder'
+                ) from error
+        else:
+            return directory
+
+
+class Losses:
+    """The lost messages of one topic, for each publisher.
+
+    A publisher numbers its messages one by one, so that a gap is a loss, wherever it happened: in
+    the subscription, on the way, or in a publisher whose queue was too short. Losses before the
+    first received message of a publisher, or after its last one, are not counted.
+
+    Examples
+    --------
+    >>> losses = Losses()
+    >>> for number in (1, 2, 5):
+    ...     losses.count(b'publisher', number)
+    >>> losses.by_publisher
+    {b'publisher': 2}
+    """
+
+    def __init__(self) -> None:
+        self._last: dict[bytes, int] = {}
+        self.by_publisher: dict[bytes, int] = {}  #: where any were lost, by the publisher's GID
+        self.unnumbered = False  #: whether a message had no number, so that losses are unknown
+
+    def count(self, publisher: bytes, number: int) -> None:
+        """Count a received message, by its publisher's GID and its number."""
+        last = self._last.get(publisher, number - 1)
+        self._last[publisher] = number
+        if number == UNNUMBERED:
+            self.unnumbered = True
+        elif number > last + 1:
+            self.by_publisher[publisher] = self.by_publisher.get(publisher, 0) + number - last - 1
+
+
+def losses_as_metadata(
+    lost: Mapping[str, Mapping[str, int] | None], unrecorded: Mapping[str, str]
+) -> dict[str, str]:
+    """Return the metadata entries of a bag about messages that it lacks.
+
+    Parameters
+    ----------
+    lost
+        By topic, the number of lost messages by the publisher's node; None where the middleware
+        does not number messages.
+    unrecorded
+        Why a topic cannot be recorded, by its name.
+
+    Examples
+    --------
+    >>> losses_as_metadata({'/ecu': {'controller': 2}}, {})
+    {'lost_messages': '2', 'lost /ecu': '2 (2 of controller)'}
+    """
+    total = sum(sum(by_node.values()) for by_node in lost.values() if by_node)
+    entries = {'lost_messages': str(total)}
+    for topic, by_node in sorted(lost.items()):
+        if by_node is None:
+            entries[f'lost {topic}'] = 'unknown: the middleware does not number its messages'
+        elif by_node:
+            parts = ', '.join(f'{count} of {node}' for node, count in sorted(by_node.items()))
+            entries[f'lost {topic}'] = f'{sum(by_node.values())} ({parts})'
+    return entries | {f'not recorded {topic}': why for topic, why in sorted(unrecorded.items())}
+
+
+def summary(
+    counts: Mapping[str, int],
+    lost: Mapping[str, Mapping[str, int] | None],
+    unrecorded: Mapping[str, str],
+) -> str:
+    """Return lines with the numbers of recorded and lost messages, and with what is left out."""
+    entries = losses_as_metadata(lost, unrecorded)
+    total = entries.pop('lost_messages')
+    first = f'recorded {sum(counts.values())} messages, lost {total}'
+    return '\n'.join([first, *(f'{topic}: {what}' for topic, what in entries.items())])

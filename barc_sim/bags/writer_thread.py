@@ -11,7 +11,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
 from barc_sim.bags.cdr import leading_time
-from barc_sim.bags.directory import free_space, short_of_space
+from barc_sim.bags.recording import short_of_space
 from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class WriterThread:
             if self._arrivals and self._is_idle:
                 self._arrivals.wait(_LONGEST_SLEEP)
 
-    def help(self) -> None:
+    def write_now(self) -> None:
         """Write what waits in the calling thread, unless the writer's is about it."""
         if self._lock.acquire(blocking=False):
             try:
@@ -164,9 +164,8 @@ class WriterThread:
         """
         if self._writer.restore():
             raise OSError(errno.ENOENT, 'it was removed while recording, and is written anew')
-        free = free_space(self._writer.directory)
-        if free < self._reserve:
-            raise OSError(errno.ENOSPC, short_of_space(free, self._reserve))
+        if short := short_of_space(self._writer.directory, self._reserve):
+            raise OSError(errno.ENOSPC, short)
 
     def _fail(self, error: Exception) -> None:
         if not self._stuck:

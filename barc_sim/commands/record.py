@@ -74,7 +74,7 @@ def run(options: Namespace) -> int:
 
 def report(recorder: BagRecorder) -> str:
     """Return the messages recorded by topic, those lost, and the path of the bag."""
-    from barc_sim.bags.losses import summary  # noqa: PLC0415
+    from barc_sim.bags.recording import summary  # noqa: PLC0415
 
     counts = recorder.counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]

@@ -12,9 +12,14 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from barc_sim.bags import losses
-from barc_sim.bags.directory import check_space, make_directory, new_directory
-from barc_sim.bags.recording import BAG_DIR, Recording
+from barc_sim.bags.recording import (
+    BAG_DIR,
+    Recording,
+    check_space,
+    losses_as_metadata,
+    make_directory,
+    new_directory,
+)
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.errors import UserError
@@ -265,7 +270,7 @@ class BagRecorder(Node):
         self._thread.close(self._final_metadata)
 
     def _final_metadata(self) -> dict[str, str]:
-        return losses.as_metadata(self.lost) | losses.left_out(self.left_out)
+        return losses_as_metadata(self.lost, self.left_out)
 
     def restart(self) -> None:
         """Begin the next bag, after `close`.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.qos import DurabilityPolicy
 
-from barc_sim.bags.losses import Losses
+from barc_sim.bags.recording import Losses
 from barc_sim.ros import offered_qos
 
 if TYPE_CHECKING:

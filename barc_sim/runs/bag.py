@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from barc_sim import __version__
-from barc_sim.bags.losses import summary
+from barc_sim.bags.recording import summary
 from barc_sim.cli.parser import barc_path
 from barc_sim.control.types import GAINS
 from barc_sim.lab.user_code.adapters import attachments

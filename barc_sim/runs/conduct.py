@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from barc_sim.bags.directory import check_root
+from barc_sim.bags.recording import check_root
 from barc_sim.cli.process import check_clock, report
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.loading import UserCode, find_files, load_files

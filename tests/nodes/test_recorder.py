@@ -204,7 +204,7 @@ def test_names_a_topic_whose_type_has_no_definition(
         raise LookupError(f'no definition of {type_name}')
 
     monkeypatch.setattr('barc_sim.ros.offered_qos.definition', definition)
-    monkeypatch.setattr('barc_sim.ros.type_lookup.definition', definition)
+    monkeypatch.setattr('barc_sim.ros.type_lookup.definition_of', definition)
     talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
     executor.add_node(talker)
     talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from barc_sim.bags.losses import Losses
+from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
 from barc_sim.ros.endpoints import subscription
 from barc_sim.ros.executor import PolledCallbackGroup

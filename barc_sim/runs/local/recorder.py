@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.bags.directory import check_space, new_directory
-from barc_sim.bags.losses import as_metadata
-from barc_sim.bags.recording import BAG_DIR
+from barc_sim.bags.recording import BAG_DIR, check_space, losses_as_metadata, new_directory
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
 
@@ -92,7 +90,7 @@ class LocalRecorder:
     def keep_up(self) -> bool:
         """Write here if the thread cannot keep up; return whether a failure is to end the run."""
         if self._topics.waiting > self._recording.depth:
-            self._thread.help()
+            self._thread.write_now()
         return self._stops_run
 
     def use_simulated_time(self) -> None:
@@ -119,4 +117,4 @@ class LocalRecorder:
 
     def close(self) -> None:
         """Write the waiting messages and finish the bag."""
-        self._thread.close(lambda: as_metadata(self.lost))
+        self._thread.close(lambda: losses_as_metadata(self.lost, {}))

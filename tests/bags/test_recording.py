@@ -1,4 +1,4 @@
-"""Where bags are made."""
+"""Where bags are made, and the messages that they lack."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from barc_sim.bags.directory import check_root, check_space, new_directory
+from barc_sim.bags.recording import (
+    UNNUMBERED,
+    Losses,
+    check_root,
+    check_space,
+    losses_as_metadata,
+    new_directory,
+    summary,
+)
 from barc_sim.errors import UserError
 
 
@@ -85,3 +93,39 @@ def test_too_little_space_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r'MiB are free, and 1.1259e\+15 MiB must stay free: make'):
         check_space(tmp_path / 'new' / 'bags', 2**70)
     assert not (tmp_path / 'new').exists()
+
+
+A, B = b'a' * 16, b'b' * 16
+
+
+def test_gaps_add_up_for_each_publisher() -> None:
+    losses = Losses()
+    for publisher, number in ((A, 1), (B, 5), (A, 3), (B, 6), (A, 7), (B, 8)):
+        losses.count(publisher, number)
+    assert losses.by_publisher == {A: 1 + 3, B: 1}
+
+
+def test_middleware_without_numbers_is_detected() -> None:
+    losses = Losses()
+    losses.count(A, UNNUMBERED)
+    losses.count(A, UNNUMBERED)
+    assert losses.unnumbered
+    assert losses.by_publisher == {}
+
+
+def test_metadata_have_the_losses_by_topic_and_node() -> None:
+    lost = {'/b': {'talker': 3, 'other': 2}, '/a': {}, '/c': None}
+    assert losses_as_metadata(lost, {}) == {
+        'lost_messages': '5',
+        'lost /b': '5 (2 of other, 3 of talker)',
+        'lost /c': 'unknown: the middleware does not number its messages',
+    }
+
+
+def test_summary_has_a_line_for_each_topic_with_losses_or_left_out() -> None:
+    unrecorded = {'/b as Text': 'its type is Number'}
+    assert summary({'/a': 3}, {'/a': {'talker': 1}}, unrecorded).splitlines() == [
+        'recorded 3 messages, lost 1',
+        'lost /a: 1 (1 of talker)',
+        'not recorded /b as Text: its type is Number',
+    ]
