@@ -84,12 +84,12 @@ def run(options: Namespace) -> None:
 
 def _play_in_window(log: Log, title: str) -> bool:
     """Play until the user closes the window; return False without a display."""
-    from barc_sim.figures import animation, output, side_view  # noqa: PLC0415
+    from barc_sim.figures import output, side_view  # noqa: PLC0415
 
     figure = output.window(side_view.SIZE, title)
     if figure is None:
         return False
-    playing = animation.animate(view_of(log, figure, title))
+    playing = output.animate(view_of(log, figure, title))
     output.show()
     del playing  # an animation stops when its last reference goes
     return True
@@ -120,21 +120,21 @@ def save(log: Log, path: Path, *, title: str = '') -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
-    from barc_sim.figures import animation, side_view, video  # noqa: PLC0415
+    from barc_sim.figures import output, side_view  # noqa: PLC0415
 
     gif = path.suffix.lower() == '.gif'
     dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)
     view = view_of(log, Figure(figsize=side_view.SIZE, dpi=dpi), title)
     times = track(
-        animation.frame_times(view.duration, fps),
+        output.frame_times(view.duration, fps),
         'Saving',
         console=Console(stderr=True),
         transient=True,
         disable=not sys.stderr.isatty(),
     )
-    images = animation.frames(view, times)
+    images = output.frames(view, times)
     if gif:
-        video.write_gif(path, images, fps=fps)
+        output.write_gif(path, images, fps=fps)
     else:
         width, height = view.figure.canvas.get_width_height()
-        video.write_mp4(path, images, size=(width, height), fps=fps)
+        output.write_mp4(path, images, size=(width, height), fps=fps)

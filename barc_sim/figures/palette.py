@@ -31,13 +31,7 @@ FORCES = {'motor': 'green', 'gravity': 'purple', 'drag': 'sky', 'friction': 'ver
 
 
 def term_colours(terms: tuple[str, ...]) -> dict[str, str]:
-    """Return the name of each term's colour.
-
-    Examples
-    --------
-    >>> term_colours(('proportional', 'integral', 'derivative'))
-    {'proportional': 'vermillion', 'integral': 'purple', 'derivative': 'orange'}
-    """
+    """Return the name of each term's colour."""
     return {term: TERMS[i % len(TERMS)] for i, term in enumerate(terms)}
 
 

@@ -36,11 +36,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.axes import Axes
+    from numpy.typing import NDArray
 
     from barc_sim.simulation.laps import Lap
     from barc_sim.simulation.log import Log
 
-SIZE = (9.6, 8.4)  #: [inch]
+SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
+JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
 _MOST_LAPS = 5  #: in a caption
 
@@ -86,13 +88,6 @@ def speed_figure(
     -------
     Figure
         `figure`, or a new one without a window.
-
-    Examples
-    --------
-    >>> from barc_sim import simulate
-    >>> figure = speed_figure(simulate(), title='My run')
-    >>> [axes.get_ylabel() for axes in figure.axes]
-    ['Speed [m/s]', 'Error [m/s]', 'Grade [°]', 'Command [m/s²]']
     """
     log = use_measurement(log)
     caption = _caption(log)
@@ -121,13 +116,7 @@ def speed_figure(
 
 
 def settings(info: Mapping[str, str]) -> str:
-    """Return the road and the gains in a run's metadata, in one line.
-
-    Examples
-    --------
-    >>> settings({'road': 'lab', 'kp': '30.0', 'ki': '200.0', 'kd': '0.1'})
-    'road lab · kp 30.0 · ki 200.0 · kd 0.1'
-    """
+    """Return the road and the gains in a run's metadata, in one line."""
     return ' · '.join(
         f'{key} {textwrap.shorten(info[key], _SHOWN, placeholder=" …")}'
         for key in ('road', *GAINS)
@@ -137,13 +126,7 @@ def settings(info: Mapping[str, str]) -> str:
 
 @style.context(STYLE)
 def terms_figure(log: Log) -> Figure | None:
-    """Draw the controller's terms against the position along the road; None if all are unknown.
-
-    Examples
-    --------
-    >>> from barc_sim import simulate
-    >>> terms_figure(simulate()).savefig('terms.svg')
-    """
+    """Draw the controller's terms against the position along the road; None if all are unknown."""
     if all(np.isnan(values).all() for values in log.terms.values()):
         return None
     log = _broken(log)
@@ -230,14 +213,7 @@ def _draw_speed(axes: Axes, log: Log) -> None:
 
 
 def has_error(log: Log) -> bool:
-    """Return whether there is a speed error after the run-up.
-
-    Examples
-    --------
-    >>> from barc_sim import simulate
-    >>> has_error(simulate())
-    True
-    """
+    """Return whether there is a speed error after the run-up."""
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
 
 
@@ -278,3 +254,48 @@ def _draw_command(axes: Axes, log: Log) -> None:
 def _marker(log: Log) -> str:
     """Return the marker of a line through the states; a single state needs one."""
     return 'o' if len(log) == 1 else ''
+
+
+@style.context(STYLE)
+def drive_figure(log: Log, *, title: str = '') -> Figure:
+    """Draw the path from above, and heading, speed and steering over time.
+
+    Where the car was put back to the start, the lines are broken.
+    """
+    log = use_measurement(log)
+    figure = Figure(figsize=DRIVE_SIZE, layout='constrained')
+    path, heading, speed, steering = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
+    jumps = np.hypot(np.diff(log.distance), np.diff(log.across)) > JUMP
+    _draw_path(path, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
+    degrees = np.degrees(np.unwrap(np.nan_to_num(log.psi - log.e_epsi)))
+    for axes, values, color, label in (
+        (heading, _without_jumps(degrees, jumps), GREEN, 'Heading [°]'),
+        (speed, _without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]'),
+    ):
+        axes.plot(log.t, values, color=color, lw=1.8)
+        axes.set_ylim(*limits(values[~np.isnan(values)], share=0.1, least=1.0))
+        axes.set_ylabel(label)
+        axes.tick_params(labelbottom=False)
+    servo = np.degrees(log.servo)
+    steering.step(log.t, servo, where='post', color=VERMILLION, lw=1.6)
+    steering.set_ylim(*limits(servo[~np.isnan(servo)], share=0.1, least=1.0))
+    steering.set(ylabel='Steering [°]', xlabel='Time [s]; left is positive')
+    for axes in (heading, speed, steering):
+        axes.set_xlim(*limits(log.t, share=0.01, least=1.0))
+    path.set_title(title, loc='left', fontsize=14, fontweight='bold')
+    figure.align_ylabels([heading, speed, steering])
+    return figure
+
+
+def _without_jumps(values: NDArray[np.float64], jumps: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return `values` with NaN before each jump."""
+    return np.where(np.append(jumps, False), np.nan, values)
+
+
+def _draw_path(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    axes.plot(x, y, color=BLUE, lw=1.8)
+    axes.plot(x[:1], y[:1], 'o', color=INK, label='start')
+    axes.plot(x[-1:], y[-1:], 's', color=VERMILLION, label='end')
+    axes.set_aspect('equal', adjustable='datalim')
+    axes.set(xlabel='x [m]', ylabel='y [m]')
+    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)

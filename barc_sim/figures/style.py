@@ -70,13 +70,7 @@ def limits(values: NDArray[np.float64], *, share: float, least: float) -> tuple[
 
 
 def reading(value: float, digits: int, unit: str) -> str:
-    """Return `value` with its unit, as an instrument shows it; a dash for NaN.
-
-    Examples
-    --------
-    >>> reading(7.9812, 2, ' m/s')
-    '7.98 m/s'
-    """
+    """Return `value` with its unit, as an instrument shows it; a dash for NaN."""
     if np.isnan(value):
         return '\N{EN DASH}'
     # Adding zero turns a negative zero into zero.

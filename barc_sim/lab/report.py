@@ -21,9 +21,8 @@ from barc_sim.bags import reader
 from barc_sim.bags.node_graph import NodeGraph, purposes
 from barc_sim.bags.records import files
 from barc_sim.cli.files import open_regular
-from barc_sim.figures.drive_figure import drive_figure
 from barc_sim.figures.graph_figure import GraphDrawing
-from barc_sim.figures.run_figures import speed_figure, terms_figure
+from barc_sim.figures.run_figures import drive_figure, speed_figure, terms_figure
 from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION, use_measurement
 from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render

@@ -173,7 +173,7 @@ class BagRecorder(Node):
             self._writer, self._topics.take, reserve, self._on_failure, arrivals
         )
         if not has_dds():
-            self._topics.on_full = self._thread.help
+            self._topics.on_full = self._thread.write_now
         self._thread.attach(self._attachments)
         self._thread.use_sim_time = self.use_sim_time
         self._graph_size = 0

@@ -13,7 +13,7 @@ from PIL import Image
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.figures import output, video
+from barc_sim.figures import output
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -104,6 +104,6 @@ def test_ctrl_c_leaves_no_half_a_video(
         path.write_bytes(b'half')
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(video, 'write_mp4', broken_off)
+    monkeypatch.setattr(output, 'write_mp4', broken_off)
     assert barc(['replay', str(directory), '--save', str(tmp_path / 'run.mp4')]) == 130
     assert list(tmp_path.iterdir()) == [directory]

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from barc_sim.figures import animation
+from barc_sim.figures import output
 from barc_sim.figures.side_view import SideView
 from barc_sim.simulation.closed_loop import closed_loop
 
@@ -24,7 +24,7 @@ def view() -> SideView:
 
 @pytest.mark.parametrize('fps', [25, 50])
 def test_a_film_shows_first_and_last_state_and_lasts_as_long_as_the_run(fps: int) -> None:
-    times = animation.frame_times(23.02, fps)
+    times = output.frame_times(23.02, fps)
     assert times[0] == 0.0
     assert times[-1] == 23.02
     assert len(times) / fps == pytest.approx(23.02 + 1 / fps, abs=1 / fps)
@@ -32,11 +32,11 @@ def test_a_film_shows_first_and_last_state_and_lasts_as_long_as_the_run(fps: int
 
 
 def test_a_film_of_one_state_has_one_frame() -> None:
-    assert animation.frame_times(0.0, 50).tolist() == [0.0]
+    assert output.frame_times(0.0, 50).tolist() == [0.0]
 
 
 def test_a_frame_is_what_drawing_everything_anew_gives(view: SideView) -> None:
-    quick = [image.copy() for image in animation.frames(view, [0.0, 3.3, 1.0])]
+    quick = [image.copy() for image in output.frames(view, [0.0, 3.3, 1.0])]
     for artist in view.artists:
         artist.set_animated(False)
     canvas = FigureCanvasAgg(view.figure)
@@ -51,8 +51,8 @@ def test_a_window_plays_by_the_clock_and_ends_with_the_last_state(
     view: SideView, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ticks: Iterator[float] = iter([100.0, 100.0, 100.5, 103.0, 1e6])
-    monkeypatch.setattr(animation, 'monotonic', lambda: next(ticks))
+    monkeypatch.setattr(output, 'monotonic', lambda: next(ticks))
     canvas = FigureCanvasAgg(view.figure)
-    playing = animation.animate(view)
+    playing = output.animate(view)
     canvas.draw()  # starts it
     assert list(playing.new_frame_seq()) == [0.0, 0.5, 3.0, view.duration]

@@ -8,7 +8,7 @@ from math import sin
 import numpy as np
 
 from barc_sim.control.driver import DriverInput
-from barc_sim.figures.drive_figure import drive_figure
+from barc_sim.figures.run_figures import drive_figure
 from barc_sim.simulation.closed_loop import drive_by_hand
 
 REQUESTS = [(0.2 * k, DriverInput(forward=0.5, turn=0.5 * sin(k / 5))) for k in range(40)]

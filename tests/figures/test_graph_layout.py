@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import combinations, pairwise
 
-from barc_sim.figures.graph_layout import layout
+from barc_sim.figures.graph_figure import layout
 
 LOOP = [('sim', 'state'), ('state', 'pid'), ('pid', 'ecu'), ('ecu', 'sim')]
 

@@ -13,10 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 
-from barc_sim.figures.road_scene import WHEEL_RADIUS
 from barc_sim.figures.side_view import SIZE, SideView
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.bike_model import WHEEL_RADIUS, Vehicle
 
 if TYPE_CHECKING:
     from barc_sim.simulation.log import Log

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from barc_sim.figures.terrain import Terrain
+from barc_sim.figures.side_view import Terrain
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.road import Road
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from barc_sim.figures import video
+from barc_sim.figures import output
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -47,7 +47,7 @@ def test_mp4_has_every_frame_in_its_colours_and_plays_everywhere_at_its_rate(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / 'run.mp4'
-    video.write_mp4(path, images(32), size=SIZE, fps=50)
+    output.write_mp4(path, images(32), size=SIZE, fps=50)
     frames, stream = decoded(path)
     assert 'h264' in stream
     assert 'yuv420p(tv, bt709' in stream
@@ -58,7 +58,7 @@ def test_mp4_has_every_frame_in_its_colours_and_plays_everywhere_at_its_rate(
 
 def test_mp4_of_one_frame_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / 'run.mp4'
-    video.write_mp4(path, images(1), size=SIZE, fps=50)
+    output.write_mp4(path, images(1), size=SIZE, fps=50)
     assert imageio_ffmpeg.count_frames_and_secs(path)[0] == 1
 
 
@@ -67,7 +67,7 @@ def test_gif_shows_its_images_for_their_time_and_repeats(tmp_path: Path) -> None
     first = images(10)
     # The palette is the first image's: let it hold all the colours.
     first[0][:, ::2, :3] = COLOURS[1]
-    video.write_gif(path, iter([*first, *images(1)]), fps=25)
+    output.write_gif(path, iter([*first, *images(1)]), fps=25)
     with Image.open(path) as gif:
         assert gif.size == SIZE
         assert gif.info['loop'] == 0
