@@ -477,15 +477,16 @@ def _recovery(code: JudgedCode, sign: float) -> int:
     """Return the number of calls until the output leaves its limit."""
     pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
     pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
-    if pushed.max() <= _WINDING[0] * _PUSHED + _GROWN:
+    if (maximum := pushed.max()) <= _WINDING[0] * _PUSHED + _GROWN:
         raise UserError(
-            'the output does not grow while the error stays the same: is there an integral?'
+            f'the output does not grow beyond {maximum:.3g} m/s² while the error stays at '
+            f'{_PUSHED:g} m/s: is there an integral, and no small limit of it or of the output?'
         )
     pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
-    greatest = float(np.abs([*pushed, *pulled]).max())
-    if not greatest < NOT_A_CAR:
+    largest = float(np.abs([*pushed, *pulled]).max())
+    if not largest < NOT_A_CAR:
         raise UserError(
-            f'the output reaches {greatest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
+            f'the output reaches {largest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
         )
-    inside = np.flatnonzero(pulled < min(float(pushed.max()), ACCELERATION_LIMIT) - _TOLERANCE)
+    inside = np.flatnonzero(pulled < min(float(maximum), ACCELERATION_LIMIT) - _TOLERANCE)
     return int(inside[0]) if inside.size else _PULLS

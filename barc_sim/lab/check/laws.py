@@ -1,8 +1,9 @@
 """A law as formulas, and the mistakes in it: wrong formulas, each with its sentence.
 
-A lab gives its right law, a formula for each quantity, and a table of mistakes. A mistake replaces
-some formulas: a wrong program of a few lines. It is named if it gives the same numbers as the
-user's code, for the same inputs. Formulas are in Python, over arrays of NumPy.
+A lab gives its right law, a formula for each quantity, a table of mistakes, and situations in which
+the user's code is called. A mistake replaces some formulas: a wrong program of a few lines. It is
+named if it gives the same numbers as the user's code, for the same inputs. Formulas are in Python,
+over arrays of NumPy.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import combinations
+from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     Agree = Callable[['Floats', 'Floats'], bool]
 
 Floats = NDArray[np.float64]
+Range = tuple[float, float]  #: uniform between the two
 
 _FUNCTIONS = {
     'atan': np.arctan,
@@ -49,6 +52,21 @@ def read(table: str) -> tuple[Mistake, ...]:
         else:
             mistakes.append(Mistake(line, {}))
     return tuple(mistakes)
+
+
+class Situation(NamedTuple):
+    """Inputs of a law, drawn from ranges, and the results that they test."""
+
+    name: str
+    concerns: str  #: as in `'x y v'`
+    ranges: Mapping[str, Range]  #: of each input
+    fixed: Mapping[str, float]  #: further inputs
+
+    def rows(self, seed: int, count: int) -> list[list[float]]:
+        """Return `count` rows of inputs, the same for the same seed."""
+        # A string seeds the generator alike in every version of Python.
+        uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
+        return [[uniform(*each) for each in self.ranges.values()] for _ in range(count)]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from math import degrees, hypot, isfinite, pi, radians, sin
-from random import Random
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,6 +17,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.bike_mistakes import BIKE, EQUATIONS
 from barc_sim.lab.check.code import Row
 from barc_sim.lab.check.findings import NOT_A_CAR, Finding, Trajectory, judges
+from barc_sim.lab.check.laws import Situation
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import L_F, L_R, Command, State, Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
@@ -27,86 +27,80 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.code import JudgedCode
     from barc_sim.lab.check.findings import Judged
-    from barc_sim.lab.check.laws import Floats
+    from barc_sim.lab.check.laws import Floats, Range
 
 TS = 0.02  #: [s]
-COUNT = 250  #: states of each situation
 _LAB = Vehicle()
-Range = tuple[float, float]  #: uniform between the two
+#: A car that coasts on the flat; in the order of bikeFE's arguments.
+_COASTING: dict[str, Range] = {
+    'x': (-200.0, 200.0),  # [m]
+    'y': (-50.0, 50.0),  # [m]
+    'psi': (-pi, pi),  # [rad]
+    'v': (3.0, 20.0),  # [m/s]
+    'a': (0.0, 0.0),  # [m/s²]
+    'd_f': (0.0, 0.0),  # [rad]
+    'a0': (0.0, 0.0),  # [N s²/m²]
+    'm': (_LAB.mass, _LAB.mass),  # [kg]
+    'Ff': (0.0, 0.0),  # [N]
+    'theta': (0.0, 0.0),  # [rad]
+    'ts': (TS, TS),  # [s]
+}
 
 
-@dataclass(frozen=True)
-class Situation:
-    """Ranges for the arguments of `bikeFE`; by default those of a coasting car."""
-
-    name: str
-    concerns: str  #: the equations that it tests, as in `'x y v'`
-    x: Range = (-200.0, 200.0)  #: [m]
-    y: Range = (-50.0, 50.0)  #: [m]
-    psi: Range = (-pi, pi)  #: [rad]
-    v: Range = (3.0, 20.0)  #: [m/s]
-    a: Range = (0.0, 0.0)  #: [m/s²]
-    d_f: Range = (0.0, 0.0)  #: [rad]
-    a0: Range = (0.0, 0.0)  #: [N s²/m²]
-    m: Range = (_LAB.mass, _LAB.mass)  #: [kg]
-    Ff: Range = (0.0, 0.0)  #: [N]
-    theta_deg: Range = (0.0, 0.0)
-    ts: Range = (TS, TS)  #: [s]
-    lengths: Range = (L_F, L_R)  #: [m] l_f and l_r
-
-    def rows(self, seed: int, count: int = COUNT) -> list[Row]:
-        """Return `count` states, the same for the same seed."""
-        # A string seeds the generator alike in every version of Python.
-        uniform = Random(f'{seed} {self.name}').uniform  # noqa: S311 (a simulation, not a secret)
-        names = ['theta_deg' if name == 'theta' else name for name in Row._fields]
-        drawn = [[uniform(*getattr(self, name)) for name in names] for _ in range(count)]
-        return [row._replace(theta=radians(row.theta)) for row in map(Row._make, drawn)]
+def _situation(
+    name: str, concerns: str, *, l_f: float = L_F, l_r: float = L_R, **ranges: Range
+) -> Situation:
+    return Situation(name, concerns, {**_COASTING, **ranges}, {'l_f': l_f, 'l_r': l_r})
 
 
-_LEFT, _RIGHT, _BACKWARDS = (0.05, 0.5), (-0.5, -0.05), (-15.0, -3.0)
+_LEFT, _RIGHT, _STEERED = (0.05, 0.5), (-0.5, -0.05), (-0.5, 0.5)
 _COMMAND, _DRAG, _FRICTION = (1.0, 8.0), (0.1, 2.0), (20.0, 500.0)
-_TURN = Situation('a left turn', 'x y psi', d_f=_LEFT)
+_BACKWARDS = (-15.0, -3.0)
+_UPHILL, _DOWNHILL, _HILLS = (
+    (radians(low), radians(high)) for low, high in ((2.0, 30.0), (-30.0, -2.0), (-30.0, 30.0))
+)
+_TURN = _situation('a left turn', 'x y psi', d_f=_LEFT)
 
 SITUATIONS = (
-    Situation('coasting along the x axis', 'x', psi=(0.0, 0.0)),
-    Situation('accelerating on the flat', 'x y v', a=_COMMAND),
-    Situation('braking on the flat', 'v', a=(-8.0, -1.0)),
+    _situation('coasting along the x axis', 'x', psi=(0.0, 0.0)),
+    _situation('accelerating on the flat', 'x y v', a=_COMMAND),
+    _situation('braking on the flat', 'v', a=(-8.0, -1.0)),
     # Without drag and friction, because models differ in sign(0).
-    Situation('setting off', 'v', v=(0.0, 0.0), a=_COMMAND),
+    _situation('setting off', 'v', v=(0.0, 0.0), a=_COMMAND),
     _TURN,
-    Situation('a right turn', 'x y psi', d_f=_RIGHT),
-    Situation('uphill', 'v', theta_deg=(2.0, 30.0)),
-    Situation('downhill', 'v', theta_deg=(-30.0, -2.0)),
-    Situation('rolling friction', 'v', Ff=_FRICTION),
-    Situation('air drag', 'v', a0=_DRAG),
-    Situation(
+    _situation('a right turn', 'x y psi', d_f=_RIGHT),
+    _situation('uphill', 'v', theta=_UPHILL),
+    _situation('downhill', 'v', theta=_DOWNHILL),
+    _situation('rolling friction', 'v', Ff=_FRICTION),
+    _situation('air drag', 'v', a0=_DRAG),
+    _situation(
         "the lab's car on hills",
         'x y psi v',
         a=(-8.0, 8.0),
-        d_f=(-0.5, 0.5),
+        d_f=_STEERED,
         a0=(_LAB.air_drag_coeff, _LAB.air_drag_coeff),
         Ff=(_LAB.friction, _LAB.friction),
-        theta_deg=(-30.0, 30.0),
+        theta=_HILLS,
     ),
 )
 #: The lab's road has none of these.
 REVERSE = (
-    Situation('reversing to the left', 'x y psi', v=_BACKWARDS, d_f=_LEFT),
-    Situation('reversing to the right', 'x y psi', v=_BACKWARDS, d_f=_RIGHT),
-    Situation('drag and friction in reverse', 'v', v=_BACKWARDS, a0=_DRAG, Ff=_FRICTION),
-    Situation('rolling back on a hill', 'v', v=_BACKWARDS, Ff=_FRICTION, theta_deg=(2.0, 30.0)),
+    _situation('reversing to the left', 'x y psi', v=_BACKWARDS, d_f=_LEFT),
+    _situation('reversing to the right', 'x y psi', v=_BACKWARDS, d_f=_RIGHT),
+    _situation('drag and friction in reverse', 'v', v=_BACKWARDS, a0=_DRAG, Ff=_FRICTION),
+    _situation('rolling back on a hill', 'v', v=_BACKWARDS, Ff=_FRICTION, theta=_UPHILL),
 )
 GENERAL = (
-    Situation(
+    _situation(
         'another mass and time step',
         'x y psi v',
         v=(4.0, 20.0),
         a=(-4.0, 8.0),
-        d_f=(-0.5, 0.5),
+        d_f=_STEERED,
         a0=_DRAG,
         m=(500.0, 3000.0),
         Ff=_FRICTION,
-        theta_deg=(-30.0, 30.0),
+        theta=_HILLS,
         ts=(0.005, 0.1),
     ),
 )
@@ -114,7 +108,12 @@ GENERAL = (
 
 def with_lengths(l_f: float, l_r: float) -> Situation:
     """Return the situation for a function that takes the axle distances [m]."""
-    return Situation('axles at other distances', 'x y psi', d_f=(-0.5, 0.5), lengths=(l_f, l_r))
+    return _situation('axles at other distances', 'x y psi', l_f=l_f, l_r=l_r, d_f=_STEERED)
+
+
+def states(situation: Situation, seed: int, count: int = 250) -> list[Row]:
+    """Return the arguments of `bikeFE` in `count` states."""
+    return [Row(*values) for values in situation.rows(seed, count)]
 
 
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
@@ -151,8 +150,8 @@ def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[R
     """Call `bikeFE` in all of the `situations`."""
     results: list[Results] = []
     for situation in situations:
-        rows, (l_f, l_r) = situation.rows(seed), situation.lengths
-        expected = np.array([bikeFE(*row, l_f=l_f, l_r=l_r) for row in rows])
+        rows, lengths = states(situation, seed), situation.fixed
+        expected = np.array([bikeFE(*row, **lengths) for row in rows])
         part = Results(situation, rows, expected, np.full_like(expected, np.nan))
         results.append(part)
         failures = [other.failure for other in results if other.failure]
@@ -160,7 +159,7 @@ def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[R
             part.failure = failures[-1]
             continue
         try:
-            part.got = np.array(code.bike_fe(rows, l_f=l_f, l_r=l_r), dtype=np.float64)
+            part.got = np.array(code.bike_fe(rows, **lengths), dtype=np.float64)
         except UserError as error:
             part.failure = str(error)
     return results
@@ -168,7 +167,7 @@ def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[R
 
 def _at_other_lengths(code: JudgedCode, seed: int) -> tuple[Situation, ...]:
     """Return the situation at other axle distances, those that the function takes."""
-    rows = _TURN.rows(seed)
+    rows = states(_TURN, seed)
     try:
         usual = code.bike_fe(rows)
     except UserError:
@@ -258,8 +257,8 @@ def _sentences(
 
 def _mistakes(results: Sequence[Results], wrong: Sequence[str]) -> dict[str, str]:
     """Return the sentence of the mistake in each wrong equation, if the table has it."""
-    rows = [(*row, *part.situation.lengths) for part in results for row in part.rows]
-    inputs = dict(zip((*Row._fields, 'l_f', 'l_r'), np.array(rows).T, strict=True))
+    rows = [{**row._asdict(), **part.situation.fixed} for part in results for row in part.rows]
+    inputs = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     got = np.concatenate([part.got for part in results]).T
     found = BIKE.explain(
         inputs,

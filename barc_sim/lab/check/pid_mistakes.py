@@ -164,11 +164,11 @@ kd is in D twice
     D = kd**2 * change
 D has the wrong sign: it is {_D}, or with the measured speed -kd * (v - v_before) / dt
     D = -kd * change
-D does not store the error of the last call: set e_before at the end of each call
+D does not store the error of the last call: set e_before = e at the end of each call
     D = kd * e
-D does not store the error of the last call: set e_before at the end of each call
+D does not store the error of the last call: set e_before = e at the end of each call
     D = kd * (e - e[:, :1])
-D does not store the error of the last call: set e_before at the end of each call
+D does not store the error of the last call: set e_before = e at the end of each call
     D = kd * measured
 D adds the error of the last call: it is {_D}
     D = kd * (e + before(e))
@@ -195,8 +195,8 @@ _FORMS = {
     'I': tuple({'area': area} for area in [*_AREAS, *(f'delayed({area})' for area in _AREAS)]),
     'D': ({}, {'change': 'before(measured) - measured'}),
 }
-#: Inputs are reference and measured [m/s], dt [s], kp, ki and kd; low and high are the least and
-#: greatest output [m/s²].
+#: Inputs are reference and measured [m/s], dt [s], kp, ki and kd; low and high are the user's
+#: minimum and maximum output [m/s²].
 TERM_LAWS = {
     name: Law(_RIGHT, mistakes, _FORMS[name], _FUNCTIONS)
     for name, mistakes in zip('PID', MISTAKES.values(), strict=True)

@@ -1,0 +1,211 @@
+"""Wrong code gets less than full marks, and a sentence on its mistake.
+
+`test_mistakes` tries every mistake of the tables, `student_code` whole submissions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from user_files import replaced
+
+from barc_sim.lab.check.controller import judge_controller
+from barc_sim.lab.check.judging import Settings, judge
+from barc_sim.lab.check.model import judge_equations, judge_reverse, judge_trajectory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.lab.check.code import LocalCode
+    from barc_sim.lab.check.findings import Finding
+
+    Lab = Callable[..., LocalCode]
+
+#: What is replaced, by what; the criteria that are not met then; a part of the first one's message.
+MODELS = {
+    'order': ('psi_next, v_next]', 'v_next, psi_next]', 'psi v', 'the order is [x_next, y_next'),
+    'bracket': ('(a + F_ext / m)', 'a + F_ext / m', 'v', 'F_ext / m is not multiplied by ts'),
+    'ts of its own': ('):\n    beta', '):\n    ts = 0.01\n    beta', 'x y psi v', 'ts is always'),
+    'l_f for l_r in psi': ('/ l_r * sin', '/ l_f * sin', '', 'l_f is used in place of l_r'),
+    'ts of x': ('x + ts', 'x + 0.02', '', 'ts is always 0.02 in x_next'),
+    'no reverse': ('i_next, v_next]', 'i_next, max(v_next, 0.0)]', '', 'the car can reverse'),
+}
+CONTROLLERS = {
+    'own kp': ('self.kp * e', '2.0 * e', 'proportional integral derivative', 'kp has no effect'),
+    'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'do not use abs'),
+    'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
+    'a window': (
+        'area = self.area + e * dt',
+        'self.all = [*getattr(self, "all", []), e][-7:]; area = dt * sum(self.all)',
+        'integral reset',
+        'I adds up the last 7 errors only',
+    ),
+    'another dt': ('e * dt', 'e * 0.05', 'dt', 'I uses dt = 0.05 s'),
+    'P times dt': ('self.kp * e', 'self.kp * e * dt', 'dt', 'P is multiplied by dt'),
+    'D times dt': ('change / dt', 'change * dt', 'dt', 'D is multiplied by dt'),
+    'rounded': ('min(8.0, out))', 'round(min(8.0, out), 2))', '', 'rounded to 2 digits'),
+    'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
+    'kp in all': (
+        'self.ki * area + self.kd * change / dt',
+        'self.kp * (self.ki * area + self.kd * change / dt)',
+        'integral derivative',
+        'kp multiplies the ki term, too',
+    ),
+    'no bounds at all': (
+        'return max(-8.0, min(8.0, out))',
+        'self.n = -getattr(self, "n", 1e308); return self.n',
+        'proportional integral derivative windup reset',
+        'the gains that PID gets have no effect',
+    ),
+}
+
+
+def of_pid(code: LocalCode) -> dict[str, Finding]:
+    return {finding.criterion: finding for finding in judge_controller(code, seed=0)}
+
+
+def failed(findings: dict[str, Finding]) -> set[str]:
+    return {name for name, finding in findings.items() if finding.score < 1.0}
+
+
+@pytest.mark.parametrize('name', MODELS)
+def test_the_mistake_in_a_model_is_named(lab: Lab, model: str, name: str) -> None:
+    old, new, equations, words = MODELS[name]
+    findings = judge(lab(replaced(model, (old, new))), Settings(seed=0))
+    wrong = [f for f in findings[:7] if f.score < 1.0 and f.criterion != 'model.trajectory']
+    # Each mistake in an equation shows beyond the lab's road, too.
+    of_road = [f'model.{name}' for name in equations.split()]
+    assert [f.criterion for f in wrong][: len(of_road)] == of_road
+    assert {'model.reverse', 'model.general'} & {f.criterion for f in wrong}
+    assert all(words in finding.message for finding in wrong)
+
+
+@pytest.mark.parametrize('name', CONTROLLERS)
+def test_the_mistake_in_a_pid_is_named(lab: Lab, controller: str, name: str) -> None:
+    old, new, criteria, words = CONTROLLERS[name]
+    findings = of_pid(lab(controller=replaced(controller, (old, new))))
+    names = [f'pid.{criterion}' for criterion in criteria.split()]
+    if names:
+        others = {'pid.first_call'} | ({'pid.dt'} - {*names})
+        assert failed(findings) - others == set(names)
+    assert words in findings[names[0] if names else 'pid.proportional'].message
+
+
+def test_what_nothing_explains_is_shown_with_its_largest_error(lab: Lab, model: str) -> None:
+    *_, speed = judge_equations(lab(model.replace('sin(theta)', 'sin(theta)**3')), seed=0)
+    assert speed.message.startswith('v_next is wrong in: uphill, downhill, ')
+    assert 'The largest error: bikeFE(x=' in speed.message
+    assert 'expected' in speed.message
+
+
+@pytest.mark.parametrize(
+    ('head', 'extra'),
+    [('import random', '1e-3 * random.random()'), ('calls = []', 'calls.append(0) or len(calls)')],
+    ids=['random', 'global'],
+)
+def test_states_that_change_from_call_to_call_are_named(
+    lab: Lab, model: str, head: str, extra: str
+) -> None:
+    text = f'{head}\n{model}'.replace('[x_next', f'[x_next + ({extra})')
+    findings = judge_equations(lab(text), seed=0)
+    assert all(finding.score == 0.0 for finding in findings)
+    assert 'the same arguments give different results' in findings[0].message
+
+
+@pytest.mark.parametrize(
+    ('body', 'words'),
+    [
+        ('    raise NotImplementedError', 'TODO'),
+        ('    pass', 'is its return missing?'),
+        ('    return [x, y, psi]', 'four finite numbers'),
+        ('    return [x, y, psi, float("nan")]', 'four finite numbers'),
+        ('    return "x"', 'four finite numbers'),
+        ('    return [x, y, psi, v]', 'does not change: is '),
+        ('    return [0.0, 0.0, 0.0, 0.0]', 'is always 0'),
+    ],
+)
+def test_an_empty_model_gets_zero(lab: Lab, model: str, body: str, words: str) -> None:
+    code = lab(f'{model[: model.index("    beta")]}{body}\n')
+    findings = [*judge_equations(code, seed=0), judge_trajectory(code)]
+    assert [finding.score for finding in findings] == [0.0] * 5
+    assert all(words in finding.message for finding in findings[:4])
+
+
+@pytest.mark.parametrize('body', ['raise NotImplementedError', 'pass', 'return 0.0', 'return 3.0'])
+def test_an_empty_pid_gets_zero(lab: Lab, controller: str, body: str) -> None:
+    head, acc, _ = controller.partition('    def acc_calculate')
+    text = f'{head}{acc}(self, speed_reference, speed_current):\n        {body}\n'
+    assert [finding.score for finding in of_pid(lab(controller=text)).values()] == [0.0] * 7
+
+
+def test_a_failure_in_reverse_costs_only_that(lab: Lab, model: str) -> None:
+    code = lab(model.replace('    beta =', '    assert v >= 0, "no reverse"\n    beta ='))
+    assert all(finding.passed for finding in judge_equations(code, seed=0))
+    finding = judge_reverse(code, seed=0)
+    assert finding.score == 0.0
+    assert 'no reverse' in finding.message
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'score', 'words'),
+    [
+        ('+ gravity', '', 0.5, 'm/s away'),
+        ('ts * (a', '1e6 * v + ts * (a', 0.1, 'and then grows without limit'),
+    ],
+)
+def test_a_drive_away_from_the_references(
+    lab: Lab, model: str, old: str, new: str, score: float, words: str
+) -> None:
+    finding = judge_trajectory(lab(replaced(model, (old, new))))
+    assert finding.score < score
+    assert 'leaves the reference after' in finding.message
+    assert words in finding.message
+
+
+def test_random_outputs_are_named(lab: Lab, controller: str) -> None:
+    text = 'import random\n' + controller.replace('return max(', 'return random.random() + max(')
+    findings = of_pid(lab(controller=text))
+    assert findings['pid.reset'].score == 0.0
+    assert len(failed(findings)) > 3
+    for name in failed(findings):
+        assert 'the same speeds give different outputs' in findings[name].message
+
+
+@pytest.mark.parametrize(
+    ('names', 'words'),
+    [
+        (['area'], 'the integral'),
+        (['before'], 'the last error'),
+        (['area', 'before'], 'the integral and the last error'),
+    ],
+)
+def test_what_is_kept_across_runs_is_named(
+    lab: Lab, controller: str, names: list[str], words: str
+) -> None:
+    head, reset, tail = controller.partition('    def reset(self):\n')
+    body, acc, rest = tail.partition('    def acc_calculate')
+    kept = controller
+    for name in names:
+        body = ''.join(line for line in body.splitlines(keepends=True) if name not in line)
+        kept = kept.replace(f'        self.{name} = 0.0\n', '').replace(
+            f'        self.{name} = None\n', ''
+        )
+        kept = kept.replace(f'self.{name}', f'kept.{name}')
+    if len(names) == 2:
+        kept = kept.replace('    def reset(self):\n', '')
+    kept = f'class kept:\n    area = 0.0\n    before = None\n\n\n{kept}'
+    findings = of_pid(lab(controller=kept))
+    assert f'one run changes the next ({words})' in findings['pid.reset'].message
+    assert failed(findings) == {'pid.reset'}
+    findings = of_pid(lab(controller=f'{head}{reset}        "Start anew."\n{body}\n{acc}{rest}'))
+    assert failed(findings) == {'pid.reset'}
+    assert findings['pid.reset'].message == f'reset() does not clear {words}'
+
+
+def test_a_clock_is_told_from_what_is_kept_across_runs(lab: Lab, controller: str) -> None:
+    text = controller.replace('dt = 0.02', 'dt = next(clock)')
+    text = f'from itertools import count\n\nclock = (1e-5 * k for k in count(1))\n\n\n{text}'
+    findings = of_pid(lab(controller=text))
+    assert findings['pid.reset'].score == 0.0
+    assert 'It is called every 0.02 s' in findings['pid.reset'].message
