@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.batch import Failure
-    from barc_sim.lab.grade.report import Report
+    from barc_sim.lab.grade.grade import Report
 
     _Outcome = tuple[Path, Report | Failure]
 
@@ -138,7 +138,7 @@ def _collect(
     outcomes: Iterable[_Outcome], out: Path, folders: dict[Path, Path]
 ) -> tuple[list[Report], dict[str, Failure], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
-    from barc_sim.lab.grade.report import Report  # noqa: PLC0415
+    from barc_sim.lab.grade.grade import Report  # noqa: PLC0415
 
     reports: list[Report] = []
     failures: dict[str, Failure] = {}

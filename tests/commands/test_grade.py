@@ -25,7 +25,7 @@ from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import check
-from barc_sim.lab.grade.report import Report
+from barc_sim.lab.grade.grade import Report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -476,6 +476,7 @@ _HOSTILE_CODE = {
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # 45 gradings
 @pytest.mark.usefixtures('graded')  # where code can be confined
 def test_the_honest_half_of_a_class_gets_what_it_gets_alone(tmp_path: Path) -> None:
     folder, out = tmp_path / 'class', tmp_path / 'grades'

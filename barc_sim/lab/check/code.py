@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.lab.user_code.gains import ChosenGains
-from barc_sim.lab.user_code.loading import Functions, UserCode
+from barc_sim.lab.user_code.loading import Functions, UserCode, find_file
 from barc_sim.lab.user_code.ros_world import Command, TimedTwist
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 
 class Row(NamedTuple):
@@ -125,15 +126,17 @@ class JudgedController:
 class LocalCode(JudgedCode):
     """User code called in this process: nothing stops an endless loop."""
 
-    def __init__(self, user_code: UserCode) -> None:
-        """Judge the parts of `user_code`."""
+    def __init__(self, source: UserCode | Path) -> None:
+        """Judge the parts of user code, or the files in a folder."""
         super().__init__()
-        self._user_code = user_code
-        self._functions = Functions(user_code)
+        self._source = source
+        self._functions = Functions(source)
 
     def has(self, part: str, /) -> bool:
         """Return whether there is this part of `FILES`."""
-        return getattr(self._user_code, part) is not None
+        if isinstance(self._source, UserCode):
+            return getattr(self._source, part) is not None
+        return find_file(self._source, part) is not None
 
     def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return the result of a function of `Functions`."""

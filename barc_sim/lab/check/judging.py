@@ -1,23 +1,17 @@
 """Judges a user's model, controller and relay by the criteria of a rubric.
 
-`judge` calls the code where it is told to; `judge_folder` loads a folder in a separate process, so
-that its code cannot hang or end the command.
+`judge` calls the code where it is told to; `judge_folder` in a separate process, so that the code
+cannot hang or end the command.
 """
 
 from __future__ import annotations
 
-import io
-import multiprocessing
-import time
-from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from math import inf
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
-from barc_sim.errors import UserError
-from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.controller import judge_controller
 from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, RELAY, Finding
 from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
@@ -28,23 +22,20 @@ from barc_sim.lab.check.model import (
     judge_trajectory,
 )
 from barc_sim.lab.check.relay import judge_relay
-from barc_sim.lab.user_code.call import without_addresses
+from barc_sim.lab.confined.code import ConfinedCode
+from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.user_code.gains import ChosenGains
-from barc_sim.lab.user_code.loading import FILES, UserCode, find_file, load_folder
+from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
-    from multiprocessing.connection import Connection
     from pathlib import Path
 
     from barc_sim.lab.check.code import JudgedCode
 
 _DEFAULT = ChosenGains(KP, KI, KD, "barc_sim's own, because controller.py chooses none")
-#: [s] Limit for one call of user code; a call in Python is ended then, with a message.
-CALL_BUDGET = 0.5
-#: [s] Limit for the process, which ends a sleep or a loop in C.
-DEADLINE = 45.0
-_CHARACTERS = 400  #: kept of the printed text
+#: Of `check`: whoever waits has written the code.
+_CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
 
 
 @dataclass(frozen=True)
@@ -118,107 +109,24 @@ def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
 
 
 @dataclass(frozen=True)
-class Printed:
-    """The first characters that user code prints."""
-
-    text: str = ''
-    dropped: int = 0  #: further lines
-
-
-class _Printer(io.TextIOBase):
-    """Receives the printed text; keeps only its beginning."""
-
-    def __init__(self) -> None:
-        self._text = ''
-        self._dropped = 0
-
-    def write(self, text: str, /) -> int:
-        """Keep the text that fits, and count further lines."""
-        room = max(_CHARACTERS - len(self._text), 0)
-        self._text += text[:room]
-        self._dropped += text[room:].count('\n')
-        return len(text)
-
-    def printed(self) -> Printed:
-        return Printed(without_addresses(self._text), self._dropped)
-
-
-@dataclass(frozen=True)
 class Report:
     """The findings on a folder, and the text that its code printed."""
 
     findings: list[Finding]  #: of each criterion asked for
-    printed: Printed
-    gains: ChosenGains | None = None  #: that drove the roads
-    tolerated: tuple[str, ...] = ()  #: a phrase each
+    printed: str  #: the first output of its code
+    gains: ChosenGains | None  #: that drove the roads
+    tolerated: tuple[str, ...]  #: a phrase each
 
 
 def judge_folder(
-    folder: Path, settings: Settings, *, budget: float = CALL_BUDGET, deadline: float = DEADLINE
+    folder: Path, settings: Settings, limits: Limits = _CHECKED, *, sandbox: bool = False
 ) -> Report:
-    """Return the findings on the files in `folder`, after `deadline` [s] at the latest.
+    """Return the findings on the files in `folder`, whose functions a process with limits calls.
 
-    A call of its code may take `budget` [s]. There may be no files.
+    There may be no files. Without `sandbox` their code is not confined: it is the user's own.
     """
-    # A new interpreter, without the imports and patches of this process.
-    context = multiprocessing.get_context('spawn')
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(theirs, folder, settings, budget), daemon=True)
-    process.start()
-    theirs.close()
-    end = time.monotonic() + deadline
-    found: dict[str, Finding] = {}
-    wanted = [name for name in CRITERIA if name in settings.criteria]
-    report = Report([], Printed())
-    lost = f'no result within {deadline:g} s: is there an endless loop, or a sleep?'
-    try:
-        while len(found) < len(wanted) and ours.poll(max(end - time.monotonic(), 0.0)):
-            report = ours.recv()
-            found |= {finding.criterion: finding for finding in report.findings}
-    except EOFError:
-        process.join()
-        lost = f'the code ended the whole process, with exit code {process.exitcode}'
-    finally:
-        process.kill()
-        process.join()
-        ours.close()
-    findings = [found.get(name) or Finding(name, 0.0, lost) for name in wanted]
-    return replace(report, findings=findings)
-
-
-def _work(connection: Connection, folder: Path, settings: Settings, budget: float) -> None:
-    printer = _Printer()
-    with redirect_stdout(printer), redirect_stderr(printer):
-        user_code = load_parts(folder, budget)
-        code = LocalCode(user_code)
+    with ConfinedCode(folder, limits, sandbox=sandbox) as code:
+        found = judge(code, settings)
         gains = gains_used(code, settings) if code.has('controller') else None
-        for finding in _findings(code, settings):
-            connection.send(Report([finding], printer.printed(), gains, user_code.tolerated))
-
-
-def load_parts(folder: Path, budget: float | None) -> UserCode:
-    """Return the parts of a folder; those that cannot be loaded raise their error at each call."""
-    parts: dict[str, Any] = {}
-    tolerated: dict[str, None] = {}
-    for part in FILES:
-        if find_file(folder, part):
-            try:
-                lab = load_folder(folder, [part], budget=budget, packages=False)
-            except UserError as error:
-                parts[part] = _Failing(error)
-            else:
-                parts[part] = getattr(lab, part)
-                tolerated |= dict.fromkeys(lab.tolerated)
-    return UserCode(**parts, tolerated=tuple(tolerated))
-
-
-class _Failing:
-    """Takes the place of a part; each call raises the error."""
-
-    def __init__(self, error: UserError) -> None:
-        self._error = error
-
-    def __call__(self, *_: object, **__: object) -> NoReturn:
-        raise self._error
-
-    commands = __call__
+        tolerated = code.tolerated()
+    return Report(found, code.printed, gains, tolerated)

@@ -8,15 +8,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from barc_sim.lab.text import one_line
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from barc_sim.lab.check.findings import Finding
-    from barc_sim.lab.check.judging import Printed, Report
+    from barc_sim.lab.check.judging import Report
     from barc_sim.lab.grade.rubric import Rubric
 
 _PIPE = 10_000  #: columns: a line is never broken
-_LINES = 5  #: of the text that user code printed
+_LINES, _WIDTH = 5, 100  #: of the text that user code printed
 
 
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
@@ -88,15 +90,15 @@ def _print_table(console: Console, header: Sequence[str], rows: Iterable[tuple[T
         console.out(line.rstrip(), highlight=False)
 
 
-def _print_output(printed: Printed, console: Console) -> None:
-    if not printed.text:
+def _print_output(printed: str, console: Console) -> None:
+    if not printed:
         return
     _plain(console, 'your code printed:')
-    lines = printed.text.splitlines()
+    lines = printed.splitlines()
     for line in lines[:_LINES]:
-        _plain(console, f'  {line}')
-    if more := printed.dropped + len(lines[_LINES:]):
-        _plain(console, f'  … and {more:,} more lines')
+        _plain(console, f'  {one_line(line, _WIDTH)}')
+    if lines[_LINES:]:
+        _plain(console, '  … and more')
 
 
 def _plain(console: Console, text: str) -> None:

@@ -16,6 +16,7 @@ import signal
 import sys
 from importlib.abc import MetaPathFinder
 from importlib.util import spec_from_file_location
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
     from barc_sim.lab.user_code.budget import OutOfTime  # noqa: PLC0415
     from barc_sim.lab.user_code.loading import Functions  # noqa: PLC0415
 
-    call = Functions().call
+    call = Functions(Path()).call
     if not hasattr(signal, 'setitimer'):  # Windows: the grader ends the process
         return call
 

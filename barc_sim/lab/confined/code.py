@@ -93,8 +93,8 @@ class ConfinedCode(JudgedCode):
 
     def _out_of_time(self) -> str:
         return (
-            f'the code has used up the {self._limits.total:g} s that a submission has '
-            '(--time-limit); does it sleep, or wait for something?'
+            f'the code has used up the {self._limits.total:g} s that it has in all; does it '
+            'sleep, or wait for something?'
         )
 
     def close(self) -> None:

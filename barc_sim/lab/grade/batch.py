@@ -15,7 +15,7 @@ from multiprocessing import connection
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.dask_cluster import client
-from barc_sim.lab.grade.report import report
+from barc_sim.lab.grade.grade import report
 from barc_sim.lab.grade.submissions import read
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.lab.confined.process import Limits
-    from barc_sim.lab.grade.report import Report
+    from barc_sim.lab.grade.grade import Report
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.submissions import Submission
 

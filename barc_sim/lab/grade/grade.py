@@ -1,26 +1,36 @@
-"""The grade of a submission: the findings of `lab.check`, weighted by the rubric."""
+"""The grade of a submission: findings weighted by the rubric, as HTML and for Gradescope."""
 
 from __future__ import annotations
 
 import hashlib
+import io
+import json
 import tempfile
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.check.judging import Printed, Report, gains_used, judge, judge_folder
-from barc_sim.lab.confined.code import ConfinedCode
-from barc_sim.lab.confined.process import ON_LINUX
+from barc_sim.lab.check.figure import check_figure
+from barc_sim.lab.check.findings import LABELS, Comparison, Trajectory
+from barc_sim.lab.check.judging import judge_folder
+from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import PARTS, graded
+from barc_sim.lab.html import data_url, render
 from barc_sim.lab.text import printable
 from barc_sim.lab.user_code.loading import FILES
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.findings import Comparison, Trajectory
-    from barc_sim.lab.check.judging import Settings
+    from collections.abc import Mapping
+
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.submissions import Submission
+
+
+_DPI = 100
+# Matplotlib's settings are global, and several threads can draw.
+_DRAWING = threading.Lock()
 
 
 class Item(NamedTuple):
@@ -59,18 +69,6 @@ class Grade:
         return round(sum(item.max_points for item in self.items), 2)
 
 
-def _judge(folder: Path, settings: Settings, limits: Limits, *, sandbox: bool) -> Report:
-    """Judge files; their functions are called in a process with limits."""
-    if not ON_LINUX:  # as `barc check` does, where no process can be confined
-        assert not sandbox  # noqa: S101 (refused before)
-        return judge_folder(folder, settings, budget=limits.call, deadline=limits.total)
-    with ConfinedCode(folder, limits, sandbox=sandbox) as code:
-        found = judge(code, settings)
-        gains = gains_used(code, settings) if code.has('controller') else None
-        tolerated = code.tolerated()
-    return Report(found, Printed(code.printed), gains, tolerated)
-
-
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
 
@@ -85,7 +83,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         notes = (*notes, 'its code was not confined, as --unconfined asks for')
     with tempfile.TemporaryDirectory(prefix='barc_sim_grade_') as folder:
         submission.write(Path(folder))
-        found = _judge(Path(folder), rubric.settings, limits, sandbox=sandbox)
+        found = judge_folder(Path(folder), rubric.settings, limits, sandbox=sandbox)
     findings = {finding.criterion: finding for finding in found.findings}
     items = []
     for criterion, worth in rubric.worth(findings.values()).items():
@@ -101,6 +99,105 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         notes=notes,
         gains=printable(str(found.gains or '')),
         tolerated=tuple(map(printable, found.tolerated)),
-        printed=printable(found.printed.text),
+        printed=printable(found.printed),
         hashes=tuple((name, hashlib.sha256(submission.files[name]).hexdigest()) for name in files),
     )
+
+
+class Report(NamedTuple):
+    """The numbers of a grade, and the contents of its files by name."""
+
+    name: str
+    score: float
+    max_score: float
+    points: dict[str, float]  #: by criterion
+    remark: str  #: notes, and the message of the criterion that lost most points
+    files: dict[str, bytes]
+    notes: tuple[str, ...] = ()  #: on files that were left out
+    mistakes: Mapping[str, str] = {}  #: message of each criterion that lost points
+    passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
+
+
+def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
+    """Judge a submission and return its files, in memory."""
+    result = grade(submission, rubric, limits, sandbox=sandbox)
+    worst = max(result.items, key=lambda item: item.max_points - item.points)
+    mistakes = {
+        item.criterion: item.message for item in result.items if item.points < item.max_points
+    }
+    return Report(
+        name=result.name,
+        score=result.score,
+        max_score=result.max_score,
+        points={item.criterion: item.points for item in result.items},
+        remark='; '.join(
+            (
+                *result.notes,
+                *([f'{LABELS[worst.criterion]}: {worst.message}'] if mistakes else ()),
+            )
+        ),
+        files={
+            'results.json': gradescope(result).encode(),
+            'report.html': page(result, _figure(result)).encode(),
+        },
+        notes=result.notes,
+        mistakes=mistakes,
+        passages=passages(submission.files),
+    )
+
+
+def _figure(grade: Grade) -> bytes:
+    """Return the runs that were judged as a PNG; empty if there are none."""
+    evidence = [item.evidence for item in grade.items]
+    runs = next((each for each in evidence if isinstance(each, Comparison)), None)
+    states = next((each for each in evidence if isinstance(each, Trajectory)), None)
+    if runs is None and states is None:
+        return b''
+    data = io.BytesIO()
+    with _DRAWING:
+        check_figure(runs, states).savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
+    return data.getvalue()
+
+
+def page(grade: Grade, figures: bytes) -> str:
+    """Return the HTML report; `figures` is a PNG, or empty."""
+    return render(
+        'grade',
+        grade=grade,
+        score=f'{grade.score:g} / {grade.max_score:g}',
+        labels=LABELS,
+        figures=data_url('image/png', figures) if figures else '',
+    )
+
+
+def gradescope(grade: Grade) -> str:
+    """Return the text of Gradescope's `results.json`.
+
+    https://gradescope-autograders.readthedocs.io/en/latest/specs/
+    """
+    tests = [
+        {
+            'name': LABELS[item.criterion],
+            'number': item.criterion,
+            'score': item.points,
+            'max_score': item.max_points,
+            'status': 'passed' if item.points == item.max_points else 'failed',
+            'output': item.message,
+            'output_format': 'text',
+            'visibility': grade.visibility,
+        }
+        for item in grade.items
+    ]
+    remarks = {'gains': grade.gains, 'tolerated': '; '.join(grade.tolerated)}
+    content = {
+        'score': grade.score,
+        'output': '\n'.join(
+            [*grade.notes, *(f'{name}: {text}' for name, text in remarks.items() if text)]
+        ),
+        'output_format': 'text',
+        'visibility': grade.visibility,
+        'stdout_visibility': 'hidden',
+        'tests': tests,
+        'extra_data': {'seed': grade.seed, 'sha256': dict(grade.hashes)},
+    }
+    return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'

@@ -238,15 +238,16 @@ def _named(folder: Folder, path: Path, budget: float | None, names: list[str]) -
 class Functions:
     """The functions of a user's files, called by name; each file is loaded at its first call."""
 
-    def __init__(self, code: UserCode | None = None) -> None:
-        """Call those of `code`, or of the files in the current folder."""
+    def __init__(self, source: UserCode | Path) -> None:
+        """Call those of user code, or of the files in a folder."""
         self._parts: dict[str, Any] = {}
         self._faults: dict[str, UserError] = {}
         self._tolerated: dict[str, None] = {}
         self._controllers: dict[int, UserPid] = {}
-        if code:
-            self._parts = {part: getattr(code, part) for part in FILES}
-            self._tolerated = dict.fromkeys(code.tolerated)
+        self._folder = Path() if isinstance(source, UserCode) else source
+        if isinstance(source, UserCode):
+            self._parts = {part: getattr(source, part) for part in FILES}
+            self._tolerated = dict.fromkeys(source.tolerated)
 
     def call(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
         """Return what the function `name` returns, one of those below."""
@@ -312,7 +313,7 @@ class Functions:
             raise self._faults[part]
         if part not in self._parts:
             try:
-                loaded = load_folder(Path(), [part], budget=None, packages=False)
+                loaded = load_folder(self._folder, [part], budget=None, packages=False)
             except UserError as error:
                 self._faults[part] = error
                 raise

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.lab.check.findings import CRITERIA
 from barc_sim.lab.check.judging import Settings, judge_folder
+from barc_sim.lab.confined.process import Limits
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,21 +25,20 @@ def test_a_folder_is_judged_by_all_criteria(tmp_path: Path, model: str, controll
     report = judge_folder(write(tmp_path, model, controller), Settings())
     assert tuple(finding.criterion for finding in report.findings) == CRITERIA
     assert all(finding.passed for finding in report.findings[:16])
-    assert report.printed.text == ''
+    assert report.printed == ''
     assert [finding.evidence is not None for finding in report.findings].count(True) == 2
 
 
 def test_a_sleep_ends_at_the_deadline(tmp_path: Path, model: str, controller: str) -> None:
     folder = write(tmp_path, model, f'import time\ntime.sleep(1000)\n{controller}')
-    report = judge_folder(folder, Settings(), deadline=1.0)
-    assert len(report.findings) == len(CRITERIA)
-    assert all(finding.score == 0.0 for finding in report.findings)
-    assert report.findings[0].message.startswith('no result within 1 s: ')
+    report = judge_folder(folder, Settings(), Limits(wait=1.0, total=30.0))
+    assert [finding.passed for finding in report.findings] == [True] * 7 + [False] * 16
+    assert 'does it sleep, or wait for something?' in report.findings[7].message
 
 
 def test_an_endless_loop_is_named_and_the_rest_judged(tmp_path: Path, controller: str) -> None:
     folder = write(tmp_path, f'{SIGNATURE}    while True:\n        pass\n', controller)
-    report = judge_folder(folder, Settings(), budget=0.1)
+    report = judge_folder(folder, Settings(), Limits(call=0.3))
     assert [finding.passed for finding in report.findings[:16]] == [False] * 7 + [True] * 9
     assert 'bike_model.py, line ' in report.findings[0].message
     assert 'is there an endless loop?' in report.findings[0].message
@@ -52,12 +52,12 @@ def test_code_that_ends_the_process_costs_what_is_left(tmp_path: Path, model: st
     )
     report = judge_folder(write(tmp_path, model, text), Settings())
     assert [finding.passed for finding in report.findings] == [True] * 7 + [False] * 16
-    assert report.findings[15].message == 'the code ended the whole process, with exit code 3'
+    assert 'has ended itself with exit code 3' in report.findings[15].message
 
 
-def test_of_prints_the_beginning_is_kept_and_the_rest_counted(tmp_path: Path, model: str) -> None:
+def test_of_prints_the_beginning_is_kept(tmp_path: Path, model: str) -> None:
     text = model.replace('    beta =', '    print("v is", v)\n    beta =')
     printed = judge_folder(write(tmp_path, text), Settings()).printed
-    assert printed.text.startswith('v is ')
-    assert len(printed.text) < 1000
-    assert printed.dropped > 4000
+    assert printed.startswith('v is ')
+    assert printed.endswith('[and more]')
+    assert len(printed) < 20_000

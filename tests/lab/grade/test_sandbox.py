@@ -146,7 +146,7 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     with ConfinedCode(path, Limits(total=1.0)) as code, suppress(UserError):
         for _ in range(100):
             code.bike_fe([ROW])
-    with pytest.raises(UserError, match=r'used up the 1 s .* \(--time-limit\)'):
+    with pytest.raises(UserError, match=r'used up the 1 s that it has'):
         code.bike_fe([ROW])
 
     assert time.monotonic() - began < 10.0
