@@ -29,9 +29,8 @@ from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.figures.top_view import TopView
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.log import COLUMNS, Log
+from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, slip_angle, step
-from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
-from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

@@ -9,13 +9,7 @@ if TYPE_CHECKING:
 
 
 class Gain(NamedTuple):
-    """A number that tunes a controller.
-
-    Examples
-    --------
-    >>> Gain(default=30.0, unit='1/s', meaning='proportional gain', slider=100.0).between
-    (0.0, 1000000.0)
-    """
+    """A number that tunes a controller."""
 
     default: float
     unit: str
@@ -31,15 +25,6 @@ class Controller(Protocol):
     messages in the bag and the plots follow from `gains` and `terms`. Each name in them is an
     attribute of the controller, too: a gain may be set at any time, a term is that of the latest
     call. `acc_calculate` keeps its output within `[output_min, output_max]`.
-
-    Examples
-    --------
-    >>> from barc_sim.control.types import new_controller
-    >>> controller = new_controller('pid', {'kp': 2.0, 'ki': 0.0, 'kd': 0.0})
-    >>> controller.acc_calculate(8.0, 7.0, 0.02)
-    2.0
-    >>> [*controller.terms]
-    ['proportional', 'integral', 'derivative']
     """
 
     gains: Mapping[str, Gain]

@@ -107,7 +107,7 @@ class CruiseControl:
         limit = Parameter(
             'acceleration_limit',
             acceleration_limit,
-            'greatest acceleration commanded, either way [m/s²]',
+            'maximum acceleration commanded, either way [m/s²]',
             (0.01, NO_LIMIT),
         )
         return [*gains, limit, *_PARAMETERS]

@@ -1,8 +1,8 @@
 """Driving by hand: turns a driver's input into acceleration and steering, within the car's limits.
 
-A `geometry_msgs/Twist` holds the driver's input in shares from -1 to 1: `linear.x` of the greatest
-acceleration or deceleration, `angular.z` of the greatest steering rate. A negative `linear.z` is
-the brake: that share of the greatest deceleration, against the direction of travel, down to a
+A `geometry_msgs/Twist` holds the driver's input in shares from -1 to 1: `linear.x` of the maximum
+acceleration or deceleration, `angular.z` of the maximum steering rate. A negative `linear.z` is
+the brake: that share of the maximum deceleration, against the direction of travel, down to a
 standstill, while the wheel returns to straight. The brake stays on until the next input, even
 after its Twist is stale. Zero is coasting.
 

@@ -19,11 +19,6 @@ def feedback_gain(speed_weight: float, effort_weight: float, dt: float) -> float
         P = (q dt² + √(q² dt⁴ + 4 q r dt²)) / (2 dt²)      K = dt P / (r + dt² P)
 
     (Åström and Wittenmark, "Computer-Controlled Systems", 11.3.)
-
-    Examples
-    --------
-    >>> round(feedback_gain(speed_weight=100.0, effort_weight=1.0, dt=0.02), 3)
-    9.05
     """
     weighted = speed_weight * dt * dt
     cost = (weighted + sqrt(weighted * (weighted + 4.0 * effort_weight))) / (2.0 * dt * dt)

@@ -46,12 +46,6 @@ def pid_step(
         [s] since the previous sample; 0 for the first, to which `previous` does not matter.
     kp, ki, kd, low, high
         Gains, and limits of the output [m/s²].
-
-    Examples
-    --------
-    >>> output, p, i, d, saturated = pid_step(8.0, 7.0, 7.0, 0.0, 0.02, 10.0, 5.0, 0.0, -8.0, 8.0)
-    >>> output, p, i, saturated
-    (8.0, 10.0, 0.0, True)
     """
     error = reference - measured
     proportional = kp * error
@@ -192,11 +186,5 @@ class PID:
 def speed_controller(
     kp: float = KP, ki: float = KI, kd: float = KD, limit: float = ACCELERATION_LIMIT
 ) -> PID:
-    """Return the run's controller: a PID whose output is within ±`limit` [m/s²].
-
-    Examples
-    --------
-    >>> speed_controller().acc_calculate(8.0, 0.0)
-    8.0
-    """
+    """Return the run's controller: a PID whose output is within ±`limit` [m/s²]."""
     return PID(kp, ki, kd, output_min=-limit, output_max=limit)

@@ -33,13 +33,7 @@ def new_controller(
     gains: Mapping[str, float] | None = None,
     limit: float = ACCELERATION_LIMIT,
 ) -> Controller:
-    """Return a controller of a type, with these gains and an output within ±`limit` [m/s²].
-
-    Examples
-    --------
-    >>> new_controller('lqr', {'speed_weight': 100.0}).speed_weight
-    100.0
-    """
+    """Return a controller of a type, with these gains and an output within ±`limit` [m/s²]."""
     controller = TYPES[kind]()
     for name, value in (gains or {}).items():
         setattr(controller, name, value)

@@ -30,7 +30,7 @@ from barc_sim.figures.style import (
     use_measurement,
 )
 from barc_sim.simulation import metrics
-from barc_sim.simulation.laps import laps_of
+from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.laps import Lap
     from barc_sim.simulation.log import Log
+    from barc_sim.simulation.metrics import Lap
 
 SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.

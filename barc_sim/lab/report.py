@@ -27,8 +27,7 @@ from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION, use_measurement
 from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.user_code import adapters
-from barc_sim.simulation.laps import laps_of
-from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND
+from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND, laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -36,8 +35,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from barc_sim.simulation.laps import Lap, Laps
     from barc_sim.simulation.log import Log
+    from barc_sim.simulation.metrics import Lap, Laps
 
 _DASH = '–'  # noqa: RUF001 (the usual sign for an empty cell)
 _SETTINGS = {

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.control.controller import Controller, Gain
-    from barc_sim.simulation.laps import Lap, Laps
     from barc_sim.simulation.log import Log
+    from barc_sim.simulation.metrics import Lap, Laps
 
 _OF_RUN = ('road', 'distance', 'laps')
 #: Parameters of `vehicle_simulator` that the page shows.
@@ -148,7 +148,7 @@ def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
     Examples
     --------
     >>> from barc_sim import simulate
-    >>> from barc_sim.simulation.laps import laps_of
+    >>> from barc_sim.simulation.metrics import laps_of
     >>> laps, _ = laps_of(simulate())
     >>> [row['theta_deg'] for row in stretch_facts(laps.current)]
     [0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0]

@@ -13,8 +13,8 @@ import numpy as np
 
 from barc_sim.figures.style import use_measurement
 from barc_sim.page.protocol import COLUMNS, OTHER_TERMS, TOPICS
-from barc_sim.simulation.laps import Laps, laps_of
 from barc_sim.simulation.log import ENVIRONMENT, PID_STATE, STATE_ERROR, columns_of
+from barc_sim.simulation.metrics import Laps, laps_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

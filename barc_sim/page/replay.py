@@ -13,7 +13,7 @@ from barc_sim.page.facts import driven_road, facts, lap_facts, road_facts
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import encode
 from barc_sim.page.server import ViewServer, open_page
-from barc_sim.simulation.laps import laps_of
+from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
     from barc_sim.page.protocol import Request

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from barc_sim.page.feed import Feed
     from barc_sim.page.protocol import File, Request
     from barc_sim.page.server import Page
-    from barc_sim.simulation.laps import Laps
+    from barc_sim.simulation.metrics import Laps
     from barc_sim.vehicle.road import Road
 
     #: Called with whether the request succeeded, and if not, with the reason.

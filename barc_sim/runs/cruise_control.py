@@ -18,7 +18,7 @@ from barc_sim.runs.terminal.display import (
     print_summaries,
     print_summary,
 )
-from barc_sim.simulation.laps import Laps
+from barc_sim.simulation.metrics import Laps
 from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import bikeFE
 

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.control.driver import DriverInput
     from barc_sim.simulation.progress import Progress
+    from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model, Vehicle
-    from barc_sim.vehicle.lateral_dynamics import LateralParameters
     from barc_sim.vehicle.plant import Observation
 
     #: Observation, command, and saturation with terms.
@@ -113,8 +113,8 @@ def simulate(
     >>> print(f'{log.speed[-1]:.1f} m/s after {log.t[-1]:.1f} s')
     8.0 m/s after 23.0 s
     """
-    given = {'kp': kp, 'ki': ki, 'kd': kd}
-    gains = {name: gain for name, gain in given.items() if gain is not None}
+    named = {'kp': kp, 'ki': ki, 'kd': kd}
+    gains = {name: gain for name, gain in named.items() if gain is not None}
     if controller is not None and gains:
         raise UserError(
             f'{", ".join(gains)} are gains of the PID, and controller={controller!r} is in its '
@@ -158,12 +158,6 @@ def closed_loop(
     With `progress` the drive of a car that never arrives ends, too, as a run does.
     `plant` and `controller`, those of a run unless given, are left as the run left them. The last
     row is the first state at or beyond `distance`, with the command that answers it.
-
-    Examples
-    --------
-    >>> log = closed_loop(controller=PID(10.0, 20.0, 0.0), distance=40.0)
-    >>> round(float(log.distance[-1]), 1)
-    40.1
     """
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
@@ -204,13 +198,6 @@ def drive_by_hand(
     every multiple of the driver's `dt`, of the requests up to then, and acts from the state on
     in whose period it is made. `plant`, on the flat, and `driver`, those of a run unless given,
     are left as the run left them.
-
-    Examples
-    --------
-    >>> from barc_sim.control.driver import DriverInput
-    >>> log = drive_by_hand([(0.0, DriverInput(forward=1.0))], duration=0.5)
-    >>> print(f'{log.speed[-1]:.2f} m/s')
-    2.00 m/s
     """
     plant = plant or Plant(road=Road.flat())
     driver = driver or Driver()
@@ -240,7 +227,7 @@ def _log(
     seen, commands, values = zip(*rows, strict=True)
     n = len(seen)
     saturated, *columns = np.array(values, dtype=np.float64).T.copy()
-    found = dict(zip(terms, columns, strict=True))
+    recorded = dict(zip(terms, columns, strict=True))
     return Log(
         t=np.arange(n) * period_ns / 1e9,
         **_columns([each.measured for each in seen]),
@@ -252,8 +239,8 @@ def _log(
         **_columns([each.forces for each in seen]),
         reference=np.full(n, speed_reference),
         saturated=saturated.astype(np.bool_),
-        **{name: found.pop(name, np.full(n, nan)) for name in PID.terms},
-        own_terms=found,
+        **{name: recorded.pop(name, np.full(n, nan)) for name in PID.terms},
+        own_terms=recorded,
     )
 
 

@@ -43,13 +43,7 @@ MESSAGE_TYPES = {
 
 
 class Column(NamedTuple):
-    """What one array of a log is.
-
-    Examples
-    --------
-    >>> COLUMNS['motor'].unit, COLUMNS['motor'].meaning
-    ('m/s²', 'acceleration command')
-    """
+    """What one array of a log is."""
 
     unit: str
     meaning: str
@@ -133,8 +127,8 @@ class Log:
     def terms(self) -> dict[str, Floats]:
         """Terms of the controller [m/s²] by name; a PID's, unknown, where there was none."""
         pid = {name: getattr(self, name) for name in PID.terms}
-        known = {name: values for name, values in pid.items() if not np.isnan(values).all()}
-        return (known | dict(self.own_terms)) if self.own_terms else pid
+        recorded = {name: values for name, values in pid.items() if not np.isnan(values).all()}
+        return (recorded | dict(self.own_terms)) if self.own_terms else pid
 
     @property
     def speed(self) -> Floats:
@@ -206,7 +200,7 @@ class Log:
         )
         return (
             f'<p>Log: {_in_words(self)}</p><table><thead><tr><th>column</th><th>unit</th>'
-            f'<th>least</th><th>greatest</th></tr></thead><tbody>{rows}</tbody></table>'
+            f'<th>minimum</th><th>maximum</th></tr></thead><tbody>{rows}</tbody></table>'
         )
 
 
@@ -224,24 +218,12 @@ COLUMNS: Mapping[str, Column] = MappingProxyType(dict(_declared()))
 
 
 def columns_of(topic: str) -> dict[str, str]:
-    """Return the columns that a topic's messages hold: names by field.
-
-    Examples
-    --------
-    >>> columns_of('ecu')
-    {'motor': 'motor', 'servo': 'servo'}
-    """
+    """Return the columns that a topic's messages hold: names by field."""
     return {column.field: name for name, column in COLUMNS.items() if column.topic == topic}
 
 
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:
-    """Return those of a controller's terms whose name no column but that of a PID's term has.
-
-    Examples
-    --------
-    >>> recordable(['proportional', 'feedback', 'motor'])
-    ('proportional', 'feedback')
-    """
+    """Return the terms that can be stored: a PID's, and those whose name no column has."""
     return tuple(name for name in terms if name in PID.terms or name not in COLUMNS)
 
 
@@ -249,18 +231,18 @@ def _in_words(log: Log) -> str:
     if not len(log):
         return 'no states'
     words = [f'{len(log)} states', f'{log.t[-1]:.2f} s', f'{log.distance[-1]:.1f} m']
-    known = log.speed_error[np.isfinite(log.speed_error)]
-    if known.size:
-        words.append(f'speed error {np.sqrt(np.mean(known**2)):.3f} m/s RMS')
+    errors = log.speed_error[np.isfinite(log.speed_error)]
+    if errors.size:
+        words.append(f'speed error {np.sqrt(np.mean(errors**2)):.3f} m/s RMS')
     if missed := np.count_nonzero(log.missed):
         words.append(f'{missed} missed deadlines')
     return ', '.join(words)
 
 
 def _ranges(log: Log) -> Iterator[tuple[str, str, float, float]]:
-    """Yield name, unit, least and greatest value of each column that has a known value."""
+    """Yield name, unit, minimum and maximum of each column that has a finite value."""
     for name, values in log.columns().items():
-        known = values[np.isfinite(values)]
-        if known.size:
+        finite = values[np.isfinite(values)]
+        if finite.size:
             unit = COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT
-            yield name, unit, float(known.min()) + 0.0, float(known.max()) + 0.0
+            yield name, unit, float(finite.min()) + 0.0, float(finite.max()) + 0.0

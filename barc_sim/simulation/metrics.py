@@ -1,38 +1,47 @@
-"""How well a run held its speed: RMS and greatest error, overshoot, settling, per stretch."""
+"""How well a run and its laps held the speed: RMS and maximum error, overshoot, settling time."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isnan, nan, sqrt
-from typing import TYPE_CHECKING
+from math import hypot, inf, isfinite, isnan, nan, sqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
     from barc_sim.simulation.log import Log
+
+    Floats = NDArray[np.float64]
+    Flags = NDArray[np.bool_]
 
 #: [m] the run-up from standstill, which no controller within its limits can avoid.
 RUN_UP = 10.0
 #: The band around the reference in which a step response counts as settled (Åström and Murray,
 #: "Feedback Systems", 6.3).
 SETTLING_BAND = 0.02
+_BUFFER = 512  # states that wait to be added to the sums
+_JUMP = 0.5  #: [m] beyond what its speed allows: the car was put somewhere else
+_WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
+_MAX_LAPS = 10_000  #: that are kept: those of three days
+_MAX_INTERVAL = 1.0  #: [s] between two states of a recorded run, unless time was set anew
+_NEAR = 1e-6  #: [m], [m/s] within which the car is at rest at its start
+#: Time [s], distance along and across [m], speed [m/s].
+_Place = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class SegmentErrors:
-    """The speed error over consecutive states on the same grade.
-
-    Examples
-    --------
-    >>> from barc_sim import simulate
-    >>> steepest = summary(simulate()).stretches[5]
-    >>> steepest.theta_deg, round(steepest.max_error, 3)
-    (30.0, 0.126)
-    """
+    """The speed error over consecutive states on the same grade."""
 
     start: float  #: [m] along the road, of its first state
     end: float  #: [m] of its last state
     theta_deg: float  #: [deg] incline
     rms_error: float  #: [m/s]
-    max_error: float  #: [m/s] greatest absolute error
+    max_error: float  #: [m/s] maximum absolute error
 
 
 @dataclass(frozen=True)
@@ -41,85 +50,170 @@ class Summary:
 
     Examples
     --------
-    >>> from barc_sim import simulate
-    >>> print(f'{summary(simulate(kp=10.0, ki=20.0, kd=0.0)).overshoot:.1%}')
-    1.0%
+    >>> from barc_sim import simulate, summary
+    >>> found = summary(simulate(kp=10.0, ki=20.0, kd=0.0))
+    >>> print(f'{found.overshoot:.1%}, steepest: {found.stretches[5].max_error:.3f} m/s')
+    1.0%, steepest: 0.540 m/s
     """
 
     rms_error: float  #: [m/s] over all states
-    max_error: float  #: [m/s] greatest absolute error
+    max_error: float  #: [m/s] maximum absolute error
     rms_error_after_run_up: float  #: [m/s] beyond `RUN_UP`
     max_error_after_run_up: float  #: [m/s]
-    overshoot: float  #: share of the reference by which the first stretch's speed passes it
-    settling_time: float  #: [s] until the speed stays within `SETTLING_BAND` on the first stretch
+    overshoot: float  #: share of the reference by which the first segment's speed passes it
+    settling_time: float  #: [s] until the speed stays within `SETTLING_BAND` on the first segment
     missed_deadlines: int
     stretches: tuple[SegmentErrors, ...]
 
 
-class SpeedErrors:
-    """Computes the `Summary` of a run, state by state.
+class _Errors(NamedTuple):
+    """The absolute errors [m/s] over some states; those that are NaN do not count."""
+
+    number: int = 0
+    squares: float = 0.0  #: their sum, in the order of the states
+    maximum: float = 0.0
+
+    def plus(self, known: Flags, errors: Floats) -> _Errors:
+        """Return these and more `errors`, 0 where not `known`."""
+        squares = np.add.accumulate(np.concatenate([[self.squares], errors * errors]))
+        maximum = max(self.maximum, float(errors.max()))
+        return _Errors(self.number + int(np.count_nonzero(known)), float(squares[-1]), maximum)
+
+    @property
+    def figures(self) -> tuple[float, float]:
+        """RMS and maximum error [m/s]."""
+        return (sqrt(self.squares / self.number), self.maximum) if self.number else (nan, nan)
+
+
+class _Segment(NamedTuple):
+    """Consecutive states on the same grade."""
+
+    theta_deg: float
+    start: float
+    end: float
+    errors: _Errors
+
+    def is_on(self, theta_deg: float) -> bool:
+        return self.theta_deg == theta_deg or (isnan(self.theta_deg) and isnan(theta_deg))
+
+
+class _Sums(NamedTuple):
+    """What a `Summary` is made of.
 
     Overshoot and settling time are those of the step from standstill to the reference, read on
-    the first stretch of road, before the first change of grade disturbs it; the settling time is
-    NaN where the speed is outside the band at that stretch's end.
-
-    Examples
-    --------
-    >>> errors = SpeedErrors()
-    >>> errors.add(t=0.0, distance=0.0, speed=7.0, reference=8.0, theta_deg=0.0)
-    >>> errors.summary().rms_error
-    1.0
+    the first segment of road, before the first change of grade disturbs it; the settling time is
+    NaN where the speed is outside the band at that segment's end.
     """
 
-    def __init__(self) -> None:
-        """Begin without states."""
-        self._all = _Errors()
-        self._after_run_up = _Errors()
-        self._stretches: list[_Errors] = []
-        self._start = nan
-        self._peak = nan  # greatest speed on the first stretch, as a share of the reference
-        self._settled_at = nan
+    all: _Errors = _Errors()
+    after_run_up: _Errors = _Errors()
+    segments: tuple[_Segment, ...] = ()
+    begin: float = nan  #: [s]
+    peak: float = nan  #: maximum speed on the first segment, as a share of the reference
+    settled_at: float = nan  #: [s]
 
-    def add(
-        self, t: float, distance: float, speed: float, reference: float, theta_deg: float
-    ) -> None:
-        """Take a state: [s], [m], [m/s], [m/s], [deg]."""
-        error = reference - speed
-        self._all.add(distance, error)
-        if distance >= RUN_UP:
-            self._after_run_up.add(distance, error)
-        if not self._stretches or not self._stretches[-1].is_on(theta_deg):
-            self._stretches.append(_Errors(theta_deg))
-        self._stretches[-1].add(distance, error)
-        if len(self._stretches) == 1:
-            self._add_step_response(t, speed, reference)
+    def plus(
+        self, t: Floats, distance: Floats, speed: Floats, reference: Floats, theta_deg: Floats
+    ) -> _Sums:
+        """Return these and more states, shape `(n,)` each, in their order."""
+        if not len(t):
+            return self
+        errors = np.abs(reference - speed)
+        known = ~np.isnan(errors)
+        errors[~known] = 0.0
+        after = distance >= RUN_UP
+        unknown = np.isnan(theta_deg)
+        changes = (theta_deg[1:] != theta_deg[:-1]) & ~(unknown[1:] & unknown[:-1])
+        starts = np.concatenate([[0], np.flatnonzero(changes) + 1])
+        sums = _Sums(
+            self.all.plus(known, errors),
+            self.after_run_up.plus(known & after, errors * after),
+            self._segments_with(starts, distance, theta_deg, known, errors),
+            *self[3:],
+        )
+        if not self.segments or (len(self.segments) == 1 and self.segments[0].is_on(theta_deg[0])):
+            first = slice(starts[1] if len(starts) > 1 else None)
+            sums = sums._with_step_response(t[first], speed[first], reference[first])
+        return sums
 
-    def _add_step_response(self, t: float, speed: float, reference: float) -> None:
-        share = speed / reference if reference else nan
-        if isnan(self._start):
-            self._start, self._peak = t, share
-        elif isnan(share) or share > self._peak:
-            self._peak = share
-        if not abs(reference - speed) <= SETTLING_BAND * abs(reference):
-            self._settled_at = nan
-        elif isnan(self._settled_at):
-            self._settled_at = t
-
-    def summary(self, missed_deadlines: int = 0) -> Summary:
-        """Return the summary of the states so far."""
-        return Summary(
-            rms_error=self._all.rms,
-            max_error=self._all.greatest,
-            rms_error_after_run_up=self._after_run_up.rms,
-            max_error_after_run_up=self._after_run_up.greatest,
-            overshoot=self._peak if isnan(self._peak) else max(self._peak - 1.0, 0.0),
-            settling_time=nan if isnan(self._peak) else self._settled_at - self._start,
-            missed_deadlines=missed_deadlines,
-            stretches=tuple(
-                SegmentErrors(part.first, part.last, part.theta_deg, part.rms, part.greatest)
-                for part in self._stretches
+    def _segments_with(
+        self,
+        starts: NDArray[np.intp],
+        distance: Floats,
+        theta_deg: Floats,
+        known: Flags,
+        errors: Floats,
+    ) -> tuple[_Segment, ...]:
+        """Return the segments with those that begin at the states `starts`."""
+        before = [*self.segments]
+        goes_on = bool(before) and before[-1].is_on(theta_deg[0])
+        old = before.pop() if goes_on else _Segment(float(theta_deg[0]), nan, nan, _Errors())
+        lengths = np.diff(starts, append=len(errors))
+        squares = errors * errors
+        squares[0] += old.errors.squares
+        # The first distance that is known; the NaN at the end where none is.
+        indices = np.where(np.isnan(distance), len(errors), np.arange(len(errors)))
+        first_known = np.append(distance, nan)[np.minimum.reduceat(indices, starts)]
+        # bincount adds the weights one by one, in their order.
+        columns = (
+            theta_deg[starts],
+            first_known,
+            distance[starts + lengths - 1],
+            np.add.reduceat(known, starts, dtype=np.intp),
+            np.bincount(np.repeat(np.arange(len(starts)), lengths), squares),
+            np.maximum.reduceat(errors, starts),
+        )
+        segments = [
+            _Segment(grade, start, end, _Errors(*sums))
+            for grade, start, end, *sums in zip(*(each.tolist() for each in columns), strict=True)
+        ]
+        first = segments[0]
+        segments[0] = _Segment(
+            old.theta_deg,
+            first.start if isnan(old.start) else old.start,
+            first.end,
+            _Errors(
+                old.errors.number + first.errors.number,
+                first.errors.squares,
+                max(old.errors.maximum, first.errors.maximum),
             ),
         )
+        return (*before, *segments)
+
+    def _with_step_response(self, t: Floats, speed: Floats, reference: Floats) -> _Sums:
+        """Return these with states of the first segment."""
+        share = np.divide(speed, reference, out=np.full(len(t), nan), where=reference != 0.0)
+        before = -inf if isnan(self.begin) else self.peak
+        peak = float(np.maximum(before, share.max()))  # NaN where one is
+        inside = np.abs(reference - speed) <= SETTLING_BAND * np.abs(reference)
+        outside = np.flatnonzero(~inside)
+        settled_at = self.settled_at
+        if outside.size:
+            settled_at = float(t[outside[-1] + 1]) if outside[-1] + 1 < len(t) else nan
+        elif isnan(settled_at):
+            settled_at = float(t[0])
+        begin = float(t[0]) if isnan(self.begin) else self.begin
+        return self._replace(begin=begin, peak=peak, settled_at=settled_at)
+
+    def summary(self, missed_deadlines: int) -> Summary:
+        """Return the summary of the states."""
+        is_unknown = isnan(self.peak)
+        return Summary(
+            *self.all.figures,
+            *self.after_run_up.figures,
+            overshoot=nan if is_unknown else max(self.peak - 1.0, 0.0),
+            settling_time=nan if is_unknown else self.settled_at - self.begin,
+            missed_deadlines=missed_deadlines,
+            stretches=tuple(
+                SegmentErrors(each.start, each.end, each.theta_deg, *each.errors.figures)
+                for each in self.segments
+            ),
+        )
+
+
+def _first_known(values: Floats) -> float:
+    known = values[~np.isnan(values)]
+    return float(known[0]) if known.size else nan
 
 
 def summary(log: Log) -> Summary:
@@ -131,39 +225,141 @@ def summary(log: Log) -> Summary:
     >>> print(f'{summary(simulate()).rms_error_after_run_up:.3f} m/s')
     0.021 m/s
     """
-    errors = SpeedErrors()
-    columns = (log.t, log.distance, log.speed, log.reference, log.theta_deg)
-    for row in zip(*(column.tolist() for column in columns), strict=True):
-        errors.add(*row)
-    return errors.summary(int(log.missed.sum()))
+    sums = _Sums().plus(log.t, log.distance, log.speed, log.reference, log.theta_deg)
+    return sums.summary(int(log.missed.sum()))
 
 
-class _Errors:
-    """The errors [m/s] over some states; those that are NaN do not count."""
+class SpeedErrors:
+    """Computes the `Summary` of a run, state by state; any thread may ask for it meanwhile."""
 
-    def __init__(self, theta_deg: float = nan) -> None:
-        self.theta_deg = theta_deg
-        self.first = self.last = nan
-        self._count = 0
-        self._squares = 0.0
-        self._greatest = 0.0
+    def __init__(self) -> None:
+        """Begin without states."""
+        # Both at once, for other threads: the sums, and the states that are not yet part of them.
+        self._parts: tuple[_Sums, list[tuple[float, ...]]] = _Sums(), []
 
-    def is_on(self, theta_deg: float) -> bool:
-        return self.theta_deg == theta_deg or (isnan(self.theta_deg) and isnan(theta_deg))
+    def add(
+        self, t: float, distance: float, speed: float, reference: float, theta_deg: float
+    ) -> None:
+        """Take a state: [s], [m], [m/s], [m/s], [deg]."""
+        _, states = self._parts
+        states.append((t, distance, speed, reference, theta_deg))
+        if len(states) == _BUFFER:
+            self._parts = self._sums(), []
 
-    def add(self, distance: float, error: float) -> None:
-        if isnan(self.first):
-            self.first = distance
-        self.last = distance
-        if not isnan(error):
-            self._count += 1
-            self._squares += error * error
-            self._greatest = max(self._greatest, abs(error))
+    def summary(self, missed_deadlines: int = 0) -> Summary:
+        """Return the summary of the states so far."""
+        return self._sums().summary(missed_deadlines)
+
+    def _sums(self) -> _Sums:
+        sums, states = self._parts
+        return sums.plus(*np.array(states, dtype=np.float64).reshape(-1, 5).T)
+
+
+class Lap(NamedTuple):
+    """A finished lap, or the present one."""
+
+    number: int
+    start: float  #: [s] of its first state
+    end: float  #: [s] of its last state
+    start_distance: float  #: [m] along the road, of its first state
+    end_distance: float  #: [m] of its last state
+    summary: Summary
 
     @property
-    def rms(self) -> float:
-        return sqrt(self._squares / self._count) if self._count else nan
+    def length(self) -> float:
+        """The distance from its first state to its last [m]."""
+        return abs(self.end_distance - self.start_distance)
+
+
+class Laps:
+    """Takes a run's states one by one, and begins a lap wherever the car jumps.
+
+    A reset, a road that begins anew and a car that is put somewhere else are jumps: the position
+    changes by more than the speed allows, or time begins anew. Every lap is kept: one that a reset
+    has cut short, too.
+
+    Parameters
+    ----------
+    max_interval
+        Time [s] between two states in which the car can have moved: where no state is left out, a
+        longer one is a reset after a pause.
+
+    Attributes
+    ----------
+    finished
+        The laps before the present one.
+    """
+
+    def __init__(self, max_interval: float = inf) -> None:
+        """Start without states."""
+        self._max_interval = max_interval
+        self.finished: list[Lap] = []
+        self._errors = SpeedErrors()
+        self._number = 0
+        self._start: _Place = (nan, 0.0, 0.0, 0.0)
+        self._before = self._start
+
+    def add(
+        self,
+        t: float,
+        distance: float,
+        across: float,
+        speed: float,
+        reference: float,
+        theta_deg: float,
+    ) -> int:
+        """Take a state: [s], [m], [m], [m/s], [m/s], [deg]; return the number of its lap."""
+        before, state = self._before, (t, distance, across, speed)
+        if _is_jump(before, state, self._max_interval):
+            self.finished.append(self.current)
+            del self.finished[:-_MAX_LAPS]
+            self._errors = SpeedErrors()
+            self._number += 1
+            self._start = state
+        elif isnan(before[0]):  # the first state
+            self._start = state
+        self._before = state
+        self._errors.add(t, distance, speed, reference, theta_deg)
+        return self._number
 
     @property
-    def greatest(self) -> float:
-        return self._greatest if self._count else nan
+    def current(self) -> Lap:
+        """The present lap."""
+        start, end = self._start, self._before
+        return Lap(self._number, start[0], end[0], start[1], end[1], self._errors.summary())
+
+    @property
+    def last(self) -> Lap | None:
+        """The lap before the present one."""
+        return self.finished[-1] if self.finished else None
+
+    @property
+    def best(self) -> Lap | None:
+        """The finished lap with the minimum RMS error among those that went far enough."""
+        laps = [lap for lap in self.finished if isfinite(lap.summary.rms_error_after_run_up)]
+        longest = max((lap.length for lap in laps), default=0.0)
+        whole = [lap for lap in laps if lap.length >= _WHOLE * longest]
+        return min(whole, key=lambda lap: lap.summary.rms_error_after_run_up, default=None)
+
+    def __iter__(self) -> Iterator[Lap]:
+        """Yield the laps in their order, the present one last."""
+        yield from self.finished
+        yield self.current
+
+
+def _is_jump(before: _Place, now: _Place, max_interval: float) -> bool:
+    """Return whether the car cannot have driven from one place to the next."""
+    passed = now[0] - before[0]
+    moved = hypot(now[1] - before[1], now[2] - before[2])
+    possible = max(abs(now[3]), abs(before[3])) * min(abs(passed), max_interval)
+    # The start, at rest: after a pause, `passed` is long, and much would be possible.
+    is_start = max(map(abs, now[1:])) < _NEAR
+    return passed < 0.0 or moved > possible + _JUMP or (is_start and moved > _JUMP)
+
+
+def laps_of(log: Log) -> tuple[Laps, list[int]]:
+    """Return the laps of a recorded run, and the number of each state's lap."""
+    laps = Laps(_MAX_INTERVAL)
+    columns = (log.t, log.distance, log.across, log.speed, log.reference, log.theta_deg)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return laps, [laps.add(*row) for row in rows]

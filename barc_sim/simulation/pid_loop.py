@@ -216,7 +216,7 @@ class _Errors:
 
     def __init__(self, sensor: Sensor, expected: float) -> None:
         self._sensor = sensor
-        self._size = int(min(max(expected, _BLOCK), _MAX_BLOCK))
+        self._size = int(min(max(_BLOCK, expected), _MAX_BLOCK))  # also where it is NaN
         self._blocks: list[Floats] = []
         self._start: object = None
 
@@ -316,4 +316,4 @@ def pid_log(
 
 def _expected_states(speed: float, distance: float, ts: float) -> float:
     """Return about how many states a run at `speed` [m/s] has, and some more."""
-    return 1.02 * distance / (speed * ts) + 32.0 if speed > 0.0 else 0.0
+    return 1.02 * distance / max(speed * ts, 1e-6) + 32.0

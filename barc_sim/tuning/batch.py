@@ -68,7 +68,7 @@ class Course:
 
     @property
     def steps(self) -> int:
-        """The greatest number of steps, as `closed_loop` counts them."""
+        """The maximum number of steps, as `closed_loop` counts them."""
         return round(self.max_duration / self.ts)
 
     def drive(self, controller: Controller) -> Log:

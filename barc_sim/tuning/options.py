@@ -136,7 +136,7 @@ def goal(options: Namespace, new_controller: Callable[[], Controller] | None) ->
 
 
 def ranges(options: Namespace) -> tuple[Floats, Floats]:
-    """Return the least and the greatest gains, shape `(3,)` each.
+    """Return the minimum and maximum gains, shape `(3,)` each.
 
     Raises
     ------

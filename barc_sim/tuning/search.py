@@ -1,4 +1,4 @@
-"""The search for the least cost: differential evolution, all of a generation at once.
+"""The search for the minimum cost: differential evolution, all of a generation at once.
 
 Storn and Price, "Differential evolution: a simple and efficient heuristic for global optimization
 over continuous spaces", Journal of Global Optimization 11 (1997), in its variant best/1/bin with
@@ -30,7 +30,7 @@ _TOLERANCE = 1e-4
 #: A map reaches this many times as far as the farther of its points, ...
 _MARGIN = 2.5
 #: ... and over this share of a range at least.
-_LEAST = 0.05
+_MIN_SHARE = 0.05
 
 
 class Found(NamedTuple):
@@ -52,7 +52,7 @@ def search(
     generations: int = 80,
     on_generation: Callable[[int, float], object] = lambda *_: None,
 ) -> Found:
-    """Return the gains of least `cost` between `low` and `high`.
+    """Return the gains of minimum `cost` between `low` and `high`.
 
     The same arguments give the same gains.
 
@@ -65,9 +65,9 @@ def search(
     population
         Gains in a generation, at least 4.
     generations
-        The greatest number of them.
+        The maximum number of them.
     on_generation
-        Called after each with the number of those before it and the least cost up to now.
+        Called after each with the number of those before it and the minimum cost up to now.
     """
     random = np.random.default_rng(seed)
     places = rounded(_spread(random, population, low, high))
@@ -114,8 +114,8 @@ def _trials(random: np.random.Generator, places: Floats, costs: Floats) -> Float
 
 
 def _converged(costs: Floats) -> bool:
-    least, most = costs.min(), costs.max()
-    return bool(np.isfinite(most)) and bool(most - least <= _TOLERANCE * abs(least))
+    minimum, maximum = costs.min(), costs.max()
+    return bool(np.isfinite(maximum)) and bool(maximum - minimum <= _TOLERANCE * abs(minimum))
 
 
 class Surface(NamedTuple):
@@ -166,7 +166,7 @@ def surface(
         Gains along a side.
     """
     axes = free_axes(low, high)
-    far = np.maximum(_MARGIN * np.maximum(start, found), low + _LEAST * (high - low))
+    far = np.maximum(_MARGIN * np.maximum(start, found), low + _MIN_SHARE * (high - low))
     high = np.minimum(high, far)
     right, up = (np.linspace(low[axis], high[axis], size) for axis in axes)
     gains = np.tile(found, (size * size, 1))

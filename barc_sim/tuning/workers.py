@@ -120,6 +120,6 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
         yield shared
 
 
-def _parts(gains: Floats, workers: int, least: int = 1) -> list[Floats]:
-    """Divide gains, shape `(n, 3)`, into parts of about `least` or more."""
-    return np.array_split(gains, max(1, min(len(gains) // least, _PARTS * workers)))
+def _parts(gains: Floats, workers: int, minimum: int = 1) -> list[Floats]:
+    """Divide gains, shape `(n, 3)`, into parts of about `minimum` or more."""
+    return np.array_split(gains, max(1, min(len(gains) // minimum, _PARTS * workers)))

@@ -45,13 +45,7 @@ class Vehicle(NamedTuple):
 
 
 class State(NamedTuple):
-    """The vehicle's state: its centre of mass, in the frame of the road's surface.
-
-    Examples
-    --------
-    >>> State(v=8.0)
-    State(x=0.0, y=0.0, psi=0.0, v=8.0)
-    """
+    """The vehicle's state: its centre of mass, in the frame of the road's surface."""
 
     x: float = 0.0  #: [m] along the road's surface
     y: float = 0.0  #: [m] to the left of the road's x axis
@@ -60,26 +54,14 @@ class State(NamedTuple):
 
 
 class Command(NamedTuple):
-    """The command to the actuators.
-
-    Examples
-    --------
-    >>> Command(motor=2.0)
-    Command(motor=2.0, servo=0.0)
-    """
+    """The command to the actuators."""
 
     motor: float = 0.0  #: [m/s²] acceleration
     servo: float = 0.0  #: [rad] front steering angle, positive to the left
 
 
 class Forces(NamedTuple):
-    """The external forces on the vehicle, positive forwards; their sum is F_ext.
-
-    Examples
-    --------
-    >>> round(sum(forces(8.0, 0.5, Vehicle())), 1)
-    -9800.9
-    """
+    """The external forces on the vehicle, positive forwards; their sum is F_ext."""
 
     friction: float  #: [N]
     drag: float  #: [N]
@@ -87,13 +69,7 @@ class Forces(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """The state as `z_vhcl` carries it: velocities in the vehicle's frame.
-
-    Examples
-    --------
-    >>> motion(State(v=8.0), 0.0, Vehicle())
-    Motion(x=0.0, y=0.0, psi=0.0, v_x=8.0, v_y=0.0, psi_dot=0.0)
-    """
+    """The state as `z_vhcl` carries it: velocities in the vehicle's frame."""
 
     x: float  #: [m]
     y: float  #: [m]
@@ -104,13 +80,7 @@ class Motion(NamedTuple):
 
 
 def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
-    """Return β [rad], the angle from the vehicle's axis to its velocity, for steering `d_f`.
-
-    Examples
-    --------
-    >>> round(slip_angle(0.3), 3)
-    0.153
-    """
+    """Return β [rad], the angle from the vehicle's axis to its velocity, for steering `d_f`."""
     return atan(l_r / (l_f + l_r) * tan(d_f))
 
 
@@ -119,11 +89,6 @@ def resistance(v: float, vehicle: Vehicle) -> float:
 
     `forces`, here, `simulation/pid_loop.py` and `tuning/batch.py` have this law once more: change
     them with it.
-
-    Examples
-    --------
-    >>> round(resistance(8.0, Vehicle()), 3)
-    0.854
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 
@@ -148,11 +113,6 @@ def next_speed(v: float, a: float, gravity_force: float, vehicle: Vehicle, ts: f
         [m/s], [m/s²] speed and commanded acceleration.
     gravity_force
         [N] along the road, positive forwards.
-
-    Examples
-    --------
-    >>> next_speed(8.0, 1.0, 0.0, Vehicle(air_drag_coeff=0.0, friction=0.0), 0.02)
-    8.02
     """
     opposing = resistance(v, vehicle)
     if v <= 0.0:
@@ -224,11 +184,6 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
     """Return the state one forward-Euler step later, on an incline of `theta` [rad].
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
-
-    Examples
-    --------
-    >>> step(State(v=8.0), Command(motor=1.0), 0.0, Vehicle(friction=0.0, air_drag_coeff=0.0), 0.02)
-    State(x=0.16, y=0.0, psi=0.0, v=8.02)
     """
     x, y, psi, v = state
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
@@ -261,13 +216,7 @@ def step_by(
 
 
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
-    """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad].
-
-    Examples
-    --------
-    >>> round(motion(State(v=8.0), 0.3, Vehicle()).psi_dot, 3)
-    0.815
-    """
+    """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
     x, y, psi, v = state
     v_x, v_y = v * cos(beta), v * sin(beta)
@@ -279,11 +228,6 @@ def forces(v: float, sin_theta: float, vehicle: Vehicle) -> Forces:
     """Return the forces at speed `v` [m/s] where the sine of the incline is `sin_theta`.
 
     With an array of each, the forces are arrays.
-
-    Examples
-    --------
-    >>> round(forces(8.0, 0.5, Vehicle()).gravity)
-    -9800
     """
     direction = (v > 0.0) * 1.0 - (v < 0.0)
     friction = -vehicle.friction * direction

@@ -10,8 +10,8 @@ from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
-from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import SIGNALS, NoiseLevels
@@ -27,13 +27,7 @@ REALTIME_FACTORS = (0.001, 1000.0)
 
 
 class Parameter(NamedTuple):
-    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out.
-
-    Examples
-    --------
-    >>> next(each for each in PARAMETERS if each.name == 'mass').between
-    (1.0, 1000000.0)
-    """
+    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
 
     name: str
     default: float | str | bool
@@ -56,13 +50,13 @@ _NOISE = [
     for name, signal in SIGNALS.items()
 ]
 _ACTUATORS = [
-    Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, greatest))
+    Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, maximum))
     for name, unit, limit in (('motor', 'm/s²', 'acceleration'), ('servo', 'rad', 'steering'))
-    for part, what, greatest in (
+    for part, what, maximum in (
         ('delay', f'time from a command to its effect on the {name} [s]', 10.0),
         ('lag', f'time constant of the {name} [s]', 100.0),
-        ('rate_limit', f'greatest change of {limit} [{unit}/s]', 1e6),
-        ('limit', f'greatest {limit} either way [{unit}]', 1e6),
+        ('rate_limit', f'maximum change of {limit} [{unit}/s]', 1e6),
+        ('limit', f'maximum {limit} either way [{unit}]', 1e6),
     )
 ]
 PARAMETERS = [
@@ -118,13 +112,7 @@ NANOSECONDS = 1_000_000_000
 
 
 def period_ns(values: Mapping[str, Any]) -> int:
-    """Return the time between two states [ns].
-
-    Examples
-    --------
-    >>> period_ns({'rate': 50.0})
-    20000000
-    """
+    """Return the time between two states [ns]."""
     return round(NANOSECONDS / float(values['rate']))
 
 
@@ -135,12 +123,6 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
     ------
     UserError
         where the road cannot be read, or the values contradict one another.
-
-    Examples
-    --------
-    >>> values = {each.name: each.default for each in PARAMETERS}
-    >>> plant(values | {'mass': 1200.0}).vehicle.mass
-    1200.0
     """
     return Plant(
         road=road or Road.named(values['road']),
@@ -158,18 +140,7 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
 
 
 def retune(values: Mapping[str, Any], plant: Plant) -> None:
-    """Give the plant the `LIVE` parameters of `values`; all else stays as it is.
-
-    Examples
-    --------
-    >>> from barc_sim.vehicle.bike_model import Command
-    >>> values = {each.name: each.default for each in PARAMETERS}
-    >>> car = plant(values)
-    >>> retune(values | {'motor_limit': 4.0}, car)
-    >>> car.advance(Command(motor=8.0))
-    >>> round(car.state.v, 2)
-    0.08
-    """
+    """Give the plant the `LIVE` parameters of `values`; all else stays as it is."""
     plant.retune(_noise(values), _actuator(values, 'motor'), _actuator(values, 'servo'))
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.actuators import Actuator, Actuators
+from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle
 from barc_sim.vehicle.bike_model import (
     Command,
     Forces,
@@ -17,25 +18,17 @@ from barc_sim.vehicle.bike_model import (
     bikeFE,
     forces,
 )
-from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
-from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from barc_sim.vehicle.lateral_dynamics import LateralParameters
+    from barc_sim.vehicle.bicycles import LateralParameters
 
 
 class Observation(NamedTuple):
-    """One state: true, measured, and what acts on it.
-
-    Examples
-    --------
-    >>> Plant(road=Road((0.0,), (10.0,))).observe().theta_deg
-    10.0
-    """
+    """One state: true, measured, and what acts on it."""
 
     true: Motion
     measured: Motion
@@ -47,16 +40,7 @@ class Observation(NamedTuple):
 
 
 class Plant:
-    """Holds the state and the last command; `vehicle` may be replaced between steps.
-
-    Examples
-    --------
-    >>> plant = Plant()
-    >>> for _ in range(50):
-    ...     plant.advance(Command(motor=2.0))
-    >>> round(plant.state.v, 2)
-    2.0
-    """
+    """Holds the state and the last command; `vehicle` may be replaced between steps."""
 
     def __init__(
         self,

@@ -126,7 +126,7 @@ class Road:
 
     def at(self, s: float) -> tuple[float, float]:
         """Return incline [deg] and elevation [m] at `s` metres along the road."""
-        i = max(bisect_right(self.starts, s) - 1, 0)
+        i = self._stretch(s)
         elevation = self._heights[i] + (s - self.starts[i]) * self._sines[i]
         return self.grades_deg[i], elevation
 

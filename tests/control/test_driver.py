@@ -22,6 +22,11 @@ def drive(driver: Driver, request: DriverInput, seconds: float, *, speed: float 
     return speed
 
 
+def test_limits_are_the_documented_ones() -> None:
+    assert LIMITS == (4.0, 8.0, 20.0, 0.5, 1.0, True)
+    assert (Driver().dt, Driver().stale_after) == (0.05, 0.5)
+
+
 def test_full_throttle_is_the_greatest_acceleration_and_half_is_half_of_it() -> None:
     driver = Driver()
     driver.receive(DriverInput(forward=1.0), 0.0)

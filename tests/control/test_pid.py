@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.control.pid import PID
+from barc_sim.simulation.closed_loop import simulate
+from barc_sim.simulation.metrics import summary
 
 properties = settings(deadline=None, derandomize=True)
 samples = st.lists(
@@ -212,3 +214,15 @@ def test_infinite_measurement_leaves_no_trace(limit: float) -> None:
     outputs(pid, [7.0, 7.0], reference=8.0, dt=0.5)
     pid.acc_calculate(8.0, -inf, 0.5)
     assert pid.acc_calculate(8.0, 7.0, 0.5) == 3.0 + 2.0
+
+
+def test_presets_show_what_each_term_does() -> None:
+    runs = {name: summary(simulate(**gains)) for name, gains in PID.presets.items()}
+    errors = {name: run.rms_error_after_run_up for name, run in runs.items()}
+    assert runs['P'].max_error_after_run_up == pytest.approx(4.9 / 4.0, abs=0.01)  # on the hill
+    assert runs['P'].overshoot == 0.0
+    assert 0.4 < errors['PI'] / errors['P'] < 0.5
+    assert errors['PI'] < errors['PID'] < errors['Too much I']
+    assert runs['Too much I'].overshoot == max(run.overshoot for run in runs.values())
+    assert PID.presets['Tuned'] == {name: gain.default for name, gain in PID.gains.items()}
+    assert errors['Tuned'] == min(errors.values()) == pytest.approx(0.021, abs=5e-4)

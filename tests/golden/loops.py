@@ -10,8 +10,8 @@ from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
 
 # The only names of the package that the golden figures use, but for the command line.
 from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import State, Vehicle
-from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels

@@ -12,7 +12,7 @@ from command_line import barc, call
 
 from barc_sim.bags import reader
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.simulation.laps import laps_of
+from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,4 +1,4 @@
-"""The figures of merit of hand-made runs whose answers are known."""
+"""The figures of merit of hand-made runs whose answers are known, and the laps of a run."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from barc_sim.control.pid import PID
+from barc_sim.page.facts import lap_facts, stretch_facts
+from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.log import COLUMNS, Log
-from barc_sim.simulation.metrics import SegmentErrors, Summary, summary
+from barc_sim.simulation.metrics import Laps, SegmentErrors, SpeedErrors, Summary, laps_of, summary
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +44,17 @@ def run(
     )
 
 
-# RMS and greatest error
+def test_states_one_by_one_have_the_figures_of_the_log_to_the_last_bit() -> None:
+    log = simulate(noise=0.1)  # longer than what waits to be added
+    log = replace(log, reference=np.where(np.arange(len(log)) % 7, log.reference, nan))
+    errors = SpeedErrors()
+    columns = (log.t, log.distance, log.speed, log.reference, log.theta_deg)
+    for row in zip(*(column.tolist() for column in columns), strict=True):
+        errors.add(*row)
+    assert repr(errors.summary()) == repr(summary(log))
+
+
+# RMS and maximum error
 
 
 def test_errors_are_taken_over_all_states() -> None:
@@ -225,3 +238,57 @@ def test_unknown_speed_leaves_overshoot_and_settling_unknown() -> None:
     assert told.max_error == 8.0
     assert isnan(told.overshoot)
     assert isnan(told.settling_time)
+
+
+# Laps
+
+
+def joined(*logs: Log, pause: float = 0.0) -> Log:
+    """Return a run that begins anew between the logs, after a pause [s]."""
+    shifts = np.cumsum([0.0, *(log.t[-1] + 0.02 + pause for log in logs[:-1])])
+    parts = [replace(log, t=log.t + shift) for log, shift in zip(logs, shifts, strict=True)]
+    columns = [part.columns() for part in parts]
+    return Log(**{name: np.concatenate([c[name] for c in columns]) for name in columns[0]})
+
+
+def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
+    weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    tuned = closed_loop()
+    laps, numbers = laps_of(joined(tuned, weak, tuned))
+    assert numbers == [0] * len(tuned) + [1] * len(weak) + [2] * len(tuned)
+    facts = lap_facts(laps)
+    assert facts['count'] == 3
+    for name, log, number in (('current', tuned, 2), ('last', weak, 1), ('best', tuned, 0)):
+        found = summary(log)
+        assert facts[name]['number'] == number
+        assert facts[name]['rms'] == pytest.approx(found.rms_error_after_run_up)
+        assert facts[name]['greatest'] == pytest.approx(found.max_error_after_run_up)
+        assert facts[name]['overshoot'] == pytest.approx(found.overshoot)
+    assert [stretch['theta_deg'] for stretch in stretch_facts(laps.current)][:2] == [0.0, 10.0]
+
+
+def test_fast_car_without_a_reset_drives_one_lap() -> None:
+    laps = Laps()
+    numbers = {laps.add(0.02 * k, 2.0 * k, 0.0, 100.0, 8.0, 0.0) for k in range(100)}
+    assert numbers == {0}
+
+
+def test_short_lap_is_not_the_best() -> None:
+    tuned = closed_loop()
+    short = closed_loop(distance=15.0)
+    weak = closed_loop(controller=PID(4.0, 0.0, 0.0, output_min=-8.0, output_max=8.0))
+    laps, _ = laps_of(joined(weak, short, tuned))
+    assert lap_facts(laps)['best']['number'] == 0
+
+
+def test_reset_after_a_long_pause_begins_a_lap() -> None:
+    laps = Laps()
+    assert laps.add(0.0, 0.0, 0.0, 0.0, 8.0, 0.0) == 0
+    assert laps.add(4.0, 32.0, 0.0, 8.0, 8.0, 10.0) == 0
+    assert laps.add(64.0, 0.0, 0.0, 0.0, 8.0, 0.0) == 1
+
+
+def test_every_lap_has_its_row_also_one_that_was_cut_short() -> None:
+    laps, _ = laps_of(joined(closed_loop(), closed_loop(distance=15.0), closed_loop()))
+    assert [round(lap.end_distance) for lap in laps] == [180, 15, 180]
+    assert [lap.number for lap in laps] == [0, 1, 2]

@@ -10,9 +10,13 @@ from hypothesis import strategies as st
 
 from barc_sim.control.pid import PID
 from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import State, Vehicle
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import NoiseLevels
+
+NOISE = NoiseLevels(s=0.1, ey=0.05, epsi=0.01, v_x=0.05, v_y=0.02)
 
 
 class General(PID):
@@ -38,6 +42,8 @@ roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_si
     high=st.sampled_from([8.0, 2.0, inf]),
     reference=st.floats(-3.0, 12.0),
     ts=st.sampled_from([0.02, 0.013, 1.0 / 30.0]),
+    noise=st.sampled_from([NoiseLevels(), NoiseLevels(v_x=0.3), NOISE]),
+    delay=st.just(0.0) | st.floats(0.0, 0.2) | st.integers(1, 5).map(lambda n: n * 0.02),
 )
 def test_log_and_what_is_left_are_those_of_the_general_loop(
     stretches: list[tuple[float, float]],
@@ -48,12 +54,21 @@ def test_log_and_what_is_left_are_those_of_the_general_loop(
     high: float,
     reference: float,
     ts: float,
+    noise: NoiseLevels,
+    delay: float,
 ) -> None:
     starts = [sum(length for length, _ in stretches[:i]) for i in range(len(stretches))]
     road = Road(tuple(starts), tuple(grade for _, grade in stretches))
     found = []
     for make in (PID, General):
-        plant = Plant(road=road, vehicle=Vehicle(*resistance), ts=ts)
+        plant = Plant(
+            road=road,
+            vehicle=Vehicle(*resistance),
+            ts=ts,
+            noise=noise,
+            seed=3,
+            motor=Actuator(delay=delay),
+        )
         plant.place(state)
         pid = make(*gains, output_min=low, output_max=high)
         for distance in (10.0, 20.0):  # the second run goes on from the first
@@ -79,8 +94,13 @@ def test_a_controller_without_a_number_brings_the_car_nowhere() -> None:
 
 @pytest.mark.parametrize(
     'plant',
-    [Plant(integrator='rk4'), Plant(dynamics='dynamic'), Plant(model=lambda *_, **__: (0.0,) * 4)],
+    [
+        Plant(integrator='rk4'),
+        Plant(dynamics='dynamic'),
+        Plant(model=lambda *_, **__: (0.0,) * 4),
+        Plant(motor=Actuator(lag=0.1)),
+    ],
 )
 def test_only_the_labs_model_has_fast_path(plant: Plant) -> None:
     assert not plant.has_fast_path
-    assert Plant().has_fast_path
+    assert Plant(noise=NOISE, motor=Actuator(delay=0.03)).has_fast_path

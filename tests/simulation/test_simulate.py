@@ -103,3 +103,8 @@ def test_a_model_is_called_as_bikefe() -> None:
     expected = simulate(distance=30.0)
     assert_same(simulate(model=lab_model, distance=30.0), expected)
     assert_same(simulate(model=with_options, distance=30.0), expected)
+
+
+def test_a_car_that_never_arrives_stands_for_10_minutes() -> None:
+    log = simulate(0.0, 0.0, 0.0)
+    assert (log.t[-1], log.x[-1]) == (600.0, 0.0)

@@ -11,16 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.errors import UserError
-from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
-from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle, rates
-from barc_sim.vehicle.integrators import rk4
-from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
-from barc_sim.vehicle.lateral_dynamics import (
+from barc_sim.vehicle.bicycles import (
+    DynamicBicycle,
+    KinematicBicycle,
     LateralParameters,
     eigenvalues,
     lateral_matrix,
+    rates,
     understeer_gradient,
 )
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
+from barc_sim.vehicle.integrators import rk4
 
 TS = 0.005
 CAR = Vehicle(air_drag_coeff=0.0, friction=0.0)

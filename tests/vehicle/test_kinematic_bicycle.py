@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barc_sim.vehicle.bicycles import KinematicBicycle
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle, step
-from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
 
 TS = 0.02
 ODD_VEHICLE = Vehicle(mass=1700.0, air_drag_coeff=0.7, friction=90.0, l_f=1.1, l_r=1.9, gravity=3.7)

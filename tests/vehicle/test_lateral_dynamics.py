@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.lateral_dynamics import (
+from barc_sim.vehicle.bicycles import (
     LateralParameters,
     eigenvalues,
     lateral_matrix,
     understeer_gradient,
 )
+from barc_sim.vehicle.bike_model import Vehicle
 
 #: Rajamani's passenger car, 80,000 N/rad to a tyre.
 BOOK = Vehicle(mass=1573.0, l_f=1.1, l_r=1.58)

@@ -9,10 +9,8 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.actuators import Actuator, ActuatorState
+from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle, LateralParameters
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE, forces, motion, step
-from barc_sim.vehicle.dynamic_bicycle import DynamicBicycle
-from barc_sim.vehicle.kinematic_bicycle import KinematicBicycle
-from barc_sim.vehicle.lateral_dynamics import LateralParameters
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor

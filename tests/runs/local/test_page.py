@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 
 from barc_sim import read_bag
 from barc_sim.control.pid import PID
-from barc_sim.simulation.laps import laps_of
+from barc_sim.simulation.metrics import laps_of
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:

@@ -1,0 +1,285 @@
+"""The bicycles: the kinematic one, and the dynamic one with linear tyres, over the same road.
+
+The kinematic bicycle steps by the lab's forward Euler or by Runge-Kutta. The dynamic one has slip
+angles at its tyres, and the same forces along the road::
+
+    dv_x/dt   = a + F_ext/m - F_f sin δ / m + v_y ψ'    F_f = C_f (δ - atan2(v_y + l_f ψ', v_x))
+    dv_y/dt   = (F_f cos δ + F_r) / m - v_x ψ'          F_r = -C_r atan2(v_y - l_r ψ', v_x)
+    dψ'/dt    = (l_f F_f cos δ - l_r F_r) / I_z
+
+(Kong et al., IV 2015, eq. 2; for small angles Rajamani, "Vehicle Dynamics and Control", section
+2.3.) Tyres are linear up to a few degrees of slip, about 4 m/s² across on a dry road.
+
+The slip angles have no meaning at a standstill, and the equations become stiff on the way there:
+their rates grow with 1/v_x. Slower than `LateralParameters.dynamic_above`, and in reverse, the car
+is the kinematic bicycle, as in the single-track model of Althoff et al., "CommonRoad: Composable
+benchmarks for motion planning on roads", IV 2017. On the way up v_y and ψ' begin at the values of
+the kinematic bicycle; on the way down they take these values in one step.
+"""
+
+from __future__ import annotations
+
+from cmath import sqrt as complex_sqrt
+from collections.abc import Callable
+from math import atan2, copysign, cos, hypot, sin
+from typing import TYPE_CHECKING, NamedTuple
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.bike_model import (
+    Command,
+    Model,
+    Motion,
+    State,
+    Vehicle,
+    bikeFE,
+    clamped_at_zero,
+    motion,
+    resistance,
+    slip_angle,
+    step,
+    step_by,
+)
+from barc_sim.vehicle.integrators import integrator as named
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.integrators import Vector
+
+#: Distance along the road [m] to incline [rad].
+Grade = Callable[[float], float]
+_Matrix = tuple[tuple[float, float], tuple[float, float]]
+
+
+class LateralParameters(NamedTuple):
+    """Parameters of the dynamic bicycle beyond `Vehicle`; the defaults understeer mildly."""
+
+    yaw_inertia: float = 4000.0  #: [kg m²] I_z
+    front_stiffness: float = 120e3  #: [N/rad] C_f, of the front axle's tyres together
+    rear_stiffness: float = 160e3  #: [N/rad] C_r, of the rear axle's
+    dynamic_above: float = 3.0  #: [m/s] slower, and in reverse, the car is the kinematic bicycle
+
+
+def acceleration(v: float, motor: float, theta: float, vehicle: Vehicle, direction: float) -> float:
+    """Return dv/dt [m/s²] at speed `v` [m/s] on an incline of `theta` [rad].
+
+    `direction` is the sign of the motion that the resistance opposes; 0: no resistance.
+    """
+    opposing = direction * resistance(v, vehicle)
+    return motor - vehicle.gravity * sin(theta) - opposing / vehicle.mass
+
+
+def direction_of(v: float) -> float:
+    """Return the sign of `v`, zero for zero."""
+    return copysign(1.0, v) if v else 0.0
+
+
+def with_static_resistance(v: float, after: float, free: Callable[[], float]) -> float:
+    """Return the speed after a step from `v` to `after`, by the rule of `clamped_at_zero`.
+
+    `free` makes the step without resistance; it is called only where the speed changes its sign.
+    """
+    return clamped_at_zero(v, after, free()) if after < 0.0 < v or v < 0.0 < after else after
+
+
+class KinematicBicycle:
+    """Steps a state by `bikeFE` or a model called like it, or by `rk4`."""
+
+    def __init__(self, integrator: str = 'euler', model: Model = bikeFE) -> None:
+        """Take an integrator by its name.
+
+        Raises
+        ------
+        UserError
+            where there is none of that name, or `model` comes with another than 'euler'.
+        """
+        self._integrator = named(integrator)
+        self._model = model if integrator == 'euler' else None
+        if not self._model and model is not bikeFE:
+            raise UserError(
+                f'integrator {integrator!r} does not go with a model of your own, which makes its '
+                "steps itself: leave the integrator at 'euler'"
+            )
+
+    @property
+    def is_lab(self) -> bool:
+        """Whether `bikeFE` makes the steps."""
+        return self._model is bikeFE
+
+    def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
+        """Return the state `ts` seconds later, with acceleration and steering `held`."""
+        if self.is_lab:
+            return step(state, held, grade(state.x), vehicle, ts)
+        if self._model:
+            return step_by(self._model, state, held, grade(state.x), vehicle, ts)
+
+        def after(direction: float) -> State:
+            rates = _rates(held, grade, vehicle, direction)
+            return State(*self._integrator.step(rates, state, ts))
+
+        stepped = after(direction_of(state.v))
+        return stepped._replace(v=with_static_resistance(state.v, stepped.v, lambda: after(0.0).v))
+
+    def reset(self) -> None:
+        """Do nothing: a step depends on the state alone."""
+
+    #: `bike_model.motion`: the velocities follow from state and steering alone.
+    motion = staticmethod(motion)
+
+
+def _rates(
+    held: Command, grade: Grade, vehicle: Vehicle, direction: float
+) -> Callable[[Vector], Vector]:
+    """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step."""
+    beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
+    turn = sin(beta) / vehicle.l_r
+
+    def rates(state: Vector) -> Vector:
+        x, _, psi, v = state
+        return (
+            v * cos(psi + beta),
+            v * sin(psi + beta),
+            v * turn,
+            acceleration(v, held.motor, grade(x), vehicle, direction),
+        )
+
+    return rates
+
+
+class DynamicBicycle:
+    """Makes steps of the dynamic bicycle; it keeps slip angle and yaw rate, which `State` lacks."""
+
+    is_lab = False
+
+    def __init__(self, lateral: LateralParameters | None = None, integrator: str = 'euler') -> None:
+        """Begin without slip and yaw rate.
+
+        Raises
+        ------
+        UserError
+            where there is no integrator of that name.
+        """
+        self.lateral = lateral or LateralParameters()
+        self._integrator = named(integrator)
+        self._kinematic = KinematicBicycle(integrator)
+        self._beta = self._psi_dot = 0.0
+
+    def check(self, vehicle: Vehicle, ts: float) -> None:
+        """Raise UserError where steps of `ts` seconds are too long for the integrator.
+
+        They are where it makes a motion grow that decays, at the speed at which it begins.
+        """
+        v = self.lateral.dynamic_above
+        for rate in eigenvalues(vehicle, self.lateral, v):
+            if rate.real < 0.0 and self._integrator.amplification(rate * ts) > 1.0:
+                raise UserError(
+                    f'steps of {ts:g} s are too long for the dynamic bicycle at {v:g} m/s, where '
+                    f'it settles in {1e3 / abs(rate):.0f} ms: raise the parameter rate or '
+                    'dynamic_above'
+                )
+
+    def step(self, state: State, held: Command, grade: Grade, vehicle: Vehicle, ts: float) -> State:
+        """Return the state `ts` seconds later, with acceleration and steering `held`."""
+        if not self._dynamic(state):
+            after = self._kinematic.step(state, held, grade, vehicle, ts)
+            self._set_kinematic_slip(after.v, held.servo, vehicle)
+            return after
+        begin = self._motion(state)
+
+        def end(direction: float) -> Motion:
+            slopes = rates(held, grade, vehicle, self.lateral, direction)
+            return Motion(*self._integrator.step(slopes, begin, ts))
+
+        moved = end(direction_of(begin.v_x))
+        v_x = with_static_resistance(begin.v_x, moved.v_x, lambda: end(0.0).v_x)
+        if v_x <= self.lateral.dynamic_above:
+            v = v_x / cos(slip_angle(held.servo, vehicle.l_f, vehicle.l_r))
+            self._set_kinematic_slip(v, held.servo, vehicle)
+        else:
+            v = hypot(v_x, moved.v_y)
+            self._beta, self._psi_dot = atan2(moved.v_y, v_x), moved.psi_dot
+        return State(moved.x, moved.y, moved.psi, v)
+
+    def reset(self) -> None:
+        """Reset slip and yaw rate to zero."""
+        self._beta = self._psi_dot = 0.0
+
+    def motion(self, state: State, servo: float, vehicle: Vehicle) -> Motion:
+        """Return the velocities in the vehicle's frame; `servo` [rad] counts at low speed only."""
+        if self._dynamic(state):
+            return self._motion(state)
+        return self._kinematic.motion(state, servo, vehicle)
+
+    def _dynamic(self, state: State) -> bool:
+        return state.v * cos(self._beta) > self.lateral.dynamic_above
+
+    def _motion(self, state: State) -> Motion:
+        x, y, psi, v = state
+        return Motion(x, y, psi, v * cos(self._beta), v * sin(self._beta), self._psi_dot)
+
+    def _set_kinematic_slip(self, v: float, servo: float, vehicle: Vehicle) -> None:
+        """Slip and turn as the kinematic bicycle does."""
+        self._beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
+        self._psi_dot = v / vehicle.l_r * sin(self._beta)
+
+
+def rates(
+    held: Command,
+    grade: Grade,
+    vehicle: Vehicle,
+    lateral: LateralParameters,
+    direction: float = 1.0,
+) -> Callable[[Vector], Vector]:
+    """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
+
+    `direction` is the sign of the motion that the resistance opposes; 0: there is none.
+    """
+    motor, servo = held
+    l_f, l_r, mass = vehicle.l_f, vehicle.l_r, vehicle.mass
+    cos_servo, sin_servo = cos(servo), sin(servo)
+
+    def derivative(motion: Vector) -> Vector:
+        x, _, psi, v_x, v_y, psi_dot = motion
+        front = lateral.front_stiffness * (servo - atan2(v_y + l_f * psi_dot, v_x))
+        rear = -lateral.rear_stiffness * atan2(v_y - l_r * psi_dot, v_x)
+        free = acceleration(hypot(v_x, v_y), motor, grade(x), vehicle, direction)
+        return (
+            v_x * cos(psi) - v_y * sin(psi),
+            v_x * sin(psi) + v_y * cos(psi),
+            psi_dot,
+            free - front * sin_servo / mass + v_y * psi_dot,
+            (front * cos_servo + rear) / mass - v_x * psi_dot,
+            (l_f * front * cos_servo - l_r * rear) / lateral.yaw_inertia,
+        )
+
+    return derivative
+
+
+# The lateral dynamics in closed form, of small angles at a constant speed: after Rajamani, "Vehicle
+# Dynamics and Control", 2nd ed., sections 2.3 and 3.3, where a tyre's stiffness is half of an
+# axle's here.
+
+
+def lateral_matrix(vehicle: Vehicle, lateral: LateralParameters, v: float) -> _Matrix:
+    """Return A of d/dt (v_y, psi_dot) = A (v_y, psi_dot) + B δ, at speed `v` [m/s] above zero."""
+    m, l_f, l_r = vehicle.mass, vehicle.l_f, vehicle.l_r
+    i_z, c_f, c_r, _ = lateral
+    moment = l_f * c_f - l_r * c_r
+    return (
+        (-(c_f + c_r) / (m * v), -v - moment / (m * v)),
+        (-moment / (i_z * v), -(l_f**2 * c_f + l_r**2 * c_r) / (i_z * v)),
+    )
+
+
+def eigenvalues(vehicle: Vehicle, lateral: LateralParameters, v: float) -> tuple[complex, complex]:
+    """Return the eigenvalues [1/s] of `lateral_matrix`, that of the greater real part first."""
+    (a, b), (c, d) = lateral_matrix(vehicle, lateral, v)
+    mean, root = 0.5 * (a + d), complex_sqrt(0.25 * (a - d) ** 2 + b * c)
+    return mean + root, mean - root
+
+
+def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
+    """Return K [rad s²/m]: on a circle of radius R the steering is (l_f + l_r)/R + K v²/R.
+
+    It is positive where the car understeers, zero where it is neutral.
+    """
+    load = vehicle.mass / (vehicle.l_f + vehicle.l_r)
+    return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)

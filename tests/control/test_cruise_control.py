@@ -1,0 +1,84 @@
+"""What the controller's node computes: which states and references it takes, and its parameters."""
+
+from __future__ import annotations
+
+from math import inf, nan
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.lqr import LQR
+from barc_sim.control.pid import PID
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.vehicle.parameters import Parameter
+
+
+def defaults(table: list[Parameter]) -> dict[str, Any]:
+    return {each.name: each.default for each in table}
+
+
+@pytest.fixture
+def refused() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def cruise(refused: list[str]) -> CruiseControl:
+    def refuse(sentence: Callable[[], str]) -> None:
+        refused.append(sentence())
+
+    return CruiseControl(None, defaults, refuse=refuse, warn=refuse)
+
+
+@pytest.mark.parametrize('speed', [1e6, -1e6, 0.0])
+def test_states_up_to_the_speed_limit_are_answered(cruise: CruiseControl, speed: float) -> None:
+    answer = cruise.take_state(0, speed)
+    assert answer is not None
+    assert answer.acceleration == (8.0 if speed <= 0.0 else -8.0)
+
+
+@pytest.mark.parametrize('speed', [1.1e6, -1.1e6, nan, inf, -inf])
+def test_states_beyond_the_speed_limit_are_refused(
+    cruise: CruiseControl, refused: list[str], speed: float
+) -> None:
+    assert cruise.take_state(0, speed) is None
+    assert refused == [f'a state whose speed is {speed} m/s']
+
+
+@pytest.mark.parametrize(('speed', 'taken'), [(100.0, 1), (-100.0, 1), (100.1, 0), (nan, 0)])
+def test_references_are_between_plus_and_minus_100(
+    cruise: CruiseControl, refused: list[str], speed: float, taken: bool
+) -> None:
+    cruise.refer(speed)
+    assert (cruise.values['speed_reference'] == speed) == bool(taken)
+    assert len(refused) == (not taken)
+
+
+def test_parameters_are_a_pid_that_holds_8_meters_a_second(cruise: CruiseControl) -> None:
+    assert isinstance(cruise.controller, PID)
+    assert cruise.values == {
+        'kp': 30.0,
+        'ki': 200.0,
+        'kd': 0.1,
+        'acceleration_limit': 8.0,
+        'speed_reference': 8.0,
+        'subtract_error': False,
+    }
+    assert [each.between for each in cruise.parameters()][:4] == [*[(-1e6, 1e6)] * 3, (0.01, 1e6)]
+
+
+def test_weights_of_the_lqr_are_positive_and_its_observer_is_stable() -> None:
+    bounds = {name: gain.between for name, gain in LQR.gains.items()}
+    assert bounds.pop('observer_gain') == (0.0, 1.0)
+    assert all(0.0 < low < high for low, high in bounds.values())
+
+
+def test_time_that_goes_back_begins_anew(cruise: CruiseControl, refused: list[str]) -> None:
+    first = cruise.take_state(1_000_000_000, 7.75)
+    assert cruise.take_state(1_020_000_000, 7.75) != first
+    assert cruise.take_state(1_000_000_000, 7.75) == first
+    assert refused == ['time went back by 0.02 s: the controller is reset']

@@ -1,0 +1,73 @@
+"""The simulator's parameters: their defaults, and a car at each of their bounds."""
+
+from __future__ import annotations
+
+from math import inf, isfinite
+
+import pytest
+
+from barc_sim.vehicle.bike_model import Command
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, plant, retune
+
+DEFAULTS = {each.name: each.default for each in PARAMETERS}
+BOUNDS = [
+    (each.name, bound)
+    for each in PARAMETERS
+    for bound in (each.between or ())
+    # Lateral parameters have no part in the kinematic bicycle.
+    if each.name not in ('yaw_inertia', 'front_stiffness', 'rear_stiffness', 'dynamic_above')
+]
+
+
+def test_defaults_are_the_labs_and_the_documented_ones() -> None:
+    lab = {'mass': 2000.0, 'air_drag_coeff': 0.01308, 'friction': 0.01711, 'l_f': 1.5, 'l_r': 1.5}
+    ours = {
+        'gravity': 9.8,
+        'rate': 50.0,
+        'road': 'lab',
+        'realtime_factor': 1.0,
+        'clock': False,
+        'wait_for_controller': True,
+        'command_timeout': 0.0,
+        'timeout_braking': 8.0,
+        'refuse_motor_above': 100.0,
+        'refuse_servo_above': 1.5,
+        'seed': 0,
+        'integrator': 'euler',
+        'dynamics': 'kinematic',
+        'yaw_inertia': 4000.0,
+        'front_stiffness': 120e3,
+        'rear_stiffness': 160e3,
+        'dynamic_above': 3.0,
+    }
+    off = {name: value for name, value in DEFAULTS.items() if name not in lab | ours}
+    assert lab | ours | off == DEFAULTS
+    assert set(off) == LIVE
+    assert not any(off.values())
+
+
+@pytest.mark.parametrize(('name', 'bound'), BOUNDS)
+def test_car_drives_at_each_bound(name: str, bound: float) -> None:
+    car = plant(DEFAULTS | {name: bound})
+    for _ in range(20):
+        seen = car.observe()
+        car.advance(Command(1.0, 0.1))
+    assert all(map(isfinite, (*car.state, *seen.measured, *seen.forces)))
+
+
+def test_live_parameters_change_a_car_that_drives() -> None:
+    car = plant(DEFAULTS)
+    retune(DEFAULTS | {'motor_limit': 4.0}, car)
+    car.advance(Command(motor=8.0))
+    assert car.state.v == pytest.approx(0.08, abs=1e-4)
+    assert car.actuators.motor.only_delays is False
+    retune(DEFAULTS, car)
+    assert car.actuators.is_ideal
+
+
+def test_a_limit_of_0_is_none() -> None:
+    assert plant(DEFAULTS).actuators.motor.waiting == [0.0]
+    car = plant(DEFAULTS | {'motor_delay': 0.04})
+    assert car.actuators.motor.only_delays
+    car.advance(Command(motor=inf))
+    assert car.state.v == 0.0
