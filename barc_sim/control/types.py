@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import ACCELERATION_LIMIT, PID
+from barc_sim.control.pid import PID
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,16 +26,3 @@ GAINS: Mapping[str, Gain] = {
 TERMS: Mapping[str, str] = {
     name: meaning for controller in TYPES.values() for name, meaning in controller.terms.items()
 }
-
-
-def new_controller(
-    kind: str = DEFAULT_TYPE,
-    gains: Mapping[str, float] | None = None,
-    limit: float = ACCELERATION_LIMIT,
-) -> Controller:
-    """Return a controller of a type, with these gains and an output within ±`limit` [m/s²]."""
-    controller = TYPES[kind]()
-    for name, value in (gains or {}).items():
-        setattr(controller, name, value)
-    controller.output_min, controller.output_max = -limit, limit
-    return controller

@@ -81,7 +81,7 @@ def simulate_loop() -> int:
     return len(simulate()) - 1
 
 
-def general_loop() -> int:
+def noise_loop() -> int:
     """Drive `simulate` with noise."""
     return len(simulate(noise=0.1)) - 1
 
@@ -120,7 +120,7 @@ def main(task: dict[str, object]) -> dict[str, float]:
         drives = {
             'lab': lab_loop,
             'simulate': simulate_loop,
-            'general': general_loop,
+            'noise': noise_loop,
             'single': single_loop,
         }
         rate = _rate(drives[subject], seconds)

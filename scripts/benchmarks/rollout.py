@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _SUBJECTS = {
     'simulate': 'simulate, with its log',
     'lab': "the lab's loop, NumPy scalars",
-    'general': 'simulate with noise',
+    'noise': 'simulate with noise',
     'single': 'one loop without a log',
     'numpy': 'batches with NumPy',
 }

@@ -17,8 +17,8 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from user_files import load
 
+from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import speed_controller
-from barc_sim.control.types import new_controller
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros import names
@@ -254,7 +254,7 @@ def test_a_controller_that_is_no_pid_has_its_own_gains_and_terms(bench: Make) ->
     told: list[ControllerState] = []
     one.peer.create_subscription(ControllerState, names.CONTROLLER_STATE, told.append, names.QOS)
     one.until(lambda: one.controller.count_subscribers(names.CONTROLLER_STATE) == 1)
-    lqr = new_controller('lqr', {'speed_weight': 100.0}, 3.0)
+    lqr = LQR(speed_weight=100.0, output_min=-3.0, output_max=3.0)
     samples = [(0, 7.9), (20 * MS, 7.95), (40 * MS, 4.0)]
     assert one.answers(samples) == [lqr.acc_calculate(8.0, v_x, 0.02) for _, v_x in samples]
     one.until(lambda: len(told) == 3)

@@ -1,9 +1,9 @@
-"""The dynamic bicycle against its own closed forms, and where it is the kinematic one."""
+"""Both bicycles: against closed forms, and where the dynamic one is the kinematic one."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, cos, exp, isfinite, pi, radians, sin, sqrt
+from math import atan2, atanh, cos, cosh, exp, isfinite, log, pi, radians, sin, sqrt, tanh
 
 import numpy as np
 import pytest
@@ -20,8 +20,71 @@ from barc_sim.vehicle.bicycles import (
     rates,
     understeer_gradient,
 )
-from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion, slip_angle, step
 from barc_sim.vehicle.integrators import rk4
+
+LAB_TS = 0.02
+ODD_VEHICLE = Vehicle(mass=1700.0, air_drag_coeff=0.7, friction=90.0, l_f=1.1, l_r=1.9, gravity=3.7)
+FREE = Vehicle(air_drag_coeff=0.0, friction=0.0)
+speeds = st.floats(-30.0, 30.0)
+properties = settings(deadline=None, derandomize=True)
+
+
+def drive(state: State, held: Command, vehicle: Vehicle, steps: int, theta: float = 0.0) -> State:
+    bicycle = KinematicBicycle('rk4')
+    for _ in range(steps):
+        state = bicycle.step(state, held, lambda _: theta, vehicle, LAB_TS)
+    return state
+
+
+@properties
+@given(v=speeds, motor=st.floats(-8.0, 8.0), servo=st.floats(-0.6, 0.6))
+def test_euler_is_the_labs_step_to_the_last_bit(v: float, motor: float, servo: float) -> None:
+    state, held = State(3.0, -1.0, 0.4, v), Command(motor, servo)
+    found = KinematicBicycle().step(state, held, lambda x: 0.1 * x, ODD_VEHICLE, LAB_TS)
+    assert found == step(state, held, 0.1 * 3.0, ODD_VEHICLE, LAB_TS)
+
+
+def test_rk4_takes_a_circle_round() -> None:
+    radius = 1.5 / sin(slip_angle(0.3))
+    angle = 8.0 * 2.0 / radius
+    beta = slip_angle(0.3)
+    state = drive(State(v=8.0), Command(0.0, 0.3), FREE, 100)
+    assert state.psi == pytest.approx(angle)
+    centre = (-radius * sin(beta), radius * sqrt(1.0 - sin(beta) ** 2))
+    distance = sqrt((state.x - centre[0]) ** 2 + (state.y - centre[1]) ** 2)
+    assert distance == pytest.approx(radius, abs=1e-7)
+
+
+def test_rk4_rolls_downhill_against_drag_as_the_closed_form_has_it() -> None:
+    vehicle = Vehicle(mass=1000.0, air_drag_coeff=20.0, friction=50.0)
+    pull = 1000.0 * 9.8 * sin(radians(10.0)) - 50.0
+    terminal, rate = sqrt(pull / 20.0), sqrt(pull * 20.0) / 1000.0
+    phase = atanh(3.0 / terminal)
+    state = drive(State(v=3.0), Command(), vehicle, 200, radians(-10.0))
+    assert state.v == pytest.approx(terminal * tanh(phase + rate * 4.0), rel=1e-10)
+    way = terminal / rate * log(cosh(phase + rate * 4.0) / cosh(phase))
+    assert state.x == pytest.approx(way, rel=1e-10)
+
+
+def test_rk4_reads_the_grade_along_the_step() -> None:
+    seen: list[float] = []
+
+    def grade(x: float) -> float:
+        seen.append(x)
+        return 0.0
+
+    KinematicBicycle('rk4').step(State(5.0, v=10.0), Command(), grade, FREE, LAB_TS)
+    assert seen == pytest.approx([5.0, 5.1, 5.1, 5.2])
+
+
+@properties
+@given(v=st.floats(-1.0, 1.0), friction=st.floats(0.0, 1e6), a0=st.floats(0.0, 1e3))
+def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, a0: float) -> None:
+    vehicle = Vehicle(mass=2000.0, air_drag_coeff=a0, friction=friction)
+    found = drive(State(v=v), Command(), vehicle, 1).v
+    assert 0.0 <= found <= v or v <= found <= 0.0
+
 
 TS = 0.005
 CAR = Vehicle(air_drag_coeff=0.0, friction=0.0)
@@ -30,7 +93,6 @@ UNDERSTEERING = LateralParameters()
 OVERSTEERING = LateralParameters(front_stiffness=160e3, rear_stiffness=120e3)
 #: [rad] So small that the equations are the linear ones to about its square.
 SMALL = 1e-4
-properties = settings(deadline=None, derandomize=True)
 
 
 def flat(_: float) -> float:
@@ -257,3 +319,28 @@ def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> No
 def test_car_that_is_unstable_itself_is_not_refused() -> None:
     v = 1.2 * critical_speed()
     DynamicBicycle(OVERSTEERING._replace(dynamic_above=v)).check(CAR, 0.02)
+
+
+#: Rajamani's passenger car, 80,000 N/rad to a tyre.
+BOOK = Vehicle(mass=1573.0, l_f=1.1, l_r=1.58)
+BOOK_HANDLING = LateralParameters(2873.0, 160e3, 160e3)
+
+
+def test_defaults_understeer_and_equal_axles_are_neutral() -> None:
+    assert understeer_gradient(Vehicle(), LateralParameters()) > 0.0
+    assert understeer_gradient(Vehicle(), LateralParameters(4000.0, 140e3, 140e3)) == 0.0
+
+
+def test_textbook_car_has_the_gradient_of_the_textbooks_formula() -> None:
+    front, rear = 1573.0 * 1.58 / 2.68, 1573.0 * 1.1 / 2.68  # [kg] on each axle
+    expected = front / (2.0 * 80e3) - rear / (2.0 * 80e3)
+    assert understeer_gradient(BOOK, BOOK_HANDLING) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('v', [3.0, 15.0, 40.0])
+def test_eigenvalues_have_the_matrixs_trace_and_determinant(v: float) -> None:
+    (a, b), (c, d) = lateral_matrix(BOOK, BOOK_HANDLING, v)
+    first, second = eigenvalues(BOOK, BOOK_HANDLING, v)
+    assert first + second == pytest.approx(a + d)
+    assert first * second == pytest.approx(a * d - b * c)
+    assert first.real >= second.real
