@@ -28,6 +28,9 @@ MAX_SCHEMAS = 32  #: definitions that are parsed
 MAX_ARRAY = 1000  #: numbers in an array of fixed length
 MAX_MESSAGE = 64 << 10  #: bytes of a message that is decoded
 MAX_TERMS = 64  #: of a controller
+MAX_TOPICS = 5000  #: and definitions
+MAX_DEFINITIONS = 8 << 20  #: bytes of all definitions
+MAX_QOS = 50_000  #: characters of what a topic's publishers offer
 MAX_TEXT = 10_000  #: characters of an entry of the run's metadata
 MAX_LONG_TEXT = 200_000  #: characters of `LONG`
 LONG = ('parameters', 'graph')
@@ -57,13 +60,7 @@ class Budget:
         self._end = thread_time() + self._seconds
 
     def charge(self, size: int = 0) -> None:
-        """Charge a record that unpacks to `size` bytes; call it before the work.
-
-        Raises
-        ------
-        UserError
-            The budget is spent.
-        """
+        """Charge a record that unpacks to `size` bytes before the work; UserError: all is spent."""
         self._bytes -= size
         self._records -= 1
         late = (size or not self._records % 64) and thread_time() > self._end
@@ -81,11 +78,6 @@ def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
     ------
     ValueError
         It is no JSON, too long or too deep.
-
-    Examples
-    --------
-    >>> from_json('{"kp": 30.0}')
-    {'kp': 30.0}
     """
     _check_length(text)
     try:
@@ -137,13 +129,7 @@ def _check_length(text: str) -> None:
 
 
 def check_entries(path: Path, entries: dict[str, str]) -> dict[str, str]:
-    """Return the metadata of a run.
-
-    Raises
-    ------
-    UserError
-        An entry is too long, or there are too many.
-    """
+    """Return the metadata; UserError: it is more than that of a run."""
     for name, text in entries.items():
         most = MAX_LONG_TEXT if name in LONG else MAX_TEXT
         if len(text) > most or len(name) > MAX_TEXT:
@@ -154,6 +140,15 @@ def check_entries(path: Path, entries: dict[str, str]) -> dict[str, str]:
     if len(entries) > MAX_TEXT or sum(map(len, entries.values())) > MAX_METADATA:
         raise UserError(f'{str(path)!r} has {len(entries)} entries of metadata: name another bag')
     return entries
+
+
+def check_topics(path: Path, topics: int, definitions: int = 0) -> None:
+    """Raise UserError for more topics, or bytes of definitions, than in a recording."""
+    if topics > MAX_TOPICS or definitions > MAX_DEFINITIONS:
+        raise UserError(
+            f'{str(path)!r} has {topics} topics with {definitions} bytes of definitions, where at '
+            f'most {MAX_TOPICS} and {MAX_DEFINITIONS} are read: name another bag'
+        )
 
 
 def check_attachments(path: Path, attached: dict[str, bytes]) -> None:
@@ -167,13 +162,7 @@ def check_attachments(path: Path, attached: dict[str, bytes]) -> None:
 
 
 def check_log(path: Path, log: Log) -> Log:
-    """Return the log of a run.
-
-    Raises
-    ------
-    UserError
-        Its stamps or grades are none of a run.
-    """
+    """Return the log; UserError: its stamps or grades are none of a run."""
     gaps = np.diff(log.t, prepend=0.0)
     k = int(np.argmax(gaps))
     if gaps[k] > MAX_GAP or log.t[-1] > MAX_DURATION:

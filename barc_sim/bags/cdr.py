@@ -53,15 +53,6 @@ class FixedLayout:
     ----------
     names
         The fields after the first, in order.
-
-    Examples
-    --------
-    >>> layout = fixed_layout({'header': 'std_msgs/Header', 'motor': 'float64', 'servo': 'float64'})
-    >>> data = layout.pack(20_000_000, {'motor': 2.0, 'servo': 0.1})
-    >>> layout.reader('motor', 'servo')(data)
-    (2.0, 0.1)
-    >>> leading_time(data)
-    20000000
     """
 
     def __init__(self, leading: str, names: Sequence[str], codes: str) -> None:

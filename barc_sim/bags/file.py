@@ -100,13 +100,7 @@ class AtomicAppender:
         return bool(self._waiting)
 
     def commit(self) -> None:
-        """Append the block to the file.
-
-        Raises
-        ------
-        OSError
-            The system refused.
-        """
+        """Append the block to the file."""
         block = b''.join(self._waiting)
         self._waiting = [block]
         try:
@@ -135,13 +129,7 @@ class AtomicAppender:
         return (found.st_dev, found.st_ino) == (own.st_dev, own.st_ino)
 
     def restore(self) -> None:
-        """Make the file and its folder anew, after they were removed.
-
-        Raises
-        ------
-        OSError
-            They cannot be made, or another file has taken the name.
-        """
+        """Make the file and its folder anew, after they were removed."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
         removed, self._descriptor = self._descriptor, self._open()
         size, self._size = self._size, 0
@@ -388,13 +376,7 @@ class BagFile:
             self._chunk = ChunkBuilder()
 
     def commit(self) -> None:
-        """Write the finished chunks, and close the file if it is finished.
-
-        Raises
-        ------
-        OSError
-            The system refused; the file is whole up to the last commit.
-        """
+        """Write the finished chunks, and close the file if it is finished."""
         if self.appender.waiting:
             self.appender.commit()
             self.on_disk = self.on_disk + self._in_blocks  # others read it in their threads

@@ -61,13 +61,7 @@ def _types() -> Typestore:
 
 
 def message_class(type_name: str) -> type[Any]:
-    """Return the class of a shipped type, as in `std_msgs/msg/Header`.
-
-    Examples
-    --------
-    >>> [*message_class('std_msgs/msg/Header').__annotations__]
-    ['stamp', 'frame_id', '__msgtype__']
-    """
+    """Return the class of a shipped type, as in `std_msgs/msg/Header`."""
     return _types().types[type_name]
 
 
@@ -85,11 +79,6 @@ def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
     """Return a function that serializes a message of a shipped type.
 
     It takes the time [ns] with which the message may begin, and the other fields by name.
-
-    Examples
-    --------
-    >>> pack = packer('barc_interfaces/msg/ECU')
-    >>> data = pack(20_000_000, {'motor': 2.0, 'servo': 0.1})
     """
     fields = _types().fielddefs[type_name][1]
     if layout := fixed_layout(plain_fields(fields)):
@@ -120,13 +109,7 @@ def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
 
 
 def topic(name: str, type_name: str) -> Topic:
-    """Return a bag's record of a topic that a run publishes without ROS.
-
-    Examples
-    --------
-    >>> topic('/ecu', 'barc_interfaces/msg/ECU').type
-    'barc_interfaces/msg/ECU'
-    """
+    """Return a bag's record of a topic that a run publishes without ROS."""
     return Topic(
         name=name,
         type=type_name,

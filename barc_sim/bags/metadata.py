@@ -30,16 +30,7 @@ class Topic:
 
 @dataclass
 class Span:
-    """The time span and number of the messages in a file or a bag.
-
-    Examples
-    --------
-    >>> span = Span()
-    >>> span.add(1_000_000_000)
-    >>> span.add(3_000_000_000)
-    >>> span.count, span.start, span.end
-    (2, 1000000000, 3000000000)
-    """
+    """The time span and number of the messages in a file or a bag."""
 
     start: int | None = None  #: [ns] since the epoch; None without messages
     end: int = 0  #: [ns]
@@ -113,13 +104,7 @@ def information(
 
 
 def write(directory: Path, information: Mapping[str, Any]) -> None:
-    """Write metadata.yaml, whole or not at all.
-
-    Raises
-    ------
-    OSError
-        It cannot be written.
-    """
+    """Write metadata.yaml, whole or not at all."""
     text = to_yaml({'rosbag2_bagfile_information': information})
     with replacing(directory / 'metadata.yaml') as part:
         part.write_text(text, encoding='utf-8')
@@ -134,12 +119,5 @@ class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[mi
 
 
 def to_yaml(value: object) -> str:
-    """Return `value` as YAML in the style of rosbag2.
-
-    Examples
-    --------
-    >>> print(to_yaml({'bag': {'messages': 3}}), end='')
-    bag:
-      messages: 3
-    """
+    """Return `value` as YAML in the style of rosbag2."""
     return yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=2**31 - 1)

@@ -31,14 +31,7 @@ Link = tuple[str, str]
 
 @dataclass(frozen=True)
 class NodeGraph:
-    """The nodes of a system with their topics, all by their full names, sorted.
-
-    Examples
-    --------
-    >>> graph = NodeGraph(('/controller',), {}, (), ())
-    >>> NodeGraph.from_json(graph.to_json()) == graph
-    True
-    """
+    """The nodes of a system with their topics, all by their full names, sorted."""
 
     nodes: tuple[str, ...]
     topics: dict[str, str]  #: the type of each
@@ -51,13 +44,7 @@ class NodeGraph:
 
     @classmethod
     def from_json(cls, text: str) -> NodeGraph:
-        """Return the graph from the JSON of `to_json`.
-
-        Raises
-        ------
-        ValueError
-            It is none, or too large.
-        """
+        """Return the graph from the JSON of `to_json`."""
         values = bounds.from_json(text)
         try:
             graph = cls(
@@ -88,11 +75,5 @@ def _links(pairs: Iterable[tuple[object, object]]) -> tuple[Link, ...]:
 
 
 def purposes(graph: NodeGraph) -> list[tuple[str, str]]:
-    """Return each node with its purpose, which is empty for a node that is not ours.
-
-    Examples
-    --------
-    >>> purposes(NodeGraph(('/bag_recorder', '/rviz'), {}, (), ()))
-    [('/bag_recorder', 'records every wanted topic into a bag'), ('/rviz', '')]
-    """
+    """Return each node with its purpose, which is empty for a node that is not ours."""
     return [(name, PURPOSES.get(name.rpartition('/')[2], '')) for name in graph.nodes]

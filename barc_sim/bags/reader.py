@@ -69,39 +69,17 @@ def info(path: Path | str) -> dict[str, str]:
     ------
     UserError
         There is no bag at `path`.
-
-    Examples
-    --------
-    >>> 'parameters' in info(newest('bags'))
-    True
     """
     return load(path, messages=False).info
 
 
 def attachments(path: Path | str) -> dict[str, bytes]:
-    """Return the files attached to the bag, by name.
-
-    Raises
-    ------
-    UserError
-        There is no bag at `path`.
-    """
+    """Return the files attached to the bag, by name."""
     return load(path, messages=False).attachments
 
 
 def counts(path: Path | str) -> dict[str, int]:
-    """Return the number of messages by topic, without namespaces.
-
-    Raises
-    ------
-    UserError
-        There is no bag at `path`.
-
-    Examples
-    --------
-    >>> counts(newest('bags'))['ecu']
-    1152
-    """
+    """Return the number of messages by topic, without namespaces."""
     return dict(load(path).counts)
 
 
@@ -211,7 +189,9 @@ class _FileReading:
             if channel := self._channels.get(record.channel_id):
                 self._decode(record, *channel)
         elif isinstance(record, Schema):
-            self._schemas[record.id] = record
+            if record.name in MESSAGE_TYPES.values() and len(record.data) <= bounds.MAX_SCHEMA:
+                self._schemas[record.id] = record
+            bounds.check_topics(self._bag.path, len(self._schemas))
         elif isinstance(record, Channel):
             self._add_channel(record)
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
@@ -234,6 +214,7 @@ class _FileReading:
         schema = self._schemas.get(channel.schema_id)
         self._channels.pop(channel.id, None)
         self._topics[channel.id] = topic
+        bounds.check_topics(self._bag.path, max(len(self._bag.counts), len(self._bag.samples)))
         if not schema or schema.name != MESSAGE_TYPES.get(topic):
             return
         decoder = self._decoder(topic, schema)
@@ -264,12 +245,10 @@ class _Decoder:
     Raises
     ------
     ValueError
-        The definition is too long, or not that of the topic.
+        The definition is not that of the topic.
     """
 
     def __init__(self, topic: str, definition: bytes) -> None:
-        if len(definition) > bounds.MAX_SCHEMA:
-            raise ValueError('schema')
         self._type = MESSAGE_TYPES[topic]
         types = get_types_from_msg(definition.decode(), self._type)
         _check_types(types)

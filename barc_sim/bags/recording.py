@@ -153,14 +153,6 @@ class Losses:
     A publisher numbers its messages one by one, so that a gap is a loss, wherever it happened: in
     the subscription, on the way, or in a publisher whose queue was too short. Losses before the
     first received message of a publisher, or after its last one, are not counted.
-
-    Examples
-    --------
-    >>> losses = Losses()
-    >>> for number in (1, 2, 5):
-    ...     losses.count(b'publisher', number)
-    >>> losses.by_publisher
-    {b'publisher': 2}
     """
 
     def __init__(self) -> None:
@@ -190,11 +182,6 @@ def losses_as_metadata(
         does not number messages.
     unrecorded
         Why a topic cannot be recorded, by its name.
-
-    Examples
-    --------
-    >>> losses_as_metadata({'/ecu': {'controller': 2}}, {})
-    {'lost_messages': '2', 'lost /ecu': '2 (2 of controller)'}
     """
     total = sum(sum(by_node.values()) for by_node in lost.values() if by_node)
     entries = {'lost_messages': str(total)}

@@ -21,7 +21,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
-from barc_sim.bags.bounds import MAX_ATTACHED, MAX_METADATA, MAX_RECORD, Budget
+from barc_sim.bags.bounds import MAX_ATTACHED, MAX_METADATA, MAX_RECORD, MAX_TOPICS, Budget
 from barc_sim.bags.file import CHUNK_SIZE, MAGIC
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
@@ -88,13 +88,7 @@ def _order(file: Path) -> tuple[int, str]:
 
 
 def budget_of(found: list[Path]) -> Budget:
-    """Return the budget for reading these files.
-
-    Raises
-    ------
-    UserError
-        One of them cannot be read.
-    """
+    """Return the budget for reading these files."""
     for file in found:
         _opened(file).close()
     return Budget(found)
@@ -233,6 +227,8 @@ def _described(stream: BinaryIO, size: int, budget: Budget) -> list[McapRecord]:
         for kind, body, _ in _raw(stream, size, budget):
             if kind in {Opcode.SCHEMA, Opcode.CHANNEL} and (record := _parsed(kind, body)):
                 found.append(record)
+            if len(found) > 2 * MAX_TOPICS:
+                return []
     except UserError:
         raise
     except Exception:  # noqa: BLE001 (damage may raise anything)

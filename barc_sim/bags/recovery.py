@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import lru_cache
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
@@ -57,12 +58,6 @@ def recover(path: Path) -> Recovered:
     UserError
         There is no bag, it is still being recorded, nothing in it can be read, or the files cannot
         be written; the bag is unchanged then.
-
-    Examples
-    --------
-    >>> from barc_sim.bags.reader import newest
-    >>> recover(newest('bags')).counts['/ecu']
-    1152
     """
     directory = files(path)[0].parent
     check_plain(directory)
@@ -121,13 +116,17 @@ class _Copy:
         self.file = file
         self._found = found
         self._schemas: dict[int, Schema] = {}
+        self._definitions = 0  # bytes
         self._topics: dict[int, Topic] = {}
 
     def add(self, record: McapRecord) -> None:
         if isinstance(record, Schema):
             self._schemas[record.id] = record
+            self._definitions += len(record.data)
+            bounds.check_topics(self.file.path, len(self._schemas), self._definitions)
         elif isinstance(record, Channel) and record.schema_id in self._schemas:
             self._topics[record.id] = _topic(record, self._schemas[record.schema_id])
+            bounds.check_topics(self.file.path, max(len(self._topics), len(self.file.topics)))
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             self._found.metadata.update(record.metadata)
             bounds.check_entries(self.file.path, self._found.metadata)
@@ -145,19 +144,21 @@ class _Copy:
 
 
 def _topic(channel: Channel, schema: Schema) -> Topic:
-    qos: Any = None
-    with suppress(ValueError):
-        text = channel.metadata.get('offered_qos_profiles', '')
-        qos = bounds.from_yaml(text) if len(text) <= bounds.MAX_TEXT else None
     return Topic(
         name=channel.topic,
         type=schema.name,
         definition=schema.data.decode(errors='replace'),
         type_hash=channel.metadata.get('topic_type_hash', ''),
-        offered_qos=[profile for profile in qos if isinstance(profile, dict)]
-        if isinstance(qos, list)
-        else [],
+        offered_qos=_offered_qos(channel.metadata.get('offered_qos_profiles', '')),
     )
+
+
+@lru_cache(maxsize=16)
+def _offered_qos(text: str) -> list[dict[str, Any]]:
+    qos: Any = None
+    with suppress(ValueError):
+        qos = bounds.from_yaml(text) if len(text) <= bounds.MAX_QOS else None
+    return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
 
 
 def _information(found: Recovered) -> Mapping[str, Any]:

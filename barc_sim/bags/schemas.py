@@ -74,11 +74,6 @@ def definition(type_name: str) -> str:
     ------
     LookupError
         No installed package has the definition of the type or of one of its dependencies.
-
-    Examples
-    --------
-    >>> print(definition('std_msgs/msg/Header').splitlines()[-1])
-    uint32 nanosec
     """
     package, kind, base = _parts(type_name)
     if kind != 'msg':
@@ -168,11 +163,6 @@ def definition_of(name: str, descriptions: Iterable[Mapping[str, Any]]) -> str:
     descriptions
         The descriptions of the type and of those that it refers to, as JSON of
         type_description_interfaces/msg/IndividualTypeDescription.
-
-    Raises
-    ------
-    LookupError
-        One of the types is missing, or has a field that `ros2msg` cannot express.
     """
     by_name = {description['type_name']: description for description in descriptions}
 
@@ -241,11 +231,6 @@ def find_type(name: str) -> str:
     ------
     UserError
         if there is no such type, or there are several.
-
-    Examples
-    --------
-    >>> find_type('ECU')
-    'barc_interfaces/msg/ECU'
     """
     known = installed()
     if name in known:
@@ -272,14 +257,6 @@ def definition_lines(name: str) -> Iterator[str]:
     """Yield the lines of the definition of `name`, with those of its fields' types indented.
 
     Comments are those of the type itself.
-
-    Examples
-    --------
-    >>> for line in definition_lines('barc_interfaces/msg/ECU'):
-    ...     if line.startswith('float64'):
-    ...         print(line)
-    float64 motor            # [m/s^2] acceleration along the direction of travel
-    float64 servo            # [rad] front steering angle, positive to the left
     """
     yield from _lines_of(installed(), name, 0)
 

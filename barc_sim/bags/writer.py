@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 
 
 class FileLimits(NamedTuple):
-    """The limits of a bag's file: a new file begins after the message that reaches one.
-
-    Examples
-    --------
-    >>> FileLimits(duration=60.0)
-    FileLimits(size=inf, duration=60.0)
-    """
+    """The limits of a bag's file: a new file begins after the message that reaches one."""
 
     size: float = inf  #: [B]
     duration: float = inf  #: [s]
@@ -112,13 +106,7 @@ class BagWriter:
         self.flush()
 
     def attach(self, files: Mapping[str, bytes], media_type: str = 'text/plain') -> None:
-        """Attach files, by name, to the bag's current file.
-
-        Raises
-        ------
-        OSError
-            The file cannot be written; they are kept for the next `flush`.
-        """
+        """Attach files, by name, to the bag's current file."""
         self._files[-1].end_chunk()
         for name, data in files.items():
             self._files[-1].attach(name, media_type, data)
@@ -139,11 +127,6 @@ class BagWriter:
             [ns] since the epoch, by the subscriber's and the publisher's clock.
         sequence
             The publisher's count of its messages.
-
-        Raises
-        ------
-        OSError
-            The file cannot be written; the message is kept for the next `flush`.
         """
         try:
             if self._limited and self._full:
@@ -161,13 +144,7 @@ class BagWriter:
         return file.size >= self._limits.size or span >= self._limits.duration * 1e9
 
     def split(self) -> None:
-        """Continue in the next file.
-
-        Raises
-        ------
-        OSError
-            It cannot be made, and the current one continues; or that could not be finished yet.
-        """
+        """Continue in the next file."""
         self._begin_file()
         self._files[-2].finish(self._information())
         self._files[-1].add_metadata(self._metadata)
@@ -178,13 +155,7 @@ class BagWriter:
         self._files.append(BagFile(self.directory / name))
 
     def flush(self) -> None:
-        """Hand all data to the operating system: a kill of the process loses nothing then.
-
-        Raises
-        ------
-        OSError
-            The system refused.
-        """
+        """Hand all data to the operating system: a kill of the process loses nothing then."""
         self._files[-1].end_chunk()
         self._commit()
 
@@ -193,13 +164,7 @@ class BagWriter:
             file.commit()
 
     def restore(self) -> bool:
-        """Make the current file anew if it was removed; return whether it was.
-
-        Raises
-        ------
-        OSError
-            It cannot be made anew.
-        """
+        """Make the current file anew if it was removed; return whether it was."""
         appender = self._files[-1].appender
         removed = not self.closed and not appender.in_place
         if removed:
@@ -207,13 +172,7 @@ class BagWriter:
         return removed
 
     def close(self) -> None:
-        """Finish the bag and write metadata.yaml; a second call does nothing.
-
-        Raises
-        ------
-        OSError
-            Something cannot be written; the rest stays readable.
-        """
+        """Finish the bag and write metadata.yaml; a second call does nothing."""
         if self.closed:
             return
         try:

@@ -133,6 +133,45 @@ def empty_records(path: Path) -> None:
     records(path, (b'\x80' + bytes(8)) * 3_000_000)
 
 
+def packed(record: Callable[[int], bytes], count: int) -> Callable[[Path], None]:
+    """Return a maker of a bag whose chunks have so many records of one kind."""
+
+    def write(path: Path) -> None:
+        name = MESSAGE_TYPES[STATE].encode()
+        chunks = b''
+        for first in range(0, count, 100_000):
+            data = schema_record(1, name, SCHEMA.encode())
+            data += b''.join(map(record, range(first, min(first + 100_000, count))))
+            content = zstandard.compress(data)
+            body = struct.pack('<QQQII', 0, 0, len(data), 0, 4) + b'zstd'
+            body += struct.pack('<Q', len(content)) + content
+            chunks += b'\x06' + struct.pack('<Q', len(body)) + body
+        records(path, chunks)
+
+    return write
+
+
+def schema_record(number: int, name: bytes, data: bytes) -> bytes:
+    body = struct.pack('<HI', number, len(name)) + name + struct.pack('<I', 7) + b'ros2msg'
+    body += struct.pack('<I', len(data)) + data
+    return b'\x03' + struct.pack('<Q', len(body)) + body
+
+
+def channel_with_message(k: int) -> bytes:
+    topic = f'/car{k}/z_vhcl'.encode()
+    body = struct.pack('<HHI', k % 60_000, 1, len(topic)) + topic + struct.pack('<I', 3) + b'cdr'
+    body += struct.pack('<I', 0)
+    message = struct.pack('<HIQQ', k % 60_000, 0, 0, 0)
+    return b''.join(
+        kind + struct.pack('<Q', len(each)) + each
+        for kind, each in ((b'\x04', body), (b'\x05', message))
+    )
+
+
+def long_definition(k: int) -> bytes:
+    return schema_record(k % 60_000, b'a/msg/B', (f'int8 a{k}\n' * 20).encode())
+
+
 def large_attachment(path: Path) -> None:
     bag(path, None, **{'student/controller.py': b'x = (1 +\n' * 4_200_000})
 
@@ -187,6 +226,8 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     ),
     'chunks that fail': (failing_chunks, 'unpacks to more than a recording of its size can hold'),
     'empty records': (empty_records, 'is empty'),
+    'many topics': (packed(channel_with_message, 1_000_000), 'where at most 5000'),
+    'many definitions': (packed(long_definition, 300_000), ''),
     'a large attachment': (large_attachment, 'bytes of attached files, where a run has at most'),
     'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
@@ -247,6 +288,8 @@ def test_a_hostile_bag_ends_in_a_result_or_a_sentence(
         'seconds of text',
         'chunks that fail',
         'empty records',
+        'many topics',
+        'many definitions',
         'a large attachment',
     ],
 )
