@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from barc_sim.cli.parser import Parser
     from barc_sim.ros.introspection.messages import Messages
     from barc_sim.ros.introspection.observer import GraphObserver
-    from barc_sim.ros.serialized import Taken
+    from barc_sim.ros.polled import Taken
 
 #: [s] between two polls for messages.
 _PERIOD = 0.02

@@ -82,8 +82,7 @@ def run(options: Namespace) -> int:
 
 
 def _list(observer: GraphObserver, options: Namespace) -> None:
-    from barc_sim.ros.introspection.parameter_text import TYPES  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameters import Parameters  # noqa: PLC0415
+    from barc_sim.ros.introspection.parameters import TYPES, Parameters  # noqa: PLC0415
 
     if options.node:
         nodes = [observer.find_node(options.node)]
@@ -118,14 +117,14 @@ def _list(observer: GraphObserver, options: Namespace) -> None:
 def _get(parameters: Parameters, options: Namespace) -> None:
     from rclpy.parameter import parameter_value_to_python  # noqa: PLC0415
 
-    from barc_sim.ros.introspection.parameter_text import labelled  # noqa: PLC0415
+    from barc_sim.ros.introspection.parameters import labelled  # noqa: PLC0415
 
     (value,) = parameters.values([options.name])
     print(parameter_value_to_python(value) if options.hide_type else labelled(value))  # noqa: T201
 
 
 def _set(parameters: Parameters, options: Namespace) -> None:
-    from barc_sim.ros.introspection.parameter_text import parse_value  # noqa: PLC0415
+    from barc_sim.ros.introspection.parameters import parse_value  # noqa: PLC0415
 
     value = parse_value(options.value)
     (verdict,) = parameters.set({options.name: value})
@@ -135,7 +134,7 @@ def _set(parameters: Parameters, options: Namespace) -> None:
 
 
 def _describe(parameters: Parameters, options: Namespace) -> None:
-    from barc_sim.ros.introspection.parameter_text import description  # noqa: PLC0415
+    from barc_sim.ros.introspection.parameters import description  # noqa: PLC0415
 
     for descriptor in parameters.descriptors(options.names):
         print('\n'.join(description(descriptor)))  # noqa: T201
@@ -144,21 +143,21 @@ def _describe(parameters: Parameters, options: Namespace) -> None:
 def _dump(parameters: Parameters, _: Namespace) -> None:
     from rclpy.parameter import parameter_value_to_python  # noqa: PLC0415
 
-    from barc_sim.ros.introspection import parameter_file  # noqa: PLC0415
+    from barc_sim.ros.introspection.parameters import file_text  # noqa: PLC0415
 
     names = parameters.names()
     values = map(parameter_value_to_python, parameters.values(names))
     known = {name: value for name, value in zip(names, values, strict=True) if value is not None}
-    print(parameter_file.text(parameters.node, known), end='')  # noqa: T201
+    print(file_text(parameters.node, known), end='')  # noqa: T201
 
 
 def _load(parameters: Parameters, options: Namespace) -> int:
-    from barc_sim.ros.introspection import parameter_file  # noqa: PLC0415
-    from barc_sim.ros.introspection.parameter_text import to_parameter_value  # noqa: PLC0415
-
-    values = parameter_file.read(
-        options.file, parameters.node, wildcards=not options.no_use_wildcard
+    from barc_sim.ros.introspection.parameters import (  # noqa: PLC0415
+        read_file,
+        to_parameter_value,
     )
+
+    values = read_file(options.file, parameters.node, wildcards=not options.no_use_wildcard)
     verdicts = parameters.set(
         {name: to_parameter_value(value, name) for name, value in values.items()}
     )

@@ -19,37 +19,18 @@ _NORM_TOLERANCE = 1e-3
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:
-    """Return a header stamped `stamp_ns` [ns].
-
-    Examples
-    --------
-    >>> to_nanoseconds(to_header(1_020_000_000).stamp)
-    1020000000
-    """
+    """Return a header stamped `stamp_ns` [ns]."""
     sec, nanosec = split_time(stamp_ns)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
 
 def to_nanoseconds(stamp: Time) -> int:
-    """Return `stamp` in nanoseconds.
-
-    Examples
-    --------
-    >>> to_nanoseconds(Time(sec=1, nanosec=20_000_000))
-    1020000000
-    """
+    """Return `stamp` in nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
 def to_state_at_rest(pose: Pose) -> State | None:
-    """Return the state at rest at `pose`; None where that is not finite or not a rotation.
-
-    Examples
-    --------
-    >>> from geometry_msgs.msg import Point, Pose
-    >>> to_state_at_rest(Pose(position=Point(x=30.0)))
-    State(x=30.0, y=0.0, psi=0.0, v=0.0)
-    """
+    """Return the state at rest at `pose`; None where that is not finite or not a rotation."""
     x, y, q = pose.position.x, pose.position.y, pose.orientation
     norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not (max(abs(x), abs(y)) <= _FAR and abs(norm - 1.0) < _NORM_TOLERANCE):
@@ -58,25 +39,12 @@ def to_state_at_rest(pose: Pose) -> State | None:
 
 
 def to_driver_input(twist: Twist) -> DriverInput:
-    """Return the driver's input in `twist`.
-
-    Examples
-    --------
-    >>> to_driver_input(to_twist(DriverInput(forward=1.0, turn=-0.5)))
-    DriverInput(forward=1.0, turn=-0.5, brake=-0.0)
-    """
+    """Return the driver's input in `twist`."""
     return DriverInput(forward=twist.linear.x, turn=twist.angular.z, brake=-twist.linear.z)
 
 
 def to_twist(request: DriverInput) -> Twist:
-    """Return `request` as a message.
-
-    Examples
-    --------
-    >>> twist = to_twist(DriverInput(forward=0.5, brake=1.0))
-    >>> twist.linear.x, twist.linear.z
-    (0.5, -1.0)
-    """
+    """Return `request` as a message."""
     return Twist(
         linear=Vector3(x=request.forward, z=-request.brake or 0.0), angular=Vector3(z=request.turn)
     )

@@ -24,15 +24,7 @@ _LOCK = re.compile(r'(fastrtps_[0-9a-f]{16})_el')
 
 
 def use_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set our profiles in `environment`, unless the user has set others there.
-
-    Examples
-    --------
-    >>> environment = {}
-    >>> use_profiles(environment)
-    >>> Path(environment['FASTRTPS_DEFAULT_PROFILES_FILE']).name
-    'fast_dds.xml'
-    """
+    """Set our profiles in `environment`, unless the user has set others there."""
     if not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
         environment[_VARIABLES[0]] = str(_PROFILES)
         environment[_USE_PROFILES] = '1'
@@ -47,15 +39,6 @@ def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
     repairs what participants share, the ports.
 
     A lock younger than `least_age` [s] stays: its process may be about to take it.
-
-    Examples
-    --------
-    >>> shared = Path('shared_memory')
-    >>> shared.mkdir()
-    >>> for name in ('fastrtps_0123456789abcdef', 'fastrtps_0123456789abcdef_el', 'other'):
-    ...     (shared / name).touch()
-    >>> sweep(shared, least_age=-1.0), [path.name for path in shared.iterdir()]
-    (1, ['other'])
     """
     removed = 0
     with suppress(OSError):

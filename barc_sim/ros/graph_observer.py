@@ -11,18 +11,7 @@ if TYPE_CHECKING:
 
 
 def observe(node: Node) -> NodeGraph:
-    """Return the present graph of all visible nodes and topics, through `node`.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import Float64
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('logger')
-    >>> publisher = node.create_publisher(Float64, 'speed', 1)
-    >>> ('/logger', '/speed') in observe(node).publications
-    True
-    """
+    """Return the present graph of all visible nodes and topics, through `node`."""
     nodes: list[str] = []
     topics: dict[str, str] = {}
     publications: set[tuple[str, str]] = set()

@@ -27,17 +27,6 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
     """Return the strongest QoS that all publishers offer, as rosbag2 requests it.
 
     Of subscriptions, the QoS that gets every message that one of them gets.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import String
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('talker')
-    >>> lossy = node.create_publisher(String, 'note', rclpy.qos.qos_profile_sensor_data)
-    >>> reliable = node.create_publisher(String, 'note', 1)
-    >>> request(node.get_publishers_info_by_topic('/note'), depth=10).reliability.name
-    'BEST_EFFORT'
     """
     profiles = [end.qos_profile for end in ends]
     reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
@@ -50,34 +39,13 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
 
 
 def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
-    """Return whether a subscription that requests this QoS gets the publisher's messages.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import String
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('talker')
-    >>> lossy = node.create_publisher(String, 'note', rclpy.qos.qos_profile_sensor_data)
-    >>> [end] = node.get_publishers_info_by_topic('/note')
-    >>> matches(end, QoSProfile(depth=1)), matches(end, request([end], depth=1))
-    (False, True)
-    """
+    """Return whether a subscription that requests this QoS gets the publisher's messages."""
     compatibility, _ = qos_check_compatible(publisher.qos_profile, requested)
     return bool(compatibility != QoSCompatibility.ERROR)
 
 
 def same_strength(one: QoSProfile, other: QoSProfile) -> bool:
-    """Return whether both request the same of a publisher.
-
-    Examples
-    --------
-    >>> short, best_effort = QoSProfile(depth=1), ReliabilityPolicy.BEST_EFFORT
-    >>> same_strength(short, QoSProfile(depth=100))
-    True
-    >>> same_strength(short, QoSProfile(depth=1, reliability=best_effort))
-    False
-    """
+    """Return whether both request the same of a publisher."""
     return bool(one.reliability == other.reliability and one.durability == other.durability)
 
 
@@ -90,17 +58,6 @@ def describe(name: str, ends: Sequence[TopicEndpointInfo], definitions: Mapping[
     ------
     LookupError
         The definition of the topic's type is neither given nor installed.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import String
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('talker')
-    >>> publisher = node.create_publisher(String, 'note', 1)
-    >>> topic = describe('/note', node.get_publishers_info_by_topic('/note'), {})
-    >>> topic.type, topic.offered_qos[0]['reliability']
-    ('std_msgs/msg/String', 'reliable')
     """
     type_name = ends[0].topic_type
     return Topic(

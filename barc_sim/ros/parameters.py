@@ -18,15 +18,7 @@ if TYPE_CHECKING:
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
-    """Return the ROS descriptor of a parameter.
-
-    Examples
-    --------
-    >>> from barc_sim.vehicle.parameters import Parameter
-    >>> mass = descriptor(Parameter('mass', 2000.0, 'mass of the car [kg]', (1.0, 5000.0)))
-    >>> mass.floating_point_range[0].to_value
-    5000.0
-    """
+    """Return the ROS descriptor of a parameter."""
     made = ParameterDescriptor(description=parameter.description, read_only=parameter.read_only)
     if parameter.between is None:
         return made
@@ -45,16 +37,6 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
     ------
     UserError
         An override has the wrong type or is out of range.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from barc_sim.vehicle.parameters import Parameter
-    >>> rclpy.init()
-    >>> heavy = [rclpy.Parameter('mass', value=2400.0)]
-    >>> node = rclpy.create_node('car', parameter_overrides=heavy)
-    >>> declare(node, [Parameter('mass', 2000.0, 'mass of the car [kg]', (1.0, 5000.0))])
-    {'mass': 2400.0}
     """
     return {parameter.name: _declare(node, parameter) for parameter in parameters}
 

@@ -44,16 +44,6 @@ def claim(node: Node, topic: str) -> socket.socket:
     ------
     UserError
         Another process holds the claim.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('vehicle_simulator')
-    >>> with claim(node, 'z_vhcl'):
-    ...     claim(node, 'z_vhcl')  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    barc_sim.errors.UserError: another simulator publishes ...
     """
     if not has_dds():
         return socket.socket()  # nobody else is there
@@ -81,12 +71,6 @@ def reserved_domain() -> Iterator[int]:
     ------
     UserError
         All domains are in use.
-
-    Examples
-    --------
-    >>> with reserved_domain() as domain, reserved_domain() as other:
-    ...     1 <= domain <= 101 and domain != other
-    True
     """
     for domain in random.sample(_DOMAINS, len(_DOMAINS)):
         with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
@@ -111,12 +95,6 @@ def others_here(domain: int) -> bool:
     """Return whether another process of this machine takes part in the ROS domain.
 
     DDS gives the participants of a domain UDP ports of a range of its own.
-
-    Examples
-    --------
-    >>> with reserved_domain() as domain:
-    ...     others_here(domain)
-    False
     """
     first = _first_port(domain)
     own = {str(f.readlink()) for f in Path('/proc/self/fd').iterdir() if f.is_symlink()}
@@ -129,13 +107,7 @@ def others_here(domain: int) -> bool:
 
 
 def taken(topic: str, domain: int) -> str:
-    """Return the sentence for a second publisher of `topic`.
-
-    Examples
-    --------
-    >>> taken('/z_vhcl', 3).partition(':')[0]
-    'another simulator publishes /z_vhcl in ROS domain 3'
-    """
+    """Return the sentence for a second publisher of `topic`."""
     return (
         f'another simulator publishes {topic} in ROS domain {domain}: give this one a namespace '
         f'(--ros-args -r __ns:=/car2) or a domain (ROS_DOMAIN_ID={domain + 1}) of its own'
@@ -147,16 +119,6 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
 
     DDS needs 20 s to notice that a process was killed. The identifiers of Fast DDS contain host
     and process, so a dead process of this machine is recognised at once.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import Float64
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('logger')
-    >>> publisher = node.create_publisher(Float64, 'speed', 1)
-    >>> [end.node_name for end in living_publishers(node, 'speed')]
-    ['logger']
     """
     ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
     own = _own_gid(node) if ends else None
@@ -176,18 +138,7 @@ def check_unique(node: Node, topic: str) -> None:
 
 
 def types_here(node: Node, topic: str) -> set[str]:
-    """Return the types that the participant's other nodes give `topic`: DDS accepts one.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import Float64
-    >>> rclpy.init()
-    >>> node, other = rclpy.create_node('logger'), rclpy.create_node('car')
-    >>> publisher = other.create_publisher(Float64, 'speed', 1)
-    >>> types_here(node, '/speed')
-    {'std_msgs/msg/Float64'}
-    """
+    """Return the types that the participant's other nodes give `topic`: DDS accepts one."""
     own = _own_gid(node) or b''
     ends = node.get_publishers_info_by_topic(topic) + node.get_subscriptions_info_by_topic(topic)
     return {
@@ -199,18 +150,7 @@ def types_here(node: Node, topic: str) -> set[str]:
 
 
 def is_own(end: TopicEndpointInfo) -> bool:
-    """Return whether `end` belongs to this process, by the number in its identifier.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import Float64
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('logger')
-    >>> publisher = node.create_publisher(Float64, 'speed', 1)
-    >>> [is_own(end) for end in node.get_publishers_info_by_topic('/speed')]
-    [True]
-    """
+    """Return whether `end` belongs to this process, by the number in its identifier."""
     return not has_dds() or _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
 
 

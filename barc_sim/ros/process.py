@@ -44,15 +44,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     UserError
         The clock or a limit of the process is unfit for ROS, the arguments after `--ros-args` are
         not ROS's, or DDS security is requested and not available.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> with ros(['--ros-args', '-r', '__ns:=/car2']):
-    ...     node = rclpy.create_node('controller')
-    ...     node.get_fully_qualified_name()
-    ...     node.destroy_node()
-    '/car2/controller'
     """
     check_clock()
     check_limits()

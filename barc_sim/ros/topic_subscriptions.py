@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from barc_sim.bags.messages import Message
+from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
 from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.peers import types_here
-from barc_sim.ros.polled import Arrivals, polled
-from barc_sim.ros.recorded_topic import RecordedTopic
-from barc_sim.ros.serialized import Taker
+from barc_sim.ros.polled import Arrivals, Taker, polled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -27,6 +26,53 @@ if TYPE_CHECKING:
     from rclpy.qos import ReliabilityPolicy
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+    from barc_sim.bags.metadata import Topic
+
+
+@dataclass
+class RecordedTopic:
+    """A topic with its subscriptions, and what has arrived through them."""
+
+    topic: Topic
+    publishers: int = 0
+    since: float = field(default_factory=time.monotonic)
+    subscriptions: list[Subscription] = field(default_factory=list)
+    #: By publisher, the index of the subscription that counts: the first one to get a message.
+    route: dict[bytes, int] = field(default_factory=dict)
+    losses: Losses = field(default_factory=Losses)
+    names: dict[bytes, str] = field(default_factory=dict)  # of the publishers' nodes
+
+    @property
+    def begun(self) -> bool:
+        """Whether it has had a publisher."""
+        return bool(self.topic.offered_qos or self.route)
+
+    def matches(self, publisher: TopicEndpointInfo) -> bool:
+        """Return whether one of the subscriptions matches the publisher's QoS."""
+        return any(
+            offered_qos.matches(publisher, subscription.qos_profile)
+            for subscription in self.subscriptions
+        )
+
+    @property
+    def latched(self) -> bool:
+        """Whether publishers keep messages for late subscriptions."""
+        return any(
+            subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            for subscription in self.subscriptions
+        )
+
+    def lost(self) -> dict[str, int] | None:
+        """Return the number of lost messages, by the publisher's node; None where unknown."""
+        if self.losses.unnumbered:
+            return None
+        by_node: dict[str, int] = {}
+        for publisher, count in self.losses.by_publisher.items():
+            node = self.names.get(publisher, publisher.hex())
+            by_node[node] = by_node.get(node, 0) + count
+        return by_node
+
 
 # [s] A latched message arrives within this time, or never.
 _LATCHED_TIMEOUT = 1.0
@@ -48,21 +94,6 @@ class TopicSubscriptions:
         The filter: returns whether to subscribe to a topic, given its full name.
     depth
         Queue length of each subscription.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import Float64
-    >>> rclpy.init()
-    >>> node, car = rclpy.create_node('logger'), rclpy.create_node('car')
-    >>> publisher = car.create_publisher(Float64, 'speed', 1)
-    >>> topics = TopicSubscriptions(node, lambda topic: topic == '/speed')
-    >>> list(topics.discover())
-    []
-    >>> publisher.publish(Float64(data=8.0))
-    >>> [message.topic.name for message in topics.take()]
-    ['/speed']
-    >>> topics.close()
     """
 
     def __init__(self, node: Node, wants: Callable[[str], bool], depth: int = 10_000) -> None:

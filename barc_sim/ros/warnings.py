@@ -16,17 +16,6 @@ class RateLimitedWarning:
 
     The logger's own throttle inspects the stack at each message, which takes 0.3 ms; here a
     suppressed warning costs next to nothing.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> rclpy.init()
-    >>> node, made = rclpy.create_node('controller'), []
-    >>> warning = RateLimitedWarning(node)
-    >>> for k in range(1000):
-    ...     warning.warn(lambda: made.append(k) or f'state {k} came late')
-    >>> made
-    [0]
     """
 
     def __init__(self, node: Node, period: float = 1.0) -> None:
@@ -43,19 +32,7 @@ class RateLimitedWarning:
 
 
 class RefusedInput:
-    """Counts the invalid messages that a node refuses, and warns at most once a second.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('controller')
-    >>> refused = RefusedInput(node)
-    >>> for speed in (-1.0, 300.0):
-    ...     refused.add(lambda: f'a speed of {speed} m/s')
-    >>> refused.count
-    2
-    """
+    """Counts the invalid messages that a node refuses, and warns at most once a second."""
 
     def __init__(self, node: Node) -> None:
         """Warn with the logger of `node`."""

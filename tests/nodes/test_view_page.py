@@ -27,7 +27,7 @@ from barc_sim.page.facts import lap_facts, stretch_facts
 from barc_sim.page.protocol import CAR, Status
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header
-from barc_sim.ros.executor import QuickCallbackGroup, QuickExecutor
+from barc_sim.ros.executor import QuickExecutor
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 
@@ -66,12 +66,11 @@ class Car(Node):
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
-        group = QuickCallbackGroup()
-        self.create_subscription(Twist, 'cmd_vel', self._on_twist, 10, callback_group=group)
-        self.create_subscription(ECU, names.ECU, self._on_ecu, names.QOS, callback_group=group)
-        self.create_service(Trigger, '~/reset', self._on_reset, callback_group=group)
-        self.create_service(SetBool, '~/pause', self._on_pause, callback_group=group)
-        self.create_timer(TS, self._step, group)
+        self.create_subscription(Twist, 'cmd_vel', self._on_twist, 10)
+        self.create_subscription(ECU, names.ECU, self._on_ecu, names.QOS)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.create_service(SetBool, '~/pause', self._on_pause)
+        self.create_timer(TS, self._step)
 
     def _step(self) -> None:
         if self.paused:

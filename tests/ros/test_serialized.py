@@ -15,8 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Int64
 
-from barc_sim.ros import serialized
-from barc_sim.ros.serialized import Taken, Taker
+from barc_sim.ros import polled
+from barc_sim.ros.polled import Taken, Taker
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -61,7 +61,7 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
 def test_other_layouts_are_found_and_rclpys_own_take_is_used(
     nodes: tuple[Node, Node], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(serialized, '_INFO', Struct('8xqqQQP8s'))
+    monkeypatch.setattr(polled, '_INFO', Struct('8xqqQQP8s'))
     publishing, subscribing = nodes
     taker = Taker(subscribing)
     subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)

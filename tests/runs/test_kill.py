@@ -41,7 +41,7 @@ import json, time
 import rclpy
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.node import Node
-from barc_sim.ros.serialized import Taker
+from barc_sim.ros.polled import Taker
 
 rclpy.init()
 node = Node('witness')

@@ -11,7 +11,6 @@ from rclpy.node import Node
 
 from barc_sim.cli.parser import FOXGLOVE_PORT
 from barc_sim.nodes.foxglove.live import LiveServer
-from barc_sim.ros.executor import QuickCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 from barc_sim.vehicle.parameters import Parameter
@@ -62,7 +61,7 @@ class FoxgloveServer(Node):
         self._topics = TopicSubscriptions(self, is_visible)
         self._discover()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DISCOVERY_PERIOD, self._discover, QuickCallbackGroup(), steady)
+        self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='foxglove', daemon=True)
         self._thread.start()

@@ -32,8 +32,7 @@ from barc_sim.nodes.mirrors.messages import (
 from barc_sim.nodes.mirrors.ride import Ride, Trail
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_nanoseconds
-from barc_sim.ros.endpoints import publisher, subscription
-from barc_sim.ros.executor import PolledCallbackGroup, QuickCallbackGroup
+from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.polled import polled, take
 from barc_sim.vehicle.bike_model import Motion, Vehicle
@@ -143,24 +142,25 @@ class MirrorNode(Node):
         self._mirrors = self._state_mirrors(on)
         self._car_pub = self._path_pub = None
         if 'markers' in on:
-            self._car_pub = publisher(self, MarkerArray, names.MARKERS)
+            self._car_pub = self.create_publisher(MarkerArray, names.MARKERS, names.QOS)
             self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
             self._road_pub.publish(to_road(road, self._prefix))
         if 'path' in on:
-            self._path_pub = publisher(self, Path, names.PATH)
-        group = QuickCallbackGroup()
+            self._path_pub = self.create_publisher(Path, names.PATH, names.QOS)
         self._commands = None
         if on & {'markers', 'joint_states', 'diagnostics'}:
             self._commands = polled(self, ECU, names.ECU, _DEPTH, PolledCallbackGroup())
         self._states = None
         if on:
-            self._states = subscription(
-                self, ZDynBkMdl, names.STATE, self._on_state, group, qos=_ALL_STATES
+            self._states = self.create_subscription(
+                ZDynBkMdl, names.STATE, self._on_state, _ALL_STATES
             )
         if 'diagnostics' in on:
-            self._diagnostics_pub = publisher(self, DiagnosticArray, names.DIAGNOSTICS)
+            self._diagnostics_pub = self.create_publisher(
+                DiagnosticArray, names.DIAGNOSTICS, names.QOS
+            )
             steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self.create_timer(period, self._diagnose, group, steady)
+            self.create_timer(period, self._diagnose, clock=steady)
 
     def destroy_node(self) -> None:
         """Mirror the states that still wait, and end."""
@@ -182,7 +182,7 @@ class MirrorNode(Node):
         elif 'tf' in on:
             self.get_logger().info('no transforms are published: tf2_msgs is not installed')
         return [
-            (publisher(self, kind, topic), mirror(self._prefix))
+            (self.create_publisher(kind, topic, names.QOS), mirror(self._prefix))
             for name, (kind, topic, mirror) in kinds.items()
             if name in on
         ]

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from rclpy.executors import MultiThreadedExecutor
 
-from barc_sim.ros.executor.callback_groups import PolledCallbackGroup, QuickCallbackGroup
+from barc_sim.ros.executor.callback_groups import PolledCallbackGroup
 from barc_sim.ros.executor.rclpy_private import missing
 
-__all__ = ['PolledCallbackGroup', 'QuickCallbackGroup', 'QuickExecutor']
+__all__ = ['PolledCallbackGroup', 'QuickExecutor']
 
 if TYPE_CHECKING or not (_missing := missing()):
     from barc_sim.ros.executor.executor import QuickExecutor

@@ -1,11 +1,8 @@
-"""Callback groups by which a node chooses how its callbacks are executed."""
+"""The callback group of subscriptions that no executor waits for."""
 
 from __future__ import annotations
 
-from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
-
-#: The default group's type. Every group's callbacks run in the thread that polled.
-QuickCallbackGroup = MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 
 
 class PolledCallbackGroup(CallbackGroup):

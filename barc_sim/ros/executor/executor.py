@@ -2,8 +2,8 @@
 
 Jazzy's own submits a callback to its pool again and again until it has begun
 (https://github.com/ros2/rclpy/issues/1452), and builds a wait set for every callback. This one
-submits once, lets DDS count what arrives, waits with epoll, and runs the callbacks of a
-`QuickCallbackGroup` in the thread that spins.
+lets DDS count what arrives, waits with epoll, and calls each callback once, in the thread that
+polled; another thread polls when the callback lasts.
 """
 
 from __future__ import annotations

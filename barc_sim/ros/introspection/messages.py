@@ -10,17 +10,16 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.endpoints import subscription
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.offered_qos import matches, request
-from barc_sim.ros.serialized import Taker
+from barc_sim.ros.polled import Taker, polled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from rclpy.node import Node
 
-    from barc_sim.ros.serialized import Taken
+    from barc_sim.ros.polled import Taken
 
 #: Messages that can wait for the next `take`.
 DEPTH = 10_000
@@ -33,26 +32,13 @@ class Messages:
     ----------
     losses
         Gaps between the messages taken, by publisher.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import String
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('talker')
-    >>> messages = Messages(node, '/note', String, QoSProfile(depth=10))
-    >>> node.create_publisher(String, 'note', 1).publish(String(data='wet'))
-    >>> [taken.number for taken in messages.take()], messages.lost
-    ([1], 0)
     """
 
     def __init__(self, node: Node, topic: str, kind: type[Any], qos: QoSProfile) -> None:
         """Subscribe; `kind` is the class of the messages."""
         self.losses = Losses()
         self._taker = Taker(node)
-        self._subscription = subscription(
-            node, kind, topic, lambda _: None, PolledCallbackGroup(), qos=qos, raw=True
-        )
+        self._subscription = polled(node, kind, topic, qos, PolledCallbackGroup(), raw=True)
 
     def take(self) -> Iterator[Taken]:
         """Yield the messages that have arrived, serialized."""
@@ -85,16 +71,6 @@ def quality(
     ------
     UserError
         where no present publisher offers what is given.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> from std_msgs.msg import String
-    >>> rclpy.init()
-    >>> node = rclpy.create_node('talker')
-    >>> publisher = node.create_publisher(String, 'note', 1)
-    >>> quality(node, '/note').reliability.name, quality(node, '/silent').reliability.name
-    ('RELIABLE', 'BEST_EFFORT')
     """
     publishers = node.get_publishers_info_by_topic(topic)
     profile = request(publishers, depth)
@@ -118,11 +94,6 @@ def describe_rate(times: Sequence[int]) -> str:
     """Return the mean rate of events at `times` [ns] in the words of `ros2 topic hz`.
 
     The window is the number of periods between them.
-
-    Examples
-    --------
-    >>> describe_rate([0, 20_000_000, 40_000_000, 61_000_000])
-    'average rate: 49.180 min: 0.020s max: 0.021s std dev: 0.00047s window: 3'
     """
     if len(times) < 2:  # noqa: PLR2004 (a period has two ends)
         return ('no message', '1 message')[len(times)]
@@ -141,11 +112,6 @@ def message_class(type_name: str) -> type[Any]:
     ------
     UserError
         where its package is not installed.
-
-    Examples
-    --------
-    >>> message_class('geometry_msgs/msg/Twist')().linear
-    geometry_msgs.msg.Vector3(x=0.0, y=0.0, z=0.0)
     """
     package, module, base = type_name.split('/')
     try:

@@ -42,16 +42,7 @@ _ATTEMPTS = 3
 
 @contextmanager
 def observe(name: str) -> Iterator[GraphObserver]:
-    """Start ROS and give an observer with the hidden node `_name`; both end with the block.
-
-    Examples
-    --------
-    >>> from std_msgs.msg import Float64
-    >>> with observe('check') as observer:
-    ...     publisher = observer.node.create_publisher(Float64, 'speed', 1)
-    ...     observer.find_topic('speed')
-    '/speed'
-    """
+    """Start ROS and give an observer with the hidden node `_name`; both end with the block."""
     with StopSignals() as stop, ros([]):
         node = Node(f'_{name}', enable_rosout=False, start_parameter_services=False)
         try:
@@ -64,15 +55,6 @@ class GraphObserver:
     """The ROS graph as `node` discovers it.
 
     Every wait raises KeyboardInterrupt after a signal that ends the process.
-
-    Examples
-    --------
-    >>> import rclpy
-    >>> rclpy.init()
-    >>> node, car = rclpy.create_node('_check'), rclpy.create_node('car', namespace='/car2')
-    >>> with StopSignals() as stop:
-    ...     GraphObserver(node, stop).find_node('car2/car')
-    '/car2/car'
     """
 
     def __init__(self, node: Node, stop: StopSignals) -> None:

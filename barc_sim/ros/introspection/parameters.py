@@ -1,18 +1,22 @@
-"""Reads and sets the parameters of a running node."""
+"""The parameters of a running node; as text; in files that rcl and `ros2 param` read."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rclpy.parameter import Parameter, parameter_value_to_python
+import yaml
+from rcl_interfaces.msg import ParameterType
+from rclpy.parameter import Parameter, get_parameter_value, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
+from barc_sim.cli.files import read_regular
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
-from barc_sim.ros.introspection.parameter_text import TYPES, in_yaml, suggestion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 
@@ -137,3 +141,182 @@ class Parameters:
     def _unknown(self, name: str, declared: list[str]) -> str:
         hint = did_you_mean(name, declared) or f': it has {", ".join(declared)}'
         return f'{self.node} has no parameter {name}{hint}'
+
+
+#: As `ros2 param describe` prints them.
+TYPES = {
+    ParameterType.PARAMETER_NOT_SET: 'not set',
+    ParameterType.PARAMETER_BOOL: 'boolean',
+    ParameterType.PARAMETER_INTEGER: 'integer',
+    ParameterType.PARAMETER_DOUBLE: 'double',
+    ParameterType.PARAMETER_STRING: 'string',
+    ParameterType.PARAMETER_BYTE_ARRAY: 'byte array',
+    ParameterType.PARAMETER_BOOL_ARRAY: 'boolean array',
+    ParameterType.PARAMETER_INTEGER_ARRAY: 'integer array',
+    ParameterType.PARAMETER_DOUBLE_ARRAY: 'double array',
+    ParameterType.PARAMETER_STRING_ARRAY: 'string array',
+}
+
+
+def description(descriptor: ParameterDescriptor) -> list[str]:
+    """Return the lines of `ros2 param describe`."""
+    lines = [f'Parameter name: {descriptor.name}', f'  Type: {TYPES[descriptor.type]}']
+    if descriptor.description:
+        lines.append(f'  Description: {descriptor.description}')
+    lines.append('  Constraints:')
+    if descriptor.read_only:
+        lines.append('    Read only: true')
+    for span in [*descriptor.floating_point_range, *descriptor.integer_range][:1]:
+        lines += [f'    Min value: {span.from_value}', f'    Max value: {span.to_value}']
+        lines += [f'    Step: {span.step}'] if span.step else []
+    if descriptor.additional_constraints:
+        lines.append(f'    Additional constraints: {descriptor.additional_constraints}')
+    return lines
+
+
+def labelled(value: ParameterValue) -> str:
+    """Return the line of `ros2 param get`."""
+    if value.type == ParameterType.PARAMETER_NOT_SET:
+        return 'Parameter not set.'
+    label = TYPES[value.type].replace('array', 'values are').capitalize()
+    if 'values' not in label:
+        label += ' value is'
+    return f'{label}: {parameter_value_to_python(value)}'
+
+
+def parse_value(text: str) -> ParameterValue:
+    """Return the value of `text` in YAML, as `ros2 param set` reads it.
+
+    Raises
+    ------
+    UserError
+        where it is not YAML.
+    """
+    try:
+        return get_parameter_value(text)
+    except yaml.YAMLError:
+        raise UserError(f'{text!r} is not a value in YAML: a string may need quotes') from None
+
+
+def to_parameter_value(given: Any, name: str) -> ParameterValue:  # noqa: ANN401 (anything in YAML)
+    """Return a value read from a file as that of a parameter.
+
+    Raises
+    ------
+    UserError
+        where no parameter type fits.
+    """
+    try:
+        return Parameter(name, value=given).get_parameter_value()
+    except (TypeError, AssertionError, OverflowError):
+        raise UserError(
+            f'parameter {name} cannot be {given!r}: expected a boolean, a number, a string, or a '
+            'list of one of these'
+        ) from None
+
+
+def in_yaml(value: Any) -> str:  # noqa: ANN401
+    """Return a value as YAML writes it, such as 1.0e-07."""
+    return yaml.safe_dump(value, default_flow_style=True, width=2**30).partition('\n')[0]
+
+
+def suggestion(wanted: int, given: Any) -> str:  # noqa: ANN401
+    """Return how to write `given` for a parameter of the type `wanted`, or ''."""
+    if wanted == ParameterType.PARAMETER_STRING:
+        return f': write "\'{given}\'"'
+    if wanted == ParameterType.PARAMETER_DOUBLE and not isinstance(given, (bool, list)):
+        try:
+            return f': write {in_yaml(float(given))}'
+        except ValueError:
+            return ''
+    return ''
+
+
+_KEY = 'ros__parameters'
+_EXPECTED = f'expected nodes with {_KEY}, as `barc param dump` writes them'
+
+
+def file_text(node: str, values: Mapping[str, Any]) -> str:
+    """Return the text of a node's file; a dot in a name opens a level."""
+    nested: dict[str, Any] = {}
+    for name, value in sorted(values.items()):
+        *groups, last = name.split('.')
+        level = nested
+        for group in groups:
+            level = level.setdefault(group, {})
+        level[last] = value
+    return yaml.safe_dump({node: {_KEY: nested}}, default_flow_style=False, allow_unicode=True)
+
+
+def read_file(path: Path, node: str, *, wildcards: bool = True) -> dict[str, Any]:
+    """Return the parameters in the file for the node of this full name.
+
+    They have their YAML types, as in rcl; `rclpy.parameter_client` reads 1.0e-7 as a string and
+    '7' as a number. Later entries override earlier ones, as in rcl.
+
+    Parameters
+    ----------
+    path
+        The file.
+    node
+        Such as `/car2/controller`.
+    wildcards
+        Whether entries with wildcards, such as `/**`, count, too.
+
+    Raises
+    ------
+    UserError
+        where the file cannot be read, or has no parameters for the node.
+    """
+    try:
+        content = yaml.safe_load(read_regular(path, 1 << 24).decode())
+    except OSError as error:
+        raise UserError(f'{str(path)!r} cannot be read: {error.strerror}') from None
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise UserError(f'{str(path)!r} is not YAML in line {line}: {error.problem}') from None
+    except (UnicodeDecodeError, yaml.YAMLError):
+        raise UserError(f'{str(path)!r} is not a text of YAML: {_EXPECTED}') from None
+    if not isinstance(content, dict):
+        raise UserError(f'{str(path)!r} is not a file of parameters: {_EXPECTED}')
+    entries = list(_entries(content, ''))
+    if not entries:
+        raise UserError(f'{str(path)!r} has no parameters: {_EXPECTED}')
+    values: dict[str, Any] = {}
+    found = False
+    for key, level in entries:
+        if ('*' not in key or wildcards) and _matches(key, node):
+            values |= dict(_flat(level, path))
+            found = True
+    if not found:
+        known = ', '.join(key for key, _ in entries)
+        raise UserError(f'{str(path)!r} has no parameters for {node}: it has some for {known}')
+    return values
+
+
+def _entries(level: Mapping[Any, Any], node: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield each node in a file with its parameters."""
+    for key, value in level.items():
+        if isinstance(value, dict):
+            if key == _KEY:
+                yield node, value
+            else:
+                yield from _entries(value, f'{node}/{str(key).strip("/")}')
+
+
+def _matches(key: str, node: str) -> bool:
+    """Return whether `key` matches the node: `*` stands for one part of a name, `**` for any."""
+    parts = re.split(r'(/\*\*|\*)', key)
+    pattern = {'/**': '(/[^/]+)*', '*': '[^/]+'}
+    return bool(re.fullmatch(''.join(pattern.get(part, re.escape(part)) for part in parts), node))
+
+
+def _flat(level: Mapping[Any, Any], path: Path, prefix: str = '') -> Iterator[tuple[str, Any]]:
+    for key, value in level.items():
+        name = f'{prefix}{key}'
+        if isinstance(value, dict):
+            yield from _flat(value, path, f'{name}.')
+        elif value is None:
+            raise UserError(f'parameter {name} in {str(path)!r} has no value: give it one')
+        else:
+            yield name, value

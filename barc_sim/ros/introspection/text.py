@@ -37,12 +37,6 @@ def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes
     ------
     UserError
         where there is none; the message lists the fields that exist.
-
-    Examples
-    --------
-    >>> from std_msgs.msg import Header
-    >>> field_of(Header(frame_id='odom'), 'stamp.sec')
-    0
     """
     value = message
     for name in path.split('.'):
@@ -56,17 +50,7 @@ def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes
 
 
 def to_yaml(value: Any, style: Style) -> str:  # noqa: ANN401
-    """Return a message as a YAML document without `---`; a single field as Python prints it.
-
-    Examples
-    --------
-    >>> from std_msgs.msg import Header
-    >>> print(to_yaml(Header(frame_id='odom'), Style()), end='')
-    stamp:
-      sec: 0
-      nanosec: 0
-    frame_id: odom
-    """
+    """Return a message as a YAML document without `---`; a single field as Python prints it."""
     if not _is_message(value):
         return f'{value}\n'
     return yaml.dump(
@@ -78,12 +62,6 @@ def to_csv(value: Any, style: Style) -> str:  # noqa: ANN401
     """Return all values of a message, or of a field, in one line, separated by commas.
 
     An empty string or sequence keeps its column; `ros2` drops it if it is the first.
-
-    Examples
-    --------
-    >>> from std_msgs.msg import Header
-    >>> to_csv(Header(frame_id='odom'), Style())
-    '0,0,odom'
     """
     return ','.join(_cells(value, style))
 

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from barc_sim.errors import UserError
-from barc_sim.ros.introspection.parameter_file import read, text
+from barc_sim.ros.introspection.parameters import file_text, read_file
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,8 +27,8 @@ VALUES = {
 
 def test_what_was_written_is_read_to_the_last_bit_and_with_its_type(tmp_path: Path) -> None:
     path = tmp_path / 'p.yaml'
-    path.write_text(text('/car/controller', VALUES))
-    again = read(path, '/car/controller')
+    path.write_text(file_text('/car/controller', VALUES))
+    again = read_file(path, '/car/controller')
     assert again == VALUES
     assert {name: type(value) for name, value in again.items()} == {
         name: type(value) for name, value in VALUES.items()
@@ -36,7 +36,7 @@ def test_what_was_written_is_read_to_the_last_bit_and_with_its_type(tmp_path: Pa
 
 
 def test_file_is_that_of_ros2_param_dump() -> None:
-    assert text('/a', {'b.c': 1.0, 'a': 'x'}) == (
+    assert file_text('/a', {'b.c': 1.0, 'a': 'x'}) == (
         '/a:\n  ros__parameters:\n    a: x\n    b:\n      c: 1.0\n'
     )
 
@@ -59,23 +59,23 @@ def test_names_of_nodes_may_be_patterns(tmp_path: Path, key: str, node: str, mea
     path = tmp_path / 'p.yaml'
     path.write_text(yaml.safe_dump({key: {'ros__parameters': {'a': 1}}}))
     if meant:
-        assert read(path, node) == {'a': 1}
+        assert read_file(path, node) == {'a': 1}
     else:
         with pytest.raises(UserError, match=f'has no parameters for {node}: it has some for /'):
-            read(path, node)
+            read_file(path, node)
 
 
 def test_namespace_may_be_a_level_of_its_own(tmp_path: Path) -> None:
     path = tmp_path / 'p.yaml'
     path.write_text('car:\n  controller:\n    ros__parameters: {a: 1}\n')
-    assert read(path, '/car/controller') == {'a': 1}
+    assert read_file(path, '/car/controller') == {'a': 1}
 
 
 def test_later_entry_goes_before_an_earlier_one(tmp_path: Path) -> None:
     path = tmp_path / 'p.yaml'
     path.write_text('/**: {ros__parameters: {a: 1, b: 1}}\n/n: {ros__parameters: {a: 2}}\n')
-    assert read(path, '/n') == {'a': 2, 'b': 1}
-    assert read(path, '/n', wildcards=False) == {'a': 2}
+    assert read_file(path, '/n') == {'a': 2, 'b': 1}
+    assert read_file(path, '/n', wildcards=False) == {'a': 2}
 
 
 @pytest.mark.parametrize(
@@ -92,13 +92,13 @@ def test_what_is_no_such_file_is_one_sentence(tmp_path: Path, content: str, sent
     path = tmp_path / 'p.yaml'
     path.write_text(content)
     with pytest.raises(UserError, match=sentence):
-        read(path, '/n')
+        read_file(path, '/n')
 
 
 def test_binary_and_missing_files_are_named(tmp_path: Path) -> None:
     path = tmp_path / 'p.yaml'
     with pytest.raises(UserError, match='cannot be read: No such file'):
-        read(path, '/n')
+        read_file(path, '/n')
     path.write_bytes(b'\xff\xfe\x00')
     with pytest.raises(UserError, match='is not a text of YAML'):
-        read(path, '/n')
+        read_file(path, '/n')
