@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from barc_sim.control.driver import RATE, STALE_AFTER
 from barc_sim.lab.user_code.gains import ChosenGains
 from barc_sim.lab.user_code.loading import Functions, UserCode, find_file
-from barc_sim.lab.user_code.ros_world import Command, TimedTwist
+from barc_sim.lab.user_code.relay_program import Command, TimedTwist
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 

@@ -114,18 +114,19 @@ def _python() -> tuple[tuple[Path, ...], tuple[Path, ...]]:
     library = Path(os.__file__).parent
     parts = [path for path in library.iterdir() if path.name not in _OTHER_PACKAGES]
     extensions = Path(str(sysconfig.get_config_var('DESTSHARED') or library / 'lib-dynload'))
-    numpy = numpy_folder()
+    numpy = package_folder('numpy')
     # Beside it, where NumPy came as a wheel, the libraries that it needs.
     libraries = (numpy.with_name('numpy.libs'), *_shared_libraries())
     return (*parts, extensions, numpy, *libraries), (library,)
 
 
 @cache
-def numpy_folder() -> Path:
-    """Return the folder of NumPy's package."""
-    spec = importlib.util.find_spec('numpy')
+def package_folder(name: str) -> Path:
+    """Return the folder of an installed package."""
+    spec = importlib.util.find_spec(name)
     assert spec  # noqa: S101 (barc_sim needs it)
-    return Path(str(spec.origin)).resolve().parent
+    assert spec.submodule_search_locations  # noqa: S101 (it is a package)
+    return Path(spec.submodule_search_locations[0]).resolve()
 
 
 def _shared_libraries() -> list[Path]:

@@ -274,7 +274,7 @@ def _start(
         'program': program.hex(),
         'parent': os.getpid(),
         'packages': str(_PACKAGES),
-        'numpy': str(landlock.numpy_folder()),
+        'installed': {name: str(landlock.package_folder(name)) for name in ('numpy', 'rosbags')},
         'memory': limits.memory,
         'cpu': limits.cpu,
         'call': limits.call,

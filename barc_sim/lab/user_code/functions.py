@@ -12,7 +12,7 @@ from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.call import Calls, defined_at, guarded, number
-from barc_sim.lab.user_code.ros_world import Command, TimedTwist
+from barc_sim.lab.user_code.relay_program import Command, TimedTwist
 from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, options_for
 from barc_sim.lab.user_code.source import UserCodeError
 

@@ -14,15 +14,19 @@ from barc_sim.lab.user_code.call import BUDGET, describe_error, raised_at, short
 from barc_sim.lab.user_code.functions import ControllerFactory, RelayFactory, UserModel
 from barc_sim.lab.user_code.gains import find_gains
 from barc_sim.lab.user_code.importing import Folder
-from barc_sim.lab.user_code.relay_program import ROS_1, RelayProgram, ros_of_program
-from barc_sim.lab.user_code.ros_world import TimedTwist
+from barc_sim.lab.user_code.relay_program import (
+    ROS_1,
+    RelayProgram,
+    TimedTwist,
+    ros_of_program,
+)
 from barc_sim.lab.user_code.source import Source, UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
     from barc_sim.lab.user_code.functions import UserPid
-    from barc_sim.lab.user_code.ros_world import Command
+    from barc_sim.lab.user_code.relay_program import Command
 
 #: The file of each part in a user's folder.
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}

@@ -1,4 +1,4 @@
-"""A relay that is a whole program of ROS, run without ROS.
+"""A relay that is a whole program of ROS, run without ROS in simulated time.
 
 A UserCodeError names what is wrong with it: it fails, has ended, does not use `cmd_vel` and `ecu`,
 takes too long, or publishes a number that is not finite.
@@ -9,21 +9,11 @@ from __future__ import annotations
 import ast
 import threading
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
-from barc_sim.lab.user_code.call import describe_error, number, raised_at, short_repr
-from barc_sim.lab.user_code.ros_modules import modules
-from barc_sim.lab.user_code.ros_world import (
-    CMD_VEL,
-    COMMANDS,
-    Command,
-    TimedTwist,
-    World,
-    WorldEnd,
-    base,
-)
+from barc_sim.lab.user_code.call import describe_error, raised_at
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -31,12 +21,35 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.lab.user_code.importing import Folder
+    from barc_sim.lab.user_code.relay_world import RelayWorld
 
 ROS_1, ROS_2 = 'rospy', 'rclpy'
 MOST_COMMANDS = 8000  #: of a run; a relay has 20 a second
 _ARGUMENTS = 2  #: of a function `relay`: linear_x and angular_z
 _BUDGET = 10.0  #: [s] of a run; it takes some milliseconds
 _PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
+
+
+class TimedTwist(NamedTuple):
+    """A Twist on `cmd_vel`.
+
+    Examples
+    --------
+    >>> TimedTwist(t=1.0, linear_x=1.0, angular_z=0.0)
+    TimedTwist(t=1.0, linear_x=1.0, angular_z=0.0)
+    """
+
+    t: float  #: [s]
+    linear_x: float
+    angular_z: float
+
+
+class Command(NamedTuple):
+    """A command on `ecu`."""
+
+    t: float  #: [s]
+    motor: float
+    servo: float
 
 
 def ros_of_program(tree: ast.Module) -> str:
@@ -77,7 +90,9 @@ class RelayProgram:
 
     def commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`."""
-        world = World(twists, duration)
+        from barc_sim.lab.user_code.relay_world import RelayWorld  # noqa: PLC0415 (200 ms)
+
+        world = RelayWorld(twists, duration)
         if self._budget:
             try:
                 self._budget.call(self.run, world)
@@ -89,13 +104,14 @@ class RelayProgram:
         else:
             self.run(world)
         self._check(world)
-        return [self.checked(command) for command in world.commands]
+        return [self.checked(*command) for command in world.commands]
 
-    def run(self, world: World) -> None:
+    def run(self, world: RelayWorld) -> None:
         """Run the program in `world`, to its end or the world's."""
         folder = self._folder.again()
-        folder.stand_ins = modules(world, ros_1=self.ros == ROS_1)
-        try:
+        folder.stand_ins = world.modules(ros_1=self.ros == ROS_1)
+
+        def program() -> None:
             module = folder.load(self.path)
             tree = folder.trees[str(self.path.absolute())]
             guarded = [
@@ -104,76 +120,56 @@ class RelayProgram:
             for node in guarded:
                 body = ast.Module(node.body, type_ignores=[])
                 exec(compile(body, str(self.path.absolute()), 'exec'), vars(module))  # noqa: S102
-            if not guarded and not world.commands and callable(getattr(module, 'main', None)):
+            if not guarded and callable(getattr(module, 'main', None)) and not world.has_nodes():
                 module.main()
-        except (WorldEnd, SystemExit):
-            pass
+
+        try:
+            world.run(program)
         except (UserCodeError, OutOfTime):
             raise
         except AbsentModuleError as error:
             raise UserCodeError(f'{self._place(error, folder)}: the relay uses {error}') from error
         except Exception as error:
             raise UserCodeError(
-                f'{self._place(error, folder)}: after {world.now:.2f} s the relay raised '
-                f'{describe_error(error)}'
+                f'{self._place(error, folder)}: after {world.seconds:.2f} s the relay '
+                f'raised {describe_error(error)}'
             ) from error
 
     def _place(self, error: BaseException, folder: Folder | None = None) -> str:
         return raised_at(folder or self._folder, error) or self.path.name
 
-    def _check(self, world: World) -> None:
+    def _check(self, world: RelayWorld) -> None:
         if len(world.commands) > MOST_COMMANDS:
             raise UserCodeError(
                 f'{self.path.name}: it publishes more than {MOST_COMMANDS} commands in '
-                f'{world.end:g} s: is the sleep of its loop missing?'
+                f'{world.seconds:g} s: is the sleep of its loop missing?'
             )
-        topics = [each.topic for each in world.subscriptions]
-        if world.commands and not any(base(topic) == CMD_VEL for topic in topics):
+        if world.commands and 'cmd_vel' not in world.subscribed:
+            topics = ', '.join(map(repr, sorted(world.subscribed)))
             raise UserCodeError(
-                f'{self.path.name}: it subscribes to {", ".join(map(repr, topics)) or "no topic"}; '
-                f"expected {CMD_VEL}, the topic of the keyboard's Twists"
+                f'{self.path.name}: it subscribes to {topics or "no topic"}; expected cmd_vel, '
+                "the topic of the keyboard's Twists"
             )
-        if world.commands:
-            return
-        where = ', '.join(map(repr, world.others))
-        raise UserCodeError(
-            f'{self.path.name}: it publishes nothing on {COMMANDS}'
-            + (f', but on {where}' if where else '')
-            + '; expected commands of the type ECU on the topic ecu'
-        )
+        if not world.commands:
+            others = ', '.join(map(repr, sorted(world.published)))
+            raise UserCodeError(
+                f'{self.path.name}: it publishes nothing on ecu'
+                + (f', but on {others}' if others else '')
+                + '; expected commands of the type ECU on the topic ecu'
+            )
 
-    def checked(self, command: Command) -> Command:
-        """Return the command in finite floats."""
-        motor, servo = number(command.motor), number(command.servo)
-        if motor is None or servo is None or not (isfinite(motor) and isfinite(servo)):
+    def checked(self, t: float, motor: float, servo: float) -> Command:
+        """Return a command, which must be finite."""
+        if not (isfinite(motor) and isfinite(servo)):
             raise UserCodeError(
-                f'{self.path.name}: after {command.t:.2f} s it published motor '
-                f'{short_repr(command.motor)} and servo {short_repr(command.servo)}; expected two '
-                'finite numbers'
+                f'{self.path.name}: after {t:.2f} s it published motor {motor!r} and servo '
+                f'{servo!r}; expected two finite numbers'
             )
-        return Command(command.t, motor, servo)
+        return Command(t, motor, servo)
 
     def __call__(self) -> LiveRelay:
         """Start it, to be driven by hand."""
         return LiveRelay(self)
-
-
-class _LiveWorld(World):
-    """A world whose time goes on when the driver asks for the next command."""
-
-    def __init__(self) -> None:
-        super().__init__((), 0.0)
-        self.more, self.waits = threading.Semaphore(0), threading.Semaphore(0)
-
-    def is_over(self) -> bool:
-        """Let a moment pass; the driver ends the drive, not the program."""
-        self.wait(1e-3, spinning=False)
-        return False
-
-    def wait_at_end(self) -> None:
-        """Wait for the driver."""
-        self.waits.release()
-        self.more.acquire()
 
 
 class LiveRelay:
@@ -181,7 +177,9 @@ class LiveRelay:
 
     def __init__(self, program: RelayProgram) -> None:
         """Start its thread, which runs only while `relay` waits for it."""
-        self._program, self._world = program, _LiveWorld()
+        from barc_sim.lab.user_code.relay_world import LiveWorld  # noqa: PLC0415 (200 ms)
+
+        self._program, self._world = program, LiveWorld()
         self._failure = ''
         threading.Thread(target=self._run, name='relay', daemon=True).start()
         self._wait()
@@ -206,14 +204,13 @@ class LiveRelay:
     def relay(self, linear_x: float, angular_z: float, dt: float) -> tuple[float, float]:
         """Return motor [m/s²] and servo [rad] `dt` seconds after the last call, for a Twist."""
         world = self._world
-        world.drive(TimedTwist(world.now, linear_x, angular_z))
-        world.end += dt
-        world.more.release()
+        world.drive(linear_x, angular_z)
+        world.continue_for(dt)
         self._wait()
         if not world.commands:
             return 0.0, 0.0
         del world.commands[:-1]
-        _, motor, servo = self._program.checked(world.commands[-1])
+        _, motor, servo = self._program.checked(*world.commands[-1])
         return motor, servo
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.ros.local.messages import message_type
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
 SECOND = 1_000_000_000  #: [ns]
 _MOMENT = SECOND // 1000  #: that `rclpy.ok()` takes in simulated time, so that a loop ends
@@ -28,9 +28,20 @@ class EndOfTimeError(BaseException):
 class World:
     """What the programs of one process share: the time and, by domain, the graph."""
 
-    def __init__(self, *, simulated: bool = False, end: float = float('inf')) -> None:
-        """Begin; `simulated` time lasts from 0 to `end` [s]."""
+    def __init__(
+        self,
+        *,
+        simulated: bool = False,
+        end: float = float('inf'),
+        flat_names: Collection[str] = (),
+        silent: bool = False,
+    ) -> None:
+        """Begin; `simulated` time lasts from 0 to `end` [s].
+
+        Topics of the `flat_names` have no namespaces; a `silent` world has no log.
+        """
         self.simulated, self.now_ns, self.end = simulated, 0, end * SECOND
+        self.flat_names, self.silent = flat_names, silent
         self.contexts: dict[str, Any] = {}
         self.graphs: dict[int, Any] = {}
         self.log_levels: dict[str, int] = {}
@@ -58,20 +69,21 @@ class World:
     def pass_time(self, until: int | None) -> None:
         """In simulated time, run the next callback around, or jump to `until` [ns]."""
         waiting = [(due, each) for each in self.around if (due := each.next_due()) is not None]
-        due, executor = min(waiting, key=lambda each: each[0], default=(None, None))
-        if executor and due is not None and (until is None or due <= until):
-            self._jump(due)
-            executor.turn(due)
-        elif until is None:
+        due, executor = min(waiting, key=lambda each: each[0], default=(until, None))
+        if due is None:
             raise RuntimeError('nothing will ever end this wait: simulated time has no more events')
-        else:
+        if executor is None or (until is not None and due > until):
             self._jump(until)
+        elif due <= self.now_ns or self._jump(due):
+            executor.turn(due)
 
-    def _jump(self, to: int) -> None:
-        if to >= self.end:
-            self.now_ns = int(self.end)
-            self.at_end()
-        self.now_ns = max(to, self.now_ns)
+    def _jump(self, to: Any) -> bool:
+        """Move time to `to` [ns], or to its end: False."""
+        self.now_ns = int(min(max(to, self.now_ns), self.end))
+        if to < self.end:
+            return True
+        self.at_end()
+        return False
 
     def at_end(self) -> None:
         """End the program, unless there is more time."""

@@ -12,8 +12,6 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import yaml
-
 from barc_sim.ros.local.clocks import SECOND, Clock, Duration, World, current
 from barc_sim.ros.local.messages import message_type
 
@@ -172,10 +170,14 @@ def _value(text: str) -> Any:
     for kind in (int, float):
         with suppress(ValueError):
             return kind(text)
+    import yaml
+
     return yaml.safe_load(text)
 
 
 def _of_file(file: Path) -> Iterator[_Rule]:
+    import yaml
+
     try:
         nodes = yaml.safe_load(file.read_text(encoding='utf-8'))
         for path, values in _flat(nodes, '/'):
@@ -209,7 +211,8 @@ class Context:
     def init(self, args: list[str] | None = None, *, domain_id: int | None = None) -> None:
         if self.begun:
             raise RuntimeError('Context.init() must only be called once')
-        self.arguments = Arguments(sys.argv if args is None else args, self.world)
+        words = [] if self.world.simulated else sys.argv
+        self.arguments = Arguments(words if args is None else args, self.world)
         given = int(os.environ.get('ROS_DOMAIN_ID') or 0)
         self._domain = given if domain_id is None else domain_id
         self.is_ok = self.begun = True
@@ -510,7 +513,7 @@ class Logger:
         return self._log(message, LoggingSeverity.FATAL, filters)
 
     def _log(self, message: str, severity: int, filters: dict[str, Any]) -> bool:
-        if not self.is_enabled_for(severity):
+        if self._world.silent or not self.is_enabled_for(severity):
             return False
         frame = sys._getframe(2)  # noqa: SLF001 (who logs)
         if filters and not self._passes((frame.f_code, frame.f_lineno), **filters):

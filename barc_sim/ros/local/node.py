@@ -370,6 +370,8 @@ class Node(Parameters):
         self, topic: str, *, only_expand: bool = False, error: Any = InvalidTopicNameException
     ) -> str:
         full = self._expanded(topic, error)
+        if (last := full.rpartition('/')[2]) in self.context.world.flat_names:
+            return f'/{last}'
         for each in () if only_expand else self._arguments:
             if new := each.remap(self._name, {topic: full, full: full}):
                 return self._expanded(new, error)
@@ -473,7 +475,7 @@ class Node(Parameters):
         return guard
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        if frequency <= 0:
+        if not frequency > 0:
             raise ValueError('frequency must be > 0')
         return Rate(1.0 / frequency, clock or self._clock, self.context)
 

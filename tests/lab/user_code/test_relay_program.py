@@ -16,7 +16,7 @@ from barc_sim.lab.user_code.loading import (
     UserCodeError,
     load_folder,
 )
-from barc_sim.lab.user_code.ros_world import Command, TimedTwist
+from barc_sim.lab.user_code.relay_program import Command, TimedTwist
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -124,6 +124,51 @@ rospy.spin()
     assert at(commands, 2.5).motor == 0.0
 
 
+#: Parameters, a service of its own, a rate and a coroutine: what rclpy documents.
+MORE_OF_RCLPY = """\
+import rclpy
+from barc_interfaces.msg import ECU
+from geometry_msgs.msg import Twist
+from std_srvs.srv import Trigger
+
+def main():
+    rclpy.init()
+    node = rclpy.create_node('relay')
+    gain = node.declare_parameter('gain', 2.0).value
+    pub = node.create_publisher(ECU, '/ecu', 10)
+    client = node.create_client(Trigger, 'go')
+    latest = Twist()
+
+    def go(request, response):
+        pub.publish(ECU(motor=gain * latest.linear.x, servo=0.3 * latest.angular.z))
+        return response
+
+    async def on_twist(twist):
+        nonlocal latest
+        latest = twist
+        await client.call_async(Trigger.Request())
+
+    node.create_service(Trigger, 'go', go)
+    node.create_subscription(Twist, 'cmd_vel', on_twist, 10)
+    rate = node.create_rate(100)
+    while rclpy.ok():
+        rclpy.spin_once(node, timeout_sec=0)
+        node.get_logger().info('a step', throttle_duration_sec=1.0)
+        rate.sleep()
+
+main()
+"""
+
+
+def test_program_uses_whatever_rclpy_documents(
+    load: Load, capsys: pytest.CaptureFixture[str]
+) -> None:
+    commands = load(MORE_OF_RCLPY).commands(HELD, 4.0)
+    assert at(commands, 1.9)[1:] == (2.0, 0.3)
+    assert at(commands, 3.0)[1:] == (0.0, 0.0)
+    assert capsys.readouterr() == ('', '')
+
+
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
@@ -136,6 +181,18 @@ rospy.spin()
             'relay.py: after 1.00 s it published motor nan and servo 0.3; expected two finite',
         ),
         (ENDLESS_LOOP, ENDLESS),
+        (
+            'from rclpy.action import ActionClient\n' + ROS_2,
+            'line 1: after 0.00 s the relay raised ImportError: rclpy.action is not part of',
+        ),
+        (
+            ROS_2.replace("'cmd_vel'", "'keys'"),
+            "relay.py: it subscribes to 'keys'; expected cmd_vel, the topic of the keyboard's",
+        ),
+        (
+            ROS_2.replace("'ecu'", "'car/command'"),
+            "publishes nothing on ecu, but on 'car/command'; expected commands of the type ECU",
+        ),
     ],
 )  # fmt: skip
 # The end of its time may reach a function that the test's own process calls at a collection.
@@ -178,5 +235,6 @@ def test_program_is_among_the_sources_of_a_run(tmp_path: Path) -> None:
 def test_printed_message_has_no_address(load: Load, capsys: pytest.CaptureFixture[str]) -> None:
     load(ROS_1.replace('global motor', 'print(msg)\n\tglobal motor')).commands(HELD, 1.02)
     assert capsys.readouterr().out == (
-        'Twist(linear=Vector3(x=1.0, y=0.0, z=0.0), angular=Vector3(x=0.0, y=0.0, z=1.0))\n'
+        'geometry_msgs.msg.Twist(linear=geometry_msgs.msg.Vector3(x=1.0, y=0.0, z=0.0), '
+        'angular=geometry_msgs.msg.Vector3(x=0.0, y=0.0, z=1.0))\n'
     )

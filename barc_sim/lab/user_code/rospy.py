@@ -1,0 +1,150 @@
+"""`rospy` for the lab's files of ROS 1, upon `ros/local` in simulated time.
+
+In ROS 1 callbacks run beside the program, also while it sleeps; a message takes its fields by
+position, and whole numbers for floats.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+from barc_sim.lab.user_code.absent import Absent
+from barc_sim.ros.local.clocks import SECOND
+from barc_sim.ros.local.context import ROSInterruptException, init, ok
+from barc_sim.ros.local.executor import Executor
+from barc_sim.ros.local.messages import message_type
+from barc_sim.ros.local.node import Node
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from barc_sim.ros.local.clocks import World
+
+_FOREVER = 10**6 * SECOND
+_LOGS = [f'log{level}' for level in ('debug', 'info', 'warn', 'err', 'fatal')]
+
+
+def _lenient(type_name: str) -> type[Any]:
+    """Return the class of a message as ROS 1 has it; its header comes last."""
+    kind: Any = message_type(type_name)
+    order = sorted(kind.__fields__, key=lambda name: name == 'header')
+
+    class Lenient(kind):  # type: ignore[misc]
+        def __init__(self, *values: Any, **named: Any) -> None:
+            super().__init__()
+            for name, field in kind.__wire__.items():
+                if not (field.inner or field.base or name == 'header'):
+                    setattr(self, name, _lenient(field.type.__msgtype__)())
+            for name, value in (*zip(order, values, strict=False), *named.items()):
+                setattr(self, name, value)
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            is_whole = isinstance(value, int) and not isinstance(value, bool)
+            field = kind.__wire__.get(name)
+            super().__setattr__(name, float(value) if is_whole and field.type is float else value)
+
+    Lenient.__name__, Lenient.__module__ = kind.__name__, kind.__module__
+    return Lenient
+
+
+class _Seconds(float):
+    """A time or a duration [s]."""
+
+    def __new__(cls, secs: float = 0.0, nsecs: float = 0.0) -> _Seconds:  # noqa: PYI034
+        return super().__new__(cls, secs + nsecs / SECOND)
+
+    to_sec = float.__float__
+
+    def __sub__(self, other: float) -> _Seconds:
+        return _Seconds(float(self) - other)
+
+    def __add__(self, other: float) -> _Seconds:
+        return _Seconds(float(self) + other)
+
+
+class _Rospy:
+    """What the names of `rospy` do; one node does it all."""
+
+    def __init__(self, world: World) -> None:
+        init(args=[])
+        self._world = world
+        self._node = Node('rospy_program', enable_rosout=False, start_parameter_services=False)
+        executor = Executor()
+        executor.add_node(self._node)
+        world.around.append(executor)
+
+    def now(self) -> _Seconds:
+        return _Seconds(self._world.now_ns / SECOND)
+
+    def subscriber(
+        self,
+        name: str,
+        data_class: Any,
+        callback: Callable[..., object] | None = None,
+        callback_args: object = None,
+        **_: object,
+    ) -> SimpleNamespace:
+        def call(message: Any) -> None:
+            if callback:
+                callback(message, *([] if callback_args is None else [callback_args]))
+
+        made = self._node.create_subscription(
+            message_type(data_class.__msgtype__), name, call, 1000
+        )
+        return SimpleNamespace(unregister=partial(self._node.destroy_subscription, made))
+
+    def publisher(self, name: str, data_class: Any, *_: object, **__: object) -> SimpleNamespace:
+        kind = message_type(data_class.__msgtype__)
+        made = self._node.create_publisher(kind, name, 1000)
+
+        def publish(*values: Any, **named: Any) -> None:
+            whole = len(values) == 1 and isinstance(values[0], kind) and not named
+            message = values[0] if whole else data_class(*values, **named)
+            made.publish(kind.__copy__(message))
+
+        return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
+
+    def timer(self, period: float, callback: Callable[[Any], object], **_: object) -> object:
+        made = self._node.create_timer(period, partial(callback, SimpleNamespace()))
+        return SimpleNamespace(shutdown=made.cancel)
+
+    def rate(self, hz: float, *_: object, **__: object) -> object:
+        return self._node.create_rate(hz)
+
+
+def modules(world: World) -> dict[str, Any]:
+    """Return `rospy` and the lab's messages as modules, by name; they use `world`."""
+    rospy, absent = _Rospy(world), Absent('rospy', 'it is not part of what a relay needs')
+    time = type('Time', (_Seconds,), {'now': rospy.now, 'from_sec': _Seconds})
+    vars(absent).update(
+        Subscriber=rospy.subscriber,
+        Publisher=rospy.publisher,
+        Rate=rospy.rate,
+        Timer=rospy.timer,
+        Time=time,
+        Duration=_Seconds,
+        get_time=lambda: float(rospy.now()),
+        get_rostime=rospy.now,
+        get_param=lambda _, default=None: default,
+        sleep=lambda seconds: world.sleep(max(round(seconds * SECOND), 0)),
+        spin=lambda: world.sleep(_FOREVER),
+        is_shutdown=lambda: not ok(),
+        ROSInterruptException=ROSInterruptException,
+        **dict.fromkeys(_LOGS, lambda *_: None),
+    )
+    car = SimpleNamespace(
+        ECU=_lenient('barc_interfaces/msg/ECU'),
+        Header=_lenient('std_msgs/msg/Header'),
+        ZDynBkMdl=_lenient('barc_interfaces/msg/ZDynBkMdl'),
+    )
+    car.Z_DynBkMdl = car.ZDynBkMdl
+    twists = SimpleNamespace(
+        Twist=_lenient('geometry_msgs/msg/Twist'), Vector3=_lenient('geometry_msgs/msg/Vector3')
+    )
+    packages = dict.fromkeys(('barc', 'labs', 'barc_interfaces', 'std_msgs'), car)
+    packages['geometry_msgs'] = twists
+    found = {f'{name}.msg': module for name, module in packages.items()}
+    found |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
+    return {'rospy': absent, **found}
