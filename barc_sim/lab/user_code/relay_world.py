@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 from barc_sim.lab.user_code import rospy
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
-from barc_sim.ros.local.clocks import SECOND, EndOfTimeError, World
 from barc_sim.ros.local.context import Context, HistoryPolicy, QoSProfile
-from barc_sim.ros.local.executor import Executor
+from barc_sim.ros.local.executor import SECOND, EndOfTimeError, Executor, World
 from barc_sim.ros.local.messages import message_type
 from barc_sim.ros.local.node import Node
 
@@ -104,7 +103,7 @@ class RelayWorld(World):
 
     def look(self) -> None:
         """Note the topics of the program's nodes."""
-        for node in self.node.context.graph.nodes:
+        for node in self.node.context.nodes:
             if node is not self.node:
                 self.published |= {each.full_name.strip('/') for each in node.publishers}
                 self.subscribed |= {each.full_name.strip('/') for each in node.subscriptions}
@@ -116,7 +115,7 @@ class RelayWorld(World):
 
     def has_nodes(self) -> bool:
         """Return whether the program has made a node."""
-        return len(self.node.context.graph.nodes) > 1
+        return len(self.node.context.nodes) > 1
 
     def modules(self, *, ros_1: bool) -> dict[str, Any]:
         """Return the modules of a program, which replace those of their names."""

@@ -11,16 +11,15 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code.absent import Absent
-from barc_sim.ros.local.clocks import SECOND
-from barc_sim.ros.local.context import ROSInterruptException, init, ok
-from barc_sim.ros.local.executor import Executor
+from barc_sim.ros.local.context import init, ok
+from barc_sim.ros.local.executor import SECOND, Executor, ExternalShutdownException
 from barc_sim.ros.local.messages import message_type
 from barc_sim.ros.local.node import Node
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.ros.local.clocks import World
+    from barc_sim.ros.local.executor import World
 
 _FOREVER = 10**6 * SECOND
 _LOGS = [f'log{level}' for level in ('debug', 'info', 'warn', 'err', 'fatal')]
@@ -34,7 +33,7 @@ def _lenient(type_name: str) -> type[Any]:
     class Lenient(kind):  # type: ignore[misc]
         def __init__(self, *values: Any, **named: Any) -> None:
             super().__init__()
-            for name, field in kind.__wire__.items():
+            for name, field in kind.__fields__.items():
                 if not (field.inner or field.base or name == 'header'):
                     setattr(self, name, _lenient(field.type.__msgtype__)())
             for name, value in (*zip(order, values, strict=False), *named.items()):
@@ -42,7 +41,7 @@ def _lenient(type_name: str) -> type[Any]:
 
         def __setattr__(self, name: str, value: Any) -> None:
             is_whole = isinstance(value, int) and not isinstance(value, bool)
-            field = kind.__wire__.get(name)
+            field = kind.__fields__.get(name)
             super().__setattr__(name, float(value) if is_whole and field.type is float else value)
 
     Lenient.__name__, Lenient.__module__ = kind.__name__, kind.__module__
@@ -131,7 +130,7 @@ def modules(world: World) -> dict[str, Any]:
         sleep=lambda seconds: world.sleep(max(round(seconds * SECOND), 0)),
         spin=lambda: world.sleep(_FOREVER),
         is_shutdown=lambda: not ok(),
-        ROSInterruptException=ROSInterruptException,
+        ROSInterruptException=ExternalShutdownException,
         **dict.fromkeys(_LOGS, lambda *_: None),
     )
     car = SimpleNamespace(

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
-from barc_sim.ros.local.clocks import World, set_world, world
+from barc_sim.ros.local.executor import World, set_world, world
 from barc_sim.ros.local.messages import message_type, packages
 
 if TYPE_CHECKING:
@@ -23,41 +23,33 @@ __all__ = ['World', 'find_module', 'install', 'world']
 #: rclpy's modules with their names; before each `:` stands the module of this package.
 _NAMES = {
     'rclpy': """context: Context SignalHandlerOptions get_default_context init ok shutdown
-        try_shutdown
-        executor: Future parameters: Parameter
-        node: create_node get_global_executor spin spin_once spin_until_future_complete""",
+        try_shutdown executor: Future parameters: Parameter
+        node: create_node spin spin_once spin_until_future_complete""",
     'rclpy.callback_groups': """executor: CallbackGroup MutuallyExclusiveCallbackGroup
         ReentrantCallbackGroup""",
     'rclpy.client': 'node: Client',
-    'rclpy.clock': 'clocks: Clock ClockType ROSClock',
+    'rclpy.clock': 'executor: Clock ClockType',
     'rclpy.context': 'context: Context',
-    'rclpy.duration': 'clocks: Duration',
-    'rclpy.exceptions': """context: InvalidHandle InvalidNamespaceException InvalidNodeNameException
-        InvalidServiceNameException InvalidTopicNameException NameValidationException
-        NotInitializedException ROSInterruptException parameters: InvalidParameterException
-        InvalidParameterTypeException InvalidParameterValueException ParameterException
-        ParameterAlreadyDeclaredException ParameterImmutableException
-        ParameterNotDeclaredException ParameterUninitializedException""",
+    'rclpy.duration': 'executor: Duration',
+    'rclpy.exceptions': """context: NotInitializedException node: InvalidTopicNameException
+        parameters: InvalidParameterTypeException InvalidParameterValueException
+        ParameterAlreadyDeclaredException ParameterException ParameterNotDeclaredException""",
     'rclpy.executors': """executor: Executor ExternalShutdownException MultiThreadedExecutor
         SingleThreadedExecutor""",
-    'rclpy.guard_condition': 'node: GuardCondition',
-    'rclpy.logging': """context: LoggingSeverity get_logger get_logger_effective_level
-        get_logger_level set_logger_level""",
+    'rclpy.logging': """context: LoggingSeverity get_logger get_logger_level
+        set_logger_level""",
     'rclpy.node': 'node: Node',
     'rclpy.parameter': 'parameters: Parameter parameter_value_to_python',
     'rclpy.publisher': 'node: Publisher',
-    'rclpy.qos': """context: DurabilityPolicy HistoryPolicy LivelinessPolicy QoSProfile
-        ReliabilityPolicy qos_profile_parameter_events qos_profile_parameters
-        qos_profile_sensor_data qos_profile_services_default qos_profile_system_default""",
+    'rclpy.qos': """context: DurabilityPolicy HistoryPolicy QoSProfile ReliabilityPolicy
+        qos_profile_parameter_events qos_profile_sensor_data qos_profile_services_default
+        qos_profile_system_default""",
     'rclpy.serialization': 'messages: deserialize_message serialize_message',
-    'rclpy.service': 'node: Service',
     'rclpy.signals': 'context: SignalHandlerOptions',
     'rclpy.subscription': 'node: Subscription',
-    'rclpy.task': 'executor: Future Task',
-    'rclpy.time': 'clocks: Time',
-    'rclpy.timer': 'clocks: Rate Timer',
+    'rclpy.task': 'executor: Future',
+    'rclpy.time': 'executor: Time',
     'rclpy.topic_endpoint_info': 'node: TopicEndpointInfo',
-    'rclpy.utilities': 'context: get_default_context ok shutdown try_shutdown',
 }
 _LACKS = 'is not part of what stands in for ROS 2 here (barc_sim/ros/local): install ROS 2 for it'
 

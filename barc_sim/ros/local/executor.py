@@ -1,7 +1,8 @@
-"""Futures, tasks and executors, in one thread.
+"""Time, timers, futures and executors, in one thread.
 
 An arrival puts its receiver into the queue of the executor that has the receiver's node; the
-executor calls back in the order of arrival.
+executor calls back in the order of arrival. In simulated time, where nothing is left to call, time
+jumps to the next timer: a minute takes milliseconds, and always takes the same way.
 """
 
 from __future__ import annotations
@@ -10,41 +11,256 @@ import heapq
 import inspect
 import threading
 import time
-import warnings
 from collections import deque
-from contextlib import suppress
-from functools import partial
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from enum import IntEnum
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.ros.local.clocks import SECOND
-from barc_sim.ros.local.context import get_default_context
+from barc_sim.ros.local.messages import message_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Collection, Coroutine, Generator, Iterator
 
-    from barc_sim.ros.local.clocks import Timer, World
+SECOND = 1_000_000_000  #: [ns]
+
+
+class EndOfTimeError(BaseException):
+    """Simulated time is over; `except Exception` does not catch it."""
 
 
 class ExternalShutdownException(Exception):
     """The context has been shut down while an executor waited."""
 
-    def __init__(self) -> None:
-        super().__init__('The context has been shut down')
+
+class World:
+    """What the programs of one process share: the time, the contexts and, by domain, the nodes."""
+
+    def __init__(
+        self,
+        *,
+        simulated: bool = False,
+        end: float = float('inf'),
+        flat_names: Collection[str] = (),
+        silent: bool = False,
+    ) -> None:
+        """Begin; `simulated` time lasts from 0 to `end` [s].
+
+        Topics of the `flat_names` have no namespaces; a `silent` world has no log.
+        """
+        self.simulated, self.now_ns, self.end = simulated, 0, end * SECOND
+        self.flat_names, self.silent = flat_names, silent
+        self.default_context: Any = None
+        self.nodes: dict[int, list[Any]] = {}
+        self.log_levels: dict[str, int] = {}
+        #: Executors that run while others wait: the world around a program.
+        self.around: list[Executor] = []
+
+    def now(self) -> int:
+        """Return the time [ns] that paces timers."""
+        return self.now_ns if self.simulated else time.monotonic_ns()
+
+    def date(self) -> int:
+        """Return the time [ns] since the epoch, or since the start of simulated time."""
+        return self.now_ns if self.simulated else time.time_ns()
+
+    def sleep(self, nanoseconds: int) -> None:
+        """Let time pass."""
+        if not self.simulated:
+            time.sleep(nanoseconds / SECOND)
+            return
+        until = self.now_ns + nanoseconds
+        while self.now_ns < until:
+            self.pass_time(until)
+
+    def pass_time(self, until: int | None) -> None:
+        """In simulated time, run the next callback around, or jump to `until` [ns]."""
+        waiting = [(due, each) for each in self.around if (due := each.next_due()) is not None]
+        due, executor = min(waiting, key=lambda each: each[0], default=(until, None))
+        if due is None:
+            raise RuntimeError('nothing will ever end this wait: simulated time has no more events')
+        if executor is None or (until is not None and due > until):
+            self._jump(until)
+        elif due <= self.now_ns or self._jump(due):
+            executor.turn(due)
+
+    def _jump(self, to: Any) -> bool:
+        """Move time to `to` [ns], or to its end: False."""
+        self.now_ns = int(min(max(to, self.now_ns), self.end))
+        if to < self.end:
+            return True
+        self.at_end()
+        return False
+
+    def at_end(self) -> None:
+        """End the program, unless there is more time."""
+        raise EndOfTimeError
+
+
+_installed = [World()]
+_current: ContextVar[World | None] = ContextVar('world', default=None)
+
+
+def current() -> World:
+    """Return the world of the program that runs."""
+    return _current.get() or _installed[0]
+
+
+def set_world(other: World) -> World:
+    """Make another world that of all programs that have none of their own."""
+    _installed[0] = other
+    return other
+
+
+@contextmanager
+def world(other: World) -> Iterator[World]:
+    """Run what comes in another world, in this thread."""
+    token = _current.set(other)
+    try:
+        yield other
+    finally:
+        _current.reset(token)
+
+
+ClockType = IntEnum('ClockType', 'ROS_TIME SYSTEM_TIME STEADY_TIME')
+
+
+class _Nanoseconds:
+    """What times and durations share: they compare with their own kind."""
+
+    nanoseconds: int
+    clock_type: Any = None
+
+    def _other(self, other: Any) -> int:
+        if self.clock_type != other.clock_type:
+            raise TypeError("Can't compare times with different clock types")
+        return int(other.nanoseconds)
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self.nanoseconds == self._other(other)
+
+    def __lt__(self, other: Any) -> bool:
+        return self.nanoseconds < self._other(other)
+
+    def __le__(self, other: Any) -> bool:
+        return self.nanoseconds <= self._other(other)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def to_msg(self) -> Any:
+        sec, nanosec = divmod(self.nanoseconds, SECOND)
+        name = f'builtin_interfaces/msg/{type(self).__name__}'
+        return message_type(name)(sec=sec, nanosec=nanosec)
+
+
+class Duration(_Nanoseconds):
+    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
+        self.nanoseconds = int(seconds * SECOND) + int(nanoseconds)
+
+    def __repr__(self) -> str:
+        return f'Duration(nanoseconds={self.nanoseconds})'
+
+
+class Time(_Nanoseconds):
+    def __init__(
+        self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: Any = ClockType.SYSTEM_TIME
+    ) -> None:
+        if seconds < 0:
+            raise ValueError('Seconds value must not be negative')
+        self.nanoseconds, self.clock_type = int(seconds * SECOND) + int(nanoseconds), clock_type
+
+    def __repr__(self) -> str:
+        return f'Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})'
+
+    def __add__(self, other: Duration) -> Time:
+        if self.nanoseconds + other.nanoseconds < 0:
+            raise ValueError('Subtraction leads to negative time.')
+        return Time(nanoseconds=self.nanoseconds + other.nanoseconds, clock_type=self.clock_type)
+
+    def __sub__(self, other: Any) -> Any:
+        if isinstance(other, Time):
+            return Duration(nanoseconds=self.nanoseconds - self._other(other))
+        return self + Duration(nanoseconds=-other.nanoseconds)
+
+    @classmethod
+    def from_msg(cls, msg: Any, clock_type: Any = ClockType.ROS_TIME) -> Time:
+        return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)
+
+
+class Clock:
+    def __init__(self, *, clock_type: Any = ClockType.SYSTEM_TIME) -> None:
+        self.clock_type, self.world = clock_type, current()
+
+    def now(self) -> Time:
+        steady = self.clock_type == ClockType.STEADY_TIME
+        ns = self.world.now() if steady else self.world.date()
+        return Time(nanoseconds=ns, clock_type=self.clock_type)
+
+    def sleep_for(self, rel_time: Duration) -> bool:
+        self.world.sleep(max(rel_time.nanoseconds, 0))
+        return True
+
+
+class Timer:
+    """Calls back by the wall, or by simulated time; a late one leaves out what has passed."""
+
+    def __init__(self, node: Any, period: int, callback: Any) -> None:
+        self.node, self.callback, self.timer_period_ns = node, callback, period
+        self.due: int | None = None
+        self._now = node.context.world.now
+
+    def schedule(self) -> None:
+        """Enter the executor's agenda."""
+        if self.due is not None and self.node.executor is not None:
+            self.node.executor.at(self.due, self)
+
+    def run(self) -> Any:
+        """Call back, if it is still time."""
+        now, period = self._now(), self.timer_period_ns
+        if self.due is not None and now >= self.due:
+            self.due += period * (1 + (now - self.due) // period) if period else now - self.due
+            self.schedule()
+            return self.callback()
+        return None
+
+    def reset(self) -> None:
+        self.due = self._now() + self.timer_period_ns
+        self.schedule()
+
+    def cancel(self) -> None:
+        self.due = None
+
+    destroy = cancel
+
+    def is_canceled(self) -> bool:
+        return self.due is None
+
+
+class Rate:
+    """Sleeps to the next multiple of its period."""
+
+    def __init__(self, period: float, world: World) -> None:
+        self._period, self._world = int(period * SECOND), world
+        self._due = world.now() + self._period
+
+    def sleep(self) -> None:
+        late = max(self._world.now() - self._due, 0)
+        self._due += self._period * -(-late // self._period)
+        self._world.sleep(self._due - self._world.now())
+        self._due += self._period
 
 
 class Future:
-    def __init__(self, *, executor: Executor | None = None) -> None:
+    def __init__(self) -> None:
         self._done = self._cancelled = False
         self._result: Any = None
-        self._exception: BaseException | None = None
         self._callbacks: list[Callable[[Future], object]] = []
-        self.executor = executor
 
-    def __await__(self) -> Generator[Any, None, Any]:
-        while not (self._done or self._cancelled):
+    def __await__(self) -> Generator[Future, None, Any]:
+        if not (self._done or self._cancelled):
             yield self
-        return self.result()
+        return self._result
 
     def done(self) -> bool:
         return self._done
@@ -53,19 +269,10 @@ class Future:
         return self._cancelled
 
     def result(self) -> Any:
-        if self._exception:
-            raise self._exception
         return self._result
-
-    def exception(self) -> BaseException | None:
-        return self._exception
 
     def set_result(self, result: Any) -> None:
         self._result, self._done = result, True
-        self._call_back()
-
-    def set_exception(self, exception: BaseException) -> None:
-        self._exception, self._done = exception, True
         self._call_back()
 
     def cancel(self) -> None:
@@ -75,72 +282,27 @@ class Future:
 
     def _call_back(self) -> None:
         while self._callbacks:
-            callback = self._callbacks.pop(0)
-            try:
-                self._notify(callback)
-            except Exception as error:  # noqa: BLE001 (as rclpy does: there may be more callbacks)
-                warnings.warn(f'Unhandled exception in done callback: {error}', stacklevel=2)
-
-    def _notify(self, callback: Callable[[Future], object]) -> None:
-        if self.executor:
-            self.executor.create_task(callback, self)
-        else:
-            callback(self)
+            self._callbacks.pop(0)(self)
 
     def add_done_callback(self, callback: Callable[[Future], object]) -> None:
         if self._done or self._cancelled:
-            self._notify(callback)
+            callback(self)
         else:
             self._callbacks.append(callback)
 
-    def remove_done_callback(self, callback: Callable[[Future], object]) -> bool:
-        found = callback in self._callbacks
-        if found:
-            self._callbacks.remove(callback)
-        return found
 
-
-class Task(Future):
-    """A function or coroutine that an executor runs; one that awaits continues when it can."""
+class _Coroutine:
+    """A callback that awaits; it continues when the future that it awaits is done."""
 
     node: Any = None
 
-    def __init__(self, handler: Any, args: Any, kwargs: Any, executor: Executor) -> None:
-        super().__init__(executor=executor)
-        self._handler = (
-            handler if inspect.iscoroutine(handler) else partial(handler, *args, **kwargs)
-        )
+    def __init__(self, coroutine: Coroutine[Future, None, Any], executor: Executor) -> None:
+        self._coroutine, self._executor = coroutine, executor
 
     def run(self) -> None:
-        if self._done or self._cancelled:
-            return
-        assert self.executor  # noqa: S101 (a task has one)
-        try:
-            if not inspect.iscoroutine(self._handler):
-                self._handler = self._handler()
-            if not inspect.iscoroutine(self._handler):
-                self.set_result(self._handler)
-                return
-            awaited = self._handler.send(None)
-        except StopIteration as stop:
-            self.set_result(stop.value)
-        except Exception as error:
-            self.set_exception(error)
-            raise
-        else:
-            if isinstance(awaited, Future):
-                awaited.add_done_callback(self._resume)
-            else:
-                self.executor.push(self)
-
-    def _resume(self, _: Future) -> None:
-        if self.executor:
-            self.executor.push(self)
-
-    def cancel(self) -> None:
-        if inspect.iscoroutine(self._handler):
-            self._handler.close()
-        super().cancel()
+        with suppress(StopIteration):
+            awaited = self._coroutine.send(None)
+            awaited.add_done_callback(lambda _: self._executor.push(self))
 
 
 class Executor:
@@ -148,7 +310,7 @@ class Executor:
 
     def __init__(self, num_threads: int | None = None, *, context: Any = None) -> None:
         del num_threads
-        self.context = context or get_default_context()
+        self.context = context or current().default_context
         self.world: World = self.context.world
         self._nodes: list[Any] = []
         self._ready: deque[Any] = deque()
@@ -159,19 +321,13 @@ class Executor:
         self.thread = 0  # that spins
         self.context.on_shutdown(self.wake)
 
-    def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.shutdown()
-
     def add_node(self, node: Any) -> bool:
         if node in self._nodes:
             return False
         if node.executor is not None:
             node.executor.remove_node(node)
         self._nodes.append(node)
-        node.take_executor(self)
+        node.use_executor(self)
         self.wake()
         return True
 
@@ -179,15 +335,10 @@ class Executor:
         if node in self._nodes:
             self._nodes.remove(node)
             self._ready = deque(each for each in self._ready if each.node is not node)
-            node.take_executor(None)
+            node.use_executor(None)
 
     def get_nodes(self) -> list[Any]:
         return [*self._nodes]
-
-    def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
-        task = Task(callback, args, kwargs, self)
-        self.push(task)
-        return task
 
     def push(self, receiver: Any) -> None:
         """Call `receiver` once it is its turn; from any thread."""
@@ -196,36 +347,38 @@ class Executor:
             self.wake()
 
     def at(self, due: int, timer: Timer) -> None:
-        """Call `timer` at `due` [ns]."""
+        """Call `timer` at `due` [ns]; from any thread."""
         heapq.heappush(self._agenda, (due, next(self._numbers), timer))
+        if self.waits:
+            self.wake()
 
     def wake(self) -> None:
         with suppress(RuntimeError):  # awake already
             self._asleep.release()
 
     def next_due(self) -> int | None:
-        """Return when there is something to call, in simulated time [ns]."""
+        """Return when there is something to call [ns]."""
         if self._ready:
-            return self.world.now_ns
+            return self.world.now()
         agenda = self._agenda
-        while agenda and not (
-            agenda[0][2].due == agenda[0][0] and agenda[0][2].node.executor is self
-        ):
+        while agenda and not self._is_current(*agenda[0]):
             heapq.heappop(agenda)
         return agenda[0][0] if agenda else None
+
+    def _is_current(self, due: int, _: int, timer: Timer) -> bool:
+        return timer.due == due and timer.node.executor is self
 
     def turn(self, until: int | None) -> bool:
         """Call back once; where nothing is ready, wait for it, but not beyond `until` [ns]."""
         agenda = self._agenda
         while agenda and agenda[0][0] <= self.world.now():
-            due, _, timer = heapq.heappop(agenda)
-            if timer.due == due and timer.node.executor is self:
-                self._ready.append(timer)
+            entry = heapq.heappop(agenda)
+            if self._is_current(*entry):
+                self._ready.append(entry[2])
         if self._ready:
-            receiver = self._ready.popleft()
-            result = receiver.run()
+            result = self._ready.popleft().run()
             if result is not None and inspect.iscoroutine(result):
-                Task(result, (), {}, self).run()
+                _Coroutine(result, self).run()
             return True
         self.waits = True
         try:
@@ -245,43 +398,28 @@ class Executor:
             self._asleep.acquire(timeout=left)
 
     def spin(self) -> None:
-        while self.context.is_ok and not self._is_shutdown:
-            self._spin(None, None)
+        self._spin(Future(), None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
         future.add_done_callback(lambda _: self.wake())
-        self._spin(future, self._until(timeout_sec))
+        self._spin(future, timeout_sec)
 
-    def _until(self, timeout_sec: float | None) -> int | None:
-        if timeout_sec is None or timeout_sec < 0:
-            return None
-        return self.world.now() + int(timeout_sec * SECOND)
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        self._spin(Future(), timeout_sec, once=True)
 
-    def _spin(self, future: Future | None, until: int | None) -> None:
-        context, turn = self.context, self.turn
+    def _spin(self, future: Future, timeout: float | None, *, once: bool = False) -> None:
+        forever = timeout is None or timeout < 0
+        until = None if forever else self.world.now() + int((timeout or 0) * SECOND)
         before, self.thread = self.thread, threading.get_ident()
+        context, turn = self.context, self.turn
         try:
             while context.is_ok and not self._is_shutdown:
-                if future is not None and (future.done() or future.cancelled()):
+                if future.done() or future.cancelled() or (turn(until) and once):
                     return
-                turn(until)
                 if until is not None and self.world.now() >= until:
                     return
         finally:
             self.thread = before
-
-    def spin_once(self, timeout_sec: float | None = None) -> None:
-        until = self._until(timeout_sec)
-        while self.context.is_ok and not self._is_shutdown and not self.turn(until):
-            if until is not None and self.world.now() >= until:
-                return
-
-    def spin_once_until_future_complete(
-        self, future: Future, timeout_sec: float | None = None
-    ) -> None:
-        future.add_done_callback(lambda _: self.wake())
-        if not (future.done() or future.cancelled()):
-            self.spin_once(timeout_sec)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         del timeout_sec
@@ -293,8 +431,7 @@ class Executor:
 
 
 class SingleThreadedExecutor(Executor):
-    def __init__(self, *, context: Any = None) -> None:
-        super().__init__(context=context)
+    pass
 
 
 class MultiThreadedExecutor(Executor):
@@ -302,10 +439,7 @@ class MultiThreadedExecutor(Executor):
 
 
 class CallbackGroup:
-    """Names only: one thread calls back, so that nothing runs at the same time."""
-
-    def __init__(self) -> None:
-        self.entities: set[Any] = set()
+    """The name: one thread calls back, so that nothing runs at the same time."""
 
 
 class MutuallyExclusiveCallbackGroup(CallbackGroup):

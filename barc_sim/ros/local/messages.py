@@ -11,7 +11,7 @@ from functools import cache
 from operator import attrgetter
 from struct import Struct
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 _SINGLE = Struct('f')
-_EMPTY = 'structure_needs_at_least_one_member'
+_EMPTY = 'structure_needs_at_least_one_member'  # of a message without fields
 #: Fields whose default is not zero; rosbags keeps none.
 _DEFAULTS: dict[tuple[str, str], Any] = {('geometry_msgs/msg/Quaternion', 'w'): 1.0}
 _CODES = {
@@ -40,7 +40,7 @@ _CODES = {
     'float64': 'd',
 }
 _ZERO = {'bool': False, 'string': '', 'byte': b'\0', 'float32': 0.0, 'float64': 0.0}
-_KINDS = {'bool': bool, 'string': str, 'byte': bytes, 'float32': float, 'float64': float}
+_PARTS = ('Request', 'Response')
 _RESULT = 'bool success\nstring message'
 #: The services that runs and students use: request and response.
 _SERVICES = {
@@ -49,20 +49,12 @@ _SERVICES = {
     'std_srvs/Trigger': ('', _RESULT),
     'rcl_interfaces/DescribeParameters': ('string[] names', 'ParameterDescriptor[] descriptors'),
     'rcl_interfaces/GetParameters': ('string[] names', 'ParameterValue[] values'),
-    'rcl_interfaces/GetParameterTypes': ('string[] names', 'uint8[] types'),
     'rcl_interfaces/ListParameters': (
-        'uint64 DEPTH_RECURSIVE=0\nstring[] prefixes\nuint64 depth',
+        'string[] prefixes\nuint64 depth',
         'ListParametersResult result',
     ),
     'rcl_interfaces/SetParameters': ('Parameter[] parameters', 'SetParametersResult[] results'),
-    'rcl_interfaces/SetParametersAtomically': (
-        'Parameter[] parameters',
-        'SetParametersResult result',
-    ),
 }
-
-
-_PARTS = ('Request', 'Response')
 
 
 @cache
@@ -75,7 +67,7 @@ def _store() -> Typestore:
             types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
     for name, parts in _SERVICES.items():
         package, _, short = name.partition('/')
-        for part, text in zip(('Request', 'Response'), parts, strict=True):
+        for part, text in zip(_PARTS, parts, strict=True):
             types |= get_types_from_msg(text, f'{package}/msg/{short}_{part}')
     store.register(types)
     return store
@@ -100,23 +92,19 @@ def message_type(name: str) -> type[Any]:
     package, kind, short = name.split('/')
     if kind == 'srv' and f'{package}/{short}' in _SERVICES:
         parts = {part: _message(f'{package}/msg/{short}_{part}') for part in _PARTS}
-        return type(short, (), {**parts, '__module__': _module(package, kind, short)})
+        return type(short, (), {**parts, '__module__': f'{package}.srv._{short.lower()}'})
     if kind == 'msg' and name in _store().fielddefs:
         return _message(name)
     raise LookupError(f'{name} has no definition here')
-
-
-def _module(package: str, kind: str, short: str) -> str:
-    snake = ''.join(f'_{c.lower()}' if c.isupper() else c for c in short)
-    return f'{package}.{kind}.{snake}'
 
 
 class Message:
     """A message; the classes of types derive from it."""
 
     __slots__ = ()
-    __fields__: tuple[str, ...] = ()
+    __fields__: ClassVar[dict[str, _Field]] = {}
     __msgtype__ = ''
+    __plain__ = True  # rosbags can serialize it as it is
 
     def __repr__(self) -> str:
         values = ', '.join(f'{name}={_shown(getattr(self, name))}' for name in self.__fields__)
@@ -129,55 +117,42 @@ class Message:
 
     __hash__ = None  # type: ignore[assignment]
 
-    @classmethod
-    def get_fields_and_field_types(cls) -> dict[str, str]:
-        """Return the fields' types by name, as rclpy writes them."""
-        return {name: _rclpy_type(*of) for name, of in _store().fielddefs[cls.__msgtype__][1]}
-
 
 def _shown(value: Any) -> str:
     return repr(list(value)) if isinstance(value, array.array) else repr(value)
-
-
-def _rclpy_type(kind: Nodetype, of: Any) -> str:
-    if kind == Nodetype.NAME:
-        return str(of).replace('/msg/', '/')
-    if kind == Nodetype.BASE:
-        names = {'float64': 'double', 'float32': 'float', 'bool': 'boolean', 'byte': 'octet'}
-        return names.get(of[0], str(of[0])) + (f'<{of[1]}>' if of[1] else '')
-    inner, bound = _rclpy_type(*of[0]), of[1]
-    if kind == Nodetype.ARRAY:
-        return f'{inner}[{bound}]'
-    return f'sequence<{inner}, {bound}>' if bound else f'sequence<{inner}>'
 
 
 class _Field:
     """How the values of one field are made, checked, copied and put on the wire."""
 
     def __init__(self, owner: str, name: str, kind: Nodetype, of: Any) -> None:
-        self.name, self.kind = name, kind
+        self.name, self.fixed = name, kind == Nodetype.ARRAY
         many: Any = of if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (None, 0)
         self.inner, self.bound = many
-        self.plain = kind == Nodetype.BASE and of[0] != 'byte'
         _, base = self.inner or (kind, of)
         self.base = base[0] if isinstance(base, tuple) else ''
-        self.length = base[1] if self.base == 'string' else 0
-        self.type: type[Any] = _KINDS.get(self.base, int) if self.base else _message(base)
-        self.code = _CODES.get(self.base, '') if self.inner else ''
-        self.bits = 0 if self.type is not int else 8 * Struct(_CODES[self.base]).size
-        signed = self.bits and _CODES[self.base].islower()
-        self.low = -(1 << self.bits - 1) if signed else 0
-        self.high = (1 << (self.bits - 1 if signed else self.bits)) - 1 if self.bits else 0
         self.default = _DEFAULTS.get((owner, name), _ZERO.get(self.base, 0))
+        self.type: type[Any] = type(self.default) if self.base else _message(base)
+        self.code = _CODES.get(self.base, '') if self.inner else ''
+        bits = 8 * Struct(_CODES[self.base]).size if self.type is int else 0
+        is_signed = bits and _CODES[self.base].islower()
+        self.low = -(1 << bits - 1) if is_signed else 0
+        self.high = (1 << bits - bool(is_signed)) - 1
+        plain = self.base not in ('', 'byte') or (not self.base and self.type.__plain__)
+        self.plain = plain and not self.inner
 
     def make(self) -> Any:
         """Return the default."""
-        if self.kind == Nodetype.ARRAY:
-            one = [self.type() if not self.base else self.default for _ in range(self.bound)]
-            return np.array(one, self.code) if self.code else one
-        if self.kind == Nodetype.SEQUENCE:
-            return array.array(self.code) if self.code else []
-        return self.default if self.base else self.type()
+        if not self.inner:
+            return self.default if self.base else self.type()
+        one = [self.default if self.base else self.type() for _ in range(self.bound * self.fixed)]
+        return self._of(one)
+
+    def _of(self, items: list[Any]) -> Any:
+        """Return items as rclpy keeps them: numbers in arrays."""
+        if not self.code:
+            return items
+        return np.array(items, self.code) if self.fixed else array.array(self.code, items)
 
     @property
     def kept(self) -> str:
@@ -185,18 +160,18 @@ class _Field:
         check = f'check_{self.name}(v)'
         if self.inner or self.base in ('byte', 'string'):
             return check
-        within = f' and {self.low} <= v <= {self.high}' if self.bits else ''
+        within = f' and {self.low} <= v <= {self.high}' if self.type is int else ''
         return f'v if v.__class__ is type_{self.name}{within} else {check}'
 
     @property
     def copied(self) -> str:
         """The expression for a copy of the value `v`."""
-        if not self.inner:
-            single = 'single(*pack(v))' if self.base == 'float32' else 'v'
-            return single if self.base else f'type_{self.name}.__copy__(v)'
-        if self.code and self.kind == Nodetype.ARRAY:
-            return 'v.copy()'
-        return f'[type_{self.name}.__copy__(each) for each in v]' if not self.base else 'v[:]'
+        if self.inner and self.base:
+            return 'v.copy()' if self.code and self.fixed else 'v[:]'
+        if self.inner:
+            return f'[type_{self.name}.__copy__(each) for each in v]'
+        single = 'single(v)' if self.base == 'float32' else 'v'
+        return single if self.base else f'type_{self.name}.__copy__(v)'
 
     def check(self, value: Any) -> Any:
         """Return what is kept of `value`.
@@ -208,27 +183,21 @@ class _Field:
         """
         if not self.inner:
             return self._check_one(value)
-        sized = not isinstance(value, (str, dict)) and hasattr(value, '__len__')
-        bound = self.bound if self.kind == Nodetype.SEQUENCE else 0
-        if not sized or (bound and len(value) > bound):
-            self._refuse(f'a set or sequence{f" with length <= {bound}" if bound else ""}')
-        if self.kind == Nodetype.ARRAY and len(value) != self.bound:
-            self._refuse(f'a set or sequence with length {self.bound}')
-        if isinstance(value, array.array) and value.typecode == self.code:
+        length = f'length {"" if self.fixed else "<= "}{self.bound}'
+        if isinstance(value, (str, dict)) or not hasattr(value, '__len__'):
+            self._refuse('a set or sequence')
+        if self.bound and (len(value) > self.bound or (self.fixed and len(value) < self.bound)):
+            self._refuse(f'a set or sequence with {length}')
+        if isinstance(value, array.array) and value.typecode == self.code and not self.fixed:
             return value
-        if isinstance(value, np.ndarray):
-            value = value.tolist()
-        items = [self._check_one(each) for each in value]
-        if self.code and self.kind == Nodetype.ARRAY:
-            return np.array(items, self.code)
-        return array.array(self.code, items) if self.code else items
+        items = value.tolist() if isinstance(value, np.ndarray) else value
+        return self._of([self._check_one(each) for each in items])
 
     def _check_one(self, value: Any) -> Any:
-        fits = isinstance(value, self.type) and (self.base != 'byte' or len(value) == 1)
-        if not fits or (self.length and len(value) > self.length):
-            what = f"of type '{self.type.__name__}'" if self.base else 'a sub message of type'
-            self._refuse(what if self.base else f"{what} '{self.type.__name__}'")
-        if self.bits and not self.low <= value <= self.high:
+        if not isinstance(value, self.type) or (self.base == 'byte' and len(value) != 1):
+            what = 'of type' if self.base else 'a sub message of type'
+            self._refuse(f"{what} '{self.type.__name__}'")
+        if self.type is int and not self.low <= value <= self.high:
             sign = 'an integer' if self.low else 'an unsigned integer'
             self._refuse(f'{sign} in [{self.low}, {self.high}]')
         return self.type(value) if self.base and type(value) is not self.type else value
@@ -252,15 +221,10 @@ class _Field:
         if self.base == 'byte':
             one = np.asarray(value, np.int8).tobytes()
             return [bytes([each]) for each in one] if self.inner else one
-        if isinstance(value, np.ndarray):
-            plain = value.tolist()
-            if self.code:
-                return self.check(plain)
-            return plain
-        return value
+        return self._of(value.tolist()) if isinstance(value, np.ndarray) else value
 
 
-_MAKE = """
+_CLASS = """
 class {short}(Message):
     __slots__ = ({slots})
     {empty}
@@ -288,58 +252,53 @@ def _message(name: str) -> type[Any]:
     """Make the class of a message."""
     package, _, short = name.split('/')
     constants, described = _store().fielddefs[name]
-    fields = [_Field(name, each, *of) for each, of in described if each != _EMPTY]
+    fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
     scope: dict[str, Any] = {'Message': Message, 'new': object.__new__}
-    scope |= {'pack': lambda v: _SINGLE.unpack(_SINGLE.pack(v)), 'single': float}
-    for each in fields:
-        scope[f'check_{each.name}'], scope[f'type_{each.name}'] = each.check, each.type
-        scope[f'make_{each.name}'], scope[f'wire_{each.name}'] = each.make, each.from_wire
+    scope['single'] = lambda v: _SINGLE.unpack(_SINGLE.pack(v))[0]
+    for each, field in fields.items():
+        scope[f'check_{each}'], scope[f'type_{each}'] = field.check, field.type
+        scope[f'make_{each}'], scope[f'wire_{each}'] = field.make, field.from_wire
 
     def lines(form: str) -> str:
         return '\n'.join(
-            ' ' * 8 + form.format(n=each.name, kept=each.kept, copied=each.copied, i=index)
-            for index, each in enumerate(fields)
+            ' ' * 8 + form.format(n=each, kept=field.kept, copied=field.copied, i=index)
+            for index, (each, field) in enumerate(fields.items())
         )
 
-    source = _MAKE.format(
+    source = _CLASS.format(
         short=short,
-        slots=''.join(f'{f"_{each.name}"!r}, ' for each in fields),
+        slots=''.join(f'"_{each}", ' for each in fields),
         empty='' if fields else f'{_EMPTY} = 0',
-        arguments=', *, ' + ', '.join(f'{each.name}=None' for each in fields) if fields else '',
+        arguments=', *, ' + ', '.join(f'{each}=None' for each in fields) if fields else '',
         init=lines('v = make_{n}() if {n} is None else {n}; self._{n} = {kept}'),
         copy=lines('v = m._{n}; n._{n} = {copied}'),
         wire=lines('n._{n} = wire_{n}(values[{i}])'),
         setters='\n'.join(
-            f'    def set_{each.name}(self, v):\n        self._{each.name} = {each.kept}'
-            for each in fields
+            f'    def _set_{each}(self, v):\n        self._{each} = {field.kept}'
+            for each, field in fields.items()
         ),
     )
     exec(source, scope)  # noqa: S102 (from the definitions)
     made: type[Any] = scope[short]
-    made.__module__ = _module(package, 'srv' if short.endswith(_PARTS) else 'msg', short)
-    made.__msgtype__, made.__fields__ = name, tuple(each.name for each in fields)
-    made.__wire__ = {each.name: each for each in fields}
+    made.__module__ = f'{package}.{"srv" if short.endswith(_PARTS) else "msg"}._{short.lower()}'
+    made.__msgtype__, made.__fields__ = name, fields
+    made.__plain__ = all(field.plain for field in fields.values())
     for each in fields:
-        get = attrgetter(f'_{each.name}')
-        setattr(made, each.name, property(get, getattr(made, f'set_{each.name}')))
-        delattr(made, f'set_{each.name}')
+        setattr(made, each, property(attrgetter(f'_{each}'), getattr(made, f'_set_{each}')))
     for constant, kind, value in constants:
         setattr(made, constant, bytes([int(value)]) if kind == 'byte' else value)
-    made.__plain__ = all(each.plain or _is_plain(each) for each in fields)
     # What rosbags deserializes becomes this class at once.
     _store().types[name] = made.__from_wire__
     return made
 
 
-def _is_plain(field: _Field) -> bool:
-    return field.kind == Nodetype.NAME and bool(field.type.__plain__)
-
-
 def _to_wire(message: Any) -> Any:
     if message.__plain__:
         return message
-    wire = {name: field.to_wire(getattr(message, name)) for name, field in message.__wire__.items()}
-    return SimpleNamespace(**wire or {_EMPTY: 0})
+    wire = {
+        name: field.to_wire(getattr(message, name)) for name, field in message.__fields__.items()
+    }
+    return SimpleNamespace(**wire)
 
 
 def serialize_message(message: Any) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-import math
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -32,37 +31,19 @@ class ParameterAlreadyDeclaredException(ParameterException):
         super().__init__('Parameter(s) already declared', parameters)
 
 
-class InvalidParameterException(ParameterException):
-    def __init__(self, parameter_name: str) -> None:
-        super().__init__('Invalid parameter name', parameter_name)
-
-
 class InvalidParameterTypeException(ParameterException):
-    def __init__(self, desired_parameter: Parameter, expected_type: str) -> None:
+    def __init__(self, parameter: Parameter, expected_type: str) -> None:
         super().__init__(
-            f"Trying to set parameter '{desired_parameter.name}' to '{desired_parameter.value}' of "
-            f"type '{desired_parameter.type_.name}', expecting type '{expected_type}'",
-            desired_parameter.name,
+            f"Trying to set parameter '{parameter.name}' to '{parameter.value}' of type "
+            f"'{parameter.type_.name}', expecting type '{expected_type}'",
+            parameter.name,
         )
 
 
 class InvalidParameterValueException(ParameterException):
     def __init__(self, parameter: str, value: Any, reason: str) -> None:
-        super().__init__(
-            f'Invalid parameter value ({value}) for parameter. Reason: {reason}', parameter
-        )
-
-
-class ParameterImmutableException(ParameterException):
-    def __init__(self, parameter_name: str) -> None:
-        super().__init__('Attempted to modify read-only parameter', parameter_name)
-
-
-class ParameterUninitializedException(ParameterException):
-    def __init__(self, parameter_name: str) -> None:
-        Exception.__init__(
-            self, f"The parameter '{parameter_name}' is not initialized: {parameter_name}"
-        )
+        what = f'Invalid parameter value ({value}) for parameter. Reason: {reason}'
+        super().__init__(what, parameter)
 
 
 class Type(Enum):
@@ -85,47 +66,39 @@ class Type(Enum):
         return f'{self.name.lower()}_value'
 
     @classmethod
-    def from_parameter_value(cls, parameter_value: Any) -> Type:
-        if parameter_value is None:
+    def from_parameter_value(cls, value: Any) -> Type:
+        if value is None:
             return cls.NOT_SET
-        for kind, single in _SINGLE.items():
-            if isinstance(parameter_value, single):
+        many = isinstance(value, (list, tuple, array.array))
+        for kind, single in _KINDS.items():
+            is_array = kind.name.endswith('ARRAY')
+            if many and is_array and all(isinstance(each, single) for each in value):
                 return kind
-        if isinstance(parameter_value, (list, tuple, array.array)):
-            for kind, single in {cls.BYTE_ARRAY: bytes, **_ARRAYS}.items():
-                if all(isinstance(each, single) for each in parameter_value):
-                    return kind
-            what = 'a list of one of the allowed types'
-        else:
-            what = 'one of the allowed types'
-        raise TypeError(f"The given value is not {what} '{parameter_value}'.")
-
-    def check(self, parameter_value: Any) -> bool:
-        if self is Type.NOT_SET:
-            return parameter_value is None
-        if self in _SINGLE:
-            return isinstance(parameter_value, _SINGLE[self])
-        one = {Type.BYTE_ARRAY: bytes, **_ARRAYS}[self]
-        return isinstance(parameter_value, (list, tuple, array.array)) and all(
-            isinstance(each, one) for each in parameter_value
-        )
+            if not many and not is_array and isinstance(value, single):
+                return kind
+        raise TypeError(f"The given value is not one of the allowed types '{value}'.")
 
 
-_SINGLE = {Type.BOOL: bool, Type.INTEGER: int, Type.DOUBLE: float, Type.STRING: str}
-_ARRAYS = {Type[f'{kind.name}_ARRAY']: single for kind, single in _SINGLE.items()}
+#: What a value, or each item of one, must be; a bool is an int, too.
+_SINGLES = {'BYTE': bytes, 'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}
+_KINDS = {
+    **{Type[name]: single for name, single in _SINGLES.items() if name != 'BYTE'},
+    **{Type[f'{name}_ARRAY']: single for name, single in _SINGLES.items()},
+}
 
 
 class Parameter:
     Type: ClassVar[Any] = Type
 
     def __init__(self, name: str, type_: Any = None, value: Any = None) -> None:
-        if type_ is None:
-            type_ = Type.from_parameter_value(value)
-        if not isinstance(type_, Type):
-            raise TypeError(f"type must be an instance of '{Type!r}'")
-        if not type_.check(value):
+        found = Type.from_parameter_value(value)
+        if (
+            type_ is not None
+            and type_ is not found
+            and not (found.name == 'BYTE_ARRAY' and not value)
+        ):
             raise ValueError(f"Type '{type_}' and value '{value}' do not agree")
-        self.name, self.type_, self.value = name, type_, value
+        self.name, self.type_, self.value = name, type_ or found, value
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
@@ -155,126 +128,64 @@ def _result(reason: str = '') -> Any:
 class Parameters:
     """The parameters of a node."""
 
-    def __init__(self, events: Any, overrides: dict[str, Parameter], undeclared: bool) -> None:
-        self._events = events
-        self._parameter_overrides, self._allow_undeclared_parameters = overrides, undeclared
+    def __init__(self, node: Any, events: Any, overrides: dict[str, Parameter]) -> None:
+        self._node, self._events, self._overrides = node, events, overrides
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
-        self._before: list[Callable[[list[Parameter]], list[Parameter]]] = []
         self._on_set: list[Callable[[list[Parameter]], Any]] = []
         self._after: list[Callable[[list[Parameter]], object]] = []
 
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
-        return self.declare_parameters('', [(name, value, descriptor)], ignore_override)[0]
-
-    def declare_parameters(
-        self, namespace: str, parameters: Iterable[Any], ignore_override: bool = False
-    ) -> list[Parameter]:
-        declared = []
-        for each in parameters:
-            short, value, descriptor = (*each, None, None)[:3]
-            name = f'{namespace}.{short}' if namespace else short
-            if not (isinstance(name, str) and name):
-                raise InvalidParameterException(name)
-            descriptor = descriptor or _interface('ParameterDescriptor')()
-            if len(each) == 1 or (value is None and each[2:] == (None,)):
-                descriptor.dynamic_typing = True
-            if isinstance(value, Type):
-                descriptor.type, value = value.value, None
-            elif not descriptor.dynamic_typing:
-                descriptor.type = Type.from_parameter_value(value).value
-                if not descriptor.type:
-                    raise ValueError(
-                        'Cannot declare a statically typed parameter with default value of type '
-                        'PARAMETER_NOT_SET'
-                    )
-            if not ignore_override and name in self._parameter_overrides:
-                value = self._parameter_overrides[name].value
-            declared.append((Parameter(name, value=value), descriptor))
-        if again := [each.name for each, _ in declared if each.name in self._parameters]:
-            raise ParameterAlreadyDeclaredException(again)
-        for parameter, descriptor in declared:
-            self._declare(parameter, descriptor)
-        return [self._parameters[each.name] for each, _ in declared]
-
-    def _declare(self, parameter: Parameter, descriptor: Any) -> None:
-        result = self._set([parameter], {parameter.name: descriptor})
+        if name in self._parameters:
+            raise ParameterAlreadyDeclaredException([name])
+        descriptor = descriptor or _interface('ParameterDescriptor')()
+        if isinstance(value, Type):
+            descriptor.type, value = value.value, None
+        elif not descriptor.dynamic_typing:
+            descriptor.type = Type.from_parameter_value(value).value
+            if not descriptor.type:
+                raise ValueError(f'the parameter {name!r} is declared without a value: give one')
+        if not ignore_override and name in self._overrides:
+            value = self._overrides[name].value
+        parameter = Parameter(name, value=value)
+        result = self._set([parameter], {name: descriptor})
         if result.reason.startswith('Wrong parameter type'):
             raise InvalidParameterTypeException(parameter, Type(descriptor.type).name)
         if not result.successful:
-            raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+            raise InvalidParameterValueException(name, value, result.reason)
+        return parameter
 
-    def undeclare_parameter(self, name: str) -> None:
-        if name not in self._parameters:
-            raise ParameterNotDeclaredException(name)
-        if self._descriptors[name].read_only:
-            raise ParameterImmutableException(name)
-        del self._parameters[name], self._descriptors[name]
+    def declare_parameters(self, namespace: str, parameters: Iterable[Any]) -> list[Parameter]:
+        prefix = namespace and f'{namespace}.'
+        return [self.declare_parameter(prefix + name, *rest) for name, *rest in parameters]
 
     def has_parameter(self, name: str) -> bool:
         return name in self._parameters
 
     def get_parameter(self, name: str) -> Parameter:
         if name not in self._parameters:
-            if self._allow_undeclared_parameters:
-                return Parameter(name)
             raise ParameterNotDeclaredException(name)
-        parameter = self._parameters[name]
-        if parameter.type_ is Type.NOT_SET and not self._descriptors[name].dynamic_typing:
-            raise ParameterUninitializedException(name)
-        return parameter
+        return self._parameters[name]
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:
         return [self.get_parameter(name) for name in names]
 
-    def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
-        found = self._parameters.get(name)
-        if found is None or found.type_ is Type.NOT_SET:
-            return alternative_value or Parameter(name)
-        return found
-
-    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
-        prefix = prefix and f'{prefix}.'
-        return {
-            name.removeprefix(prefix): parameter
-            for name, parameter in self._parameters.items()
-            if name.startswith(prefix)
-        }
-
-    def get_parameter_type(self, name: str) -> Any:
-        if name not in self._parameters and not self._allow_undeclared_parameters:
-            raise ParameterNotDeclaredException(name)
-        return self.get_parameter_or(name).type_.value
-
-    def get_parameter_types(self, names: list[str]) -> list[Any]:
-        return [self.get_parameter_type(name) for name in names]
+    def get_parameter_or(self, name: str, alternative_value: Any = None) -> Parameter:
+        return self._parameters.get(name) or alternative_value or Parameter(name)
 
     def describe_parameter(self, name: str) -> Any:
-        if name not in self._descriptors:
-            if self._allow_undeclared_parameters:
-                return _interface('ParameterDescriptor')()
-            raise ParameterNotDeclaredException(name)
+        self.get_parameter(name)
         return self._descriptors[name]
 
-    def describe_parameters(self, names: list[str]) -> list[Any]:
-        return [self.describe_parameter(name) for name in names]
-
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
-        def is_listed(name: str) -> bool:
-            if not prefixes:
-                return not depth or name.count('.') < depth
-            return any(
-                name == prefix
-                or (
-                    name.startswith(f'{prefix}.')
-                    and (not depth or name[len(prefix) + 1 :].count('.') < depth)
-                )
-                for prefix in prefixes
-            )
-
-        names = [name for name in self._parameters if is_listed(name)]
+        names = [
+            name
+            for name in self._parameters
+            if (not depth or name.count('.') < depth)
+            and (not prefixes or any(f'{name}.'.startswith(f'{each}.') for each in prefixes))
+        ]
         parents = dict.fromkeys(name.rpartition('.')[0] for name in names if '.' in name)
         return _interface('ListParametersResult')(names=names, prefixes=[*parents])
 
@@ -282,49 +193,27 @@ class Parameters:
         return [self.set_parameters_atomically([each]) for each in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
-        if self._before:
-            parameter_list = [each for call in self._before for each in call(parameter_list)]
-            if not parameter_list:
-                return _result(
-                    'parameter list cannot be empty, this might be due to '
-                    'pre_set_parameters_callback modifying the original parameters list.'
-                )
-        if not all(isinstance(each, Parameter) for each in parameter_list):
-            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
-        unknown = [each.name for each in parameter_list if each.name not in self._parameters]
-        if unknown and not self._allow_undeclared_parameters:
-            raise ParameterNotDeclaredException(unknown)
-        return self._set(parameter_list, None)
+        self.get_parameters([each.name for each in parameter_list])
+        return self._set(parameter_list, {})
 
-    def _set(self, parameters: list[Parameter], declared: dict[str, Any] | None) -> Any:
+    def _set(self, parameters: list[Parameter], declared: dict[str, Any]) -> Any:
         """Check and set parameters, with the descriptors of those that are being declared."""
-        descriptors = self._descriptors if declared is None else declared
+        descriptors = self._descriptors | declared
         for each in parameters:
-            if each.name in descriptors:
-                reason = self._fault(each, descriptors[each.name], declaring=declared is not None)
-                if reason:
-                    return _result(reason)
+            if reason := self._fault(each, descriptors[each.name], declaring=bool(declared)):
+                return _result(reason)
         for callback in self._on_set:
             result = callback(parameters)
             if not getattr(result, 'successful', False):
                 return result or _result('Callback returned an invalid type')
-        event = _interface('ParameterEvent')(node=self.get_fully_qualified_name())  # type: ignore[attr-defined]
+        self._descriptors = descriptors
+        event = _interface('ParameterEvent')(node=self._node.get_fully_qualified_name())
+        event.stamp = self._node.get_clock().now().to_msg()
+        kind = event.new_parameters if declared else event.changed_parameters
         for each in parameters:
-            if declared is None and each.type_ is Type.NOT_SET:
-                event.deleted_parameters.append(each.to_parameter_msg())
-                self._parameters.pop(each.name, None)
-                self._descriptors.pop(each.name, None)
-                continue
-            dynamic = _interface('ParameterDescriptor')(dynamic_typing=True)
-            self._descriptors[each.name] = descriptors.get(each.name, dynamic)
-            is_new = self.get_parameter_or(each.name).type_ is Type.NOT_SET
-            kind = event.new_parameters if is_new else event.changed_parameters
             kind.append(each.to_parameter_msg())
             self._parameters[each.name] = each
-        event.stamp = self.get_clock().now().to_msg()  # type: ignore[attr-defined]
         self._events.publish(event)
-        if any(each.name == 'use_sim_time' for each in parameters):
-            self._follow_clock()  # type: ignore[attr-defined]
         for after in self._after:
             after(parameters)
         return _result()
@@ -337,18 +226,25 @@ class Parameters:
             return f'Trying to set a read-only parameter: {name}.'
         if descriptor.dynamic_typing:
             descriptor.type = kind.value
-        elif name in self._parameters and kind is Type.NOT_SET:
-            return 'Static parameter cannot be undeclared'
-        elif kind is not Type.NOT_SET and kind.value != descriptor.type:
+        elif kind.value != descriptor.type and not (declaring and kind is Type.NOT_SET):
             return f"Wrong parameter type, expected '{Type(descriptor.type)}' got '{kind}'"
-        if kind is Type.INTEGER and descriptor.integer_range:
-            return _outside(name, value, descriptor.integer_range[0], 0.0, '. ')
-        if kind is Type.DOUBLE and descriptor.floating_point_range:
-            return _outside(name, value, descriptor.floating_point_range[0], 1e-6, ' ')
+        ranges = {
+            Type.INTEGER: descriptor.integer_range,
+            Type.DOUBLE: descriptor.floating_point_range,
+        }
+        for allowed in ranges.get(kind, ()):
+            low, high = sorted((allowed.from_value, allowed.to_value))
+            if not low <= value <= high:
+                mark = '.' if kind is Type.INTEGER else ''
+                return (
+                    f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
+                )
+            if allowed.step and (value - low) % allowed.step and value != high:
+                return (
+                    f'The parameter value for {name} is not a valid step. Min: {low}, max: {high}, '
+                    f'value: {value}, step: {allowed.step}'
+                )
         return ''
-
-    def add_pre_set_parameters_callback(self, callback: Any) -> None:
-        self._before.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         self._on_set.insert(0, callback)
@@ -356,81 +252,36 @@ class Parameters:
     def add_post_set_parameters_callback(self, callback: Any) -> None:
         self._after.insert(0, callback)
 
-    def remove_pre_set_parameters_callback(self, callback: Any) -> None:
-        self._before.remove(callback)
-
-    def remove_on_set_parameters_callback(self, callback: Any) -> None:
-        self._on_set.remove(callback)
-
-    def remove_post_set_parameters_callback(self, callback: Any) -> None:
-        self._after.remove(callback)
-
-    # Services
-
-    def serve_parameters(self) -> None:
+    def serve(self) -> None:
         """Serve the parameters under rclpy's names."""
         for kind, short, callback in (
             ('DescribeParameters', 'describe_parameters', self._on_describe),
             ('GetParameters', 'get_parameters', self._on_get),
-            ('GetParameterTypes', 'get_parameter_types', self._on_types),
             ('ListParameters', 'list_parameters', self._on_list),
             ('SetParameters', 'set_parameters', self._on_set_request),
-            ('SetParametersAtomically', 'set_parameters_atomically', self._on_set_atomically),
         ):
-            self.create_service(_interface(kind, 'srv'), f'~/{short}', callback)  # type: ignore[attr-defined]
+            self._node.create_service(_interface(kind, 'srv'), f'~/{short}', callback)
 
     def _on_describe(self, request: Any, response: Any) -> Any:
         if all(map(self.has_parameter, request.names)):
-            response.descriptors = self.describe_parameters(request.names)
+            response.descriptors = [*map(self.describe_parameter, request.names)]
         return response
 
     def _on_get(self, request: Any, response: Any) -> Any:
         if all(map(self.has_parameter, request.names)):
-            response.values = [
-                self._parameters[name].get_parameter_value() for name in request.names
-            ]
-        return response
-
-    def _on_types(self, request: Any, response: Any) -> Any:
-        if all(map(self.has_parameter, request.names)):
-            response.types = self.get_parameter_types(request.names)
+            found = self.get_parameters(request.names)
+            response.values = [each.get_parameter_value() for each in found]
         return response
 
     def _on_list(self, request: Any, response: Any) -> Any:
-        response.result = self.list_parameters([*request.prefixes], request.depth)
+        response.result = self.list_parameters(request.prefixes, request.depth)
         return response
 
     def _on_set_request(self, request: Any, response: Any) -> Any:
-        response.results = [
-            self._set_from(request.parameters[i : i + 1]) for i in range(len(request.parameters))
-        ]
+        for each in request.parameters:
+            try:
+                (result,) = self.set_parameters([Parameter.from_parameter_msg(each)])
+            except ParameterNotDeclaredException as error:
+                result = _result(str(error))
+            response.results.append(result)
         return response
-
-    def _on_set_atomically(self, request: Any, response: Any) -> Any:
-        response.result = self._set_from(request.parameters)
-        return response
-
-    def _set_from(self, messages: Iterable[Any]) -> Any:
-        try:
-            return self.set_parameters_atomically([*map(Parameter.from_parameter_msg, messages)])
-        except ParameterNotDeclaredException as error:
-            return _result(str(error))
-
-
-def _outside(name: str, value: float, allowed: Any, tolerance: float, mark: str) -> str:
-    """Return why a value is not in a range, or ''; its bounds always are."""
-    low, high = sorted((allowed.from_value, allowed.to_value))
-    if any(math.isclose(value, bound, rel_tol=tolerance) for bound in (low, high)):
-        return ''
-    if not low < value < high:
-        return f'Parameter {name} out of range{mark}Min: {low}, Max: {high}, value: {value}'
-    step = allowed.step
-    if step and not math.isclose(
-        low + round((value - low) / step) * step, value, rel_tol=tolerance
-    ):
-        close = 'close enough to a valid' if tolerance else 'a valid'
-        return (
-            f'The parameter value for {name} is not {close} step. Min: {low}, max: {high}, '
-            f'value: {value}, step: {step}'
-        )
-    return ''

@@ -71,10 +71,10 @@ class _Tap(Subscription):
 
     def __init__(self, node: Node, name: str, kind: str, keep: Callable[[Message], object]) -> None:
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        super().__init__(keep, True, node, name, message_type(kind), qos, None)
+        super().__init__(keep, True, node, name, message_type(kind), qos)
         self._topic = topic(name, kind)
         node.subscriptions.append(self)
-        for publisher in node.context.graph.all('publishers', name):
+        for publisher in node.context.all('publishers', name):
             publisher.match()
             for message, number in [*publisher.queue]:
                 self.receive(message, number)
