@@ -213,6 +213,7 @@ class TopicEndpointInfo(NamedTuple):
     node_name: str
     node_namespace: str
     topic_type: str
+    endpoint_gid: list[int]
     qos_profile: QoSProfile
 
 
@@ -437,7 +438,11 @@ class Node(Parameters):
     def _info(self, kind: str, topic: str) -> list[TopicEndpointInfo]:
         return [
             TopicEndpointInfo(
-                each.node.get_name(), each.node.get_namespace(), each.type_name, each.qos_profile
+                each.node.get_name(),
+                each.node.get_namespace(),
+                each.type_name,
+                [*id(each).to_bytes(16, 'little')],
+                each.qos_profile,
             )
             for each in self.context.all(kind, self.resolve_topic_name(topic))
         ]
