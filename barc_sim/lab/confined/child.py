@@ -59,11 +59,13 @@ class _Installed(MetaPathFinder):
         )
 
 
-def _uses_ros() -> bool:
-    """Return whether `relay.py` may be a program of ROS, which needs what stands in for ROS."""
+def _uses_ros(relay: Path | None) -> bool:
+    """Return whether a relay may be a program of ROS, which needs what stands in for ROS."""
+    if relay is None:
+        return False
     flags = os.O_RDONLY | getattr(os, 'O_NOFOLLOW', 0) | getattr(os, 'O_NONBLOCK', 0)
     try:
-        with os.fdopen(os.open('relay.py', flags), 'rb') as text:
+        with os.fdopen(os.open(relay, flags), 'rb') as text:
             return re.search(rb'rclpy|rospy', text.read(_MAX_RELAY) or b'') is not None
     except OSError:
         return False
@@ -79,9 +81,9 @@ def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
 
         return Archive(archive).call
     from barc_sim.lab.user_code.budget import OutOfTime  # noqa: PLC0415
-    from barc_sim.lab.user_code.loading import Functions  # noqa: PLC0415
+    from barc_sim.lab.user_code.loading import Functions, find_file  # noqa: PLC0415
 
-    if _uses_ros():
+    if _uses_ros(find_file(Path(), 'relay')):
         from barc_sim.lab.user_code import relay_world  # noqa: PLC0415
 
         relay_world.load()
