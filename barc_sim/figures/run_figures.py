@@ -266,7 +266,7 @@ def drive_figure(log: Log, *, title: str = '') -> Figure:
     figure = Figure(figsize=DRIVE_SIZE, layout='constrained')
     path, heading, speed, steering = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
     jumps = np.hypot(np.diff(log.distance), np.diff(log.across)) > JUMP
-    _draw_path(path, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
+    draw_path(path, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
     degrees = np.degrees(np.unwrap(np.nan_to_num(log.psi - log.e_epsi)))
     for axes, values, color, label in (
         (heading, _without_jumps(degrees, jumps), GREEN, 'Heading [°]'),
@@ -292,7 +292,8 @@ def _without_jumps(values: NDArray[np.float64], jumps: NDArray[np.bool_]) -> NDA
     return np.where(np.append(jumps, False), np.nan, values)
 
 
-def _draw_path(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+def draw_path(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
+    """Draw a path from above, with its start and its end."""
     axes.plot(x, y, color=BLUE, lw=1.8)
     axes.plot(x[:1], y[:1], 'o', color=INK, label='start')
     axes.plot(x[-1:], y[-1:], 's', color=VERMILLION, label='end')

@@ -22,8 +22,8 @@ from barc_sim.bags.node_graph import NodeGraph, purposes
 from barc_sim.bags.records import files
 from barc_sim.cli.files import open_regular
 from barc_sim.figures.graph_figure import GraphDrawing
-from barc_sim.figures.run_figures import drive_figure, speed_figure, terms_figure
-from barc_sim.figures.style import BLUE, INK, STYLE, VERMILLION, use_measurement
+from barc_sim.figures.run_figures import draw_path, drive_figure, speed_figure, terms_figure
+from barc_sim.figures.style import STYLE, use_measurement
 from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.user_code import adapters
@@ -210,14 +210,7 @@ def _figures(log: Log) -> Iterator[_Figure]:
 
 def _path_figure(log: Log) -> Figure:
     figure = Figure(figsize=(9.6, 5.4), layout='constrained')
-    axes = figure.subplots()
-    axes.plot(log.distance, log.across, color=BLUE, lw=1.8)
-    axes.plot(log.distance[:1], log.across[:1], 'o', color=INK, label='start')
-    axes.plot(log.distance[-1:], log.across[-1:], 's', color=VERMILLION, label='end')
-    axes.set_aspect('equal', adjustable='datalim')
-    axes.set_xlabel('x [m]')
-    axes.set_ylabel('y [m]')
-    axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+    draw_path(figure.subplots(), log.distance, log.across)
     return figure
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import mcap_doctor
 import pytest
 import yaml
-from command_line import refused
 from made_bags import VALUE
 from mcap.records import Message
 from rosbags.highlevel import AnyReader
@@ -188,8 +187,3 @@ def test_command_prints_what_was_recovered(
         '     1000 /value',
         '     1000 messages in 0.000 s',
     ]
-
-
-def test_command_names_a_missing_bag() -> None:
-    line = refused('recover', '/nowhere')
-    assert line.endswith("there is no bag '/nowhere': name the directory of a bag")

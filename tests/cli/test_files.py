@@ -31,10 +31,13 @@ def _socket(path: Path) -> None:
 
 SPECIAL: dict[str, Callable[[Path], object]] = {
     'a folder': Path.mkdir,
-    'a named pipe': os.mkfifo,
-    'a socket': _socket,
-    'a device': lambda path: path.symlink_to('/dev/zero'),
 }
+if hasattr(os, 'mkfifo'):  # not on Windows
+    SPECIAL |= {
+        'a named pipe': os.mkfifo,
+        'a socket': _socket,
+        'a device': lambda path: path.symlink_to('/dev/zero'),
+    }
 
 
 @pytest.mark.parametrize('kind', SPECIAL)
