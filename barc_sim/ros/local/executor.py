@@ -321,6 +321,12 @@ class Executor:
         self.thread = 0  # that spins
         self.context.on_shutdown(self.wake)
 
+    def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.shutdown()
+
     def add_node(self, node: Any) -> bool:
         if node in self._nodes:
             return False

@@ -430,10 +430,10 @@ def contexts_and_executors(node: Node) -> None:
         print(type(error).__name__)
     rclpy.init(context=context, args=['--ros-args', '-r', '__ns:=/lab'])
     own = Node('own', context=context)
-    executor = MultiThreadedExecutor(context=context)
-    print(executor.add_node(own), executor.add_node(own), own.get_fully_qualified_name())
-    own.create_timer(0.01, lambda: rclpy.shutdown(context=context))
-    executor.spin()
+    with MultiThreadedExecutor(context=context) as executor:
+        print(executor.add_node(own), executor.add_node(own), own.get_fully_qualified_name())
+        own.create_timer(0.01, lambda: rclpy.shutdown(context=context))
+        executor.spin()
     print(context.ok(), rclpy.ok(), node.context.ok())
     said: list[str] = []
     context.on_shutdown(lambda: said.append('ended'))
