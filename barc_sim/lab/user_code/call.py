@@ -11,8 +11,8 @@ import traceback
 from inspect import signature, unwrap
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
+from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -135,13 +135,7 @@ def _name(function: object) -> str:
 
 
 def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
-    """Return `value` as a float; None if it is not a number. An array of one number is one.
-
-    Examples
-    --------
-    >>> number('3'), number(3)
-    (None, 3.0)
-    """
+    """Return `value` as a float; None if it is not a number. An array of one number is one."""
     if isinstance(value, (str, bytes)):
         return None
     try:
@@ -169,13 +163,7 @@ def _in_one_line(text: str) -> str:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception's type and message in one line.
-
-    Examples
-    --------
-    >>> describe_error(ZeroDivisionError('division by zero'))
-    'ZeroDivisionError: division by zero'
-    """
+    """Return an exception's type and message in one line."""
     text = _in_one_line(guarded(str, error, default=''))
     return f'{type(error).__name__}: {text}' if text else type(error).__name__
 

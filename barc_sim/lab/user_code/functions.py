@@ -6,14 +6,14 @@ takes too long is a UserCodeError: one sentence with the file, the line and the 
 
 from __future__ import annotations
 
-from inspect import signature
+from inspect import Parameter, Signature, signature
 from itertools import islice
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code.call import Calls, defined_at, guarded, number
+from barc_sim.lab.user_code.call import Calls, defined_at, guarded, number, short_repr
+from barc_sim.lab.user_code.gains import gain_names
 from barc_sim.lab.user_code.relay_program import Command, TimedTwist
-from barc_sim.lab.user_code.signatures import check_takes, dt_name, gain_names, options_for
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ class UserModel:
 
     def __init__(self, folder: Folder, function: Callable[..., Any], budget: float | None) -> None:
         """Check that `function` takes the arguments of `bikeFE`."""
-        check_takes(folder, function, _BIKE_FE)
-        self._options = options_for(function, _BIKE_FE)
+        _check_takes(folder, function, _BIKE_FE)
+        self._options = _options_for(function, _BIKE_FE)
         self._calls = Calls(folder, function, budget, f'four finite numbers, [{", ".join(_NEXT)}]')
 
     def __call__(self, *args: float, **options: float) -> list[float]:
@@ -57,7 +57,7 @@ class ControllerFactory:
 
     def __init__(self, folder: Folder, cls: type, budget: float | None) -> None:
         """Check that the class takes three gains and has an `acc_calculate`."""
-        check_takes(folder, cls, _GAINS)
+        _check_takes(folder, cls, _GAINS)
         _check_method(folder, cls, 'acc_calculate', _SPEEDS)
         self._folder = folder
         self._budget = budget
@@ -69,7 +69,7 @@ class ControllerFactory:
         #: The names of the constructor's arguments for kp, ki and kd; empty: it takes any three.
         self.gain_names = gain_names(names) if len(names) >= len(_GAINS) else ()
         self._in_order = self.gain_names == tuple(names[:3]) or not self.gain_names
-        self._options = options_for(cls, _GAINS)
+        self._options = _options_for(cls, _GAINS)
         self._calls = Calls(folder, cls, budget, 'an object')
         self._expected = 'a finite number, the acceleration [m/s²]'
 
@@ -81,7 +81,7 @@ class ControllerFactory:
         else:
             instance = self._calls(**dict(zip(self.gain_names, (kp, ki, kd), strict=True)), **taken)
         method = self._calls.attribute(instance, 'acc_calculate')
-        dt = dt_name(self._folder, method, _SPEEDS)
+        dt = _dt_name(self._folder, method, _SPEEDS)
         calls = Calls(self._folder, method, self._budget, self._expected)
         return UserPid(instance, calls, dt)
 
@@ -127,18 +127,18 @@ class RelayFactory:
     ) -> None:
         """Check that it takes a Twist's two values."""
         if isinstance(relay, type):
-            check_takes(folder, relay, ())
+            _check_takes(folder, relay, ())
             _check_method(folder, relay, 'relay', _TWIST)
             self._new: Calls | None = Calls(folder, relay, budget, 'an object')
         else:
-            dt_name(folder, relay, _TWIST)
+            _dt_name(folder, relay, _TWIST)
             self._new = None
         self._folder, self._budget, self._function = folder, budget, relay
 
     def __call__(self) -> UserRelay:
         """Return a new relay."""
         function = self._new.attribute(self._new(), 'relay') if self._new else self._function
-        dt = dt_name(self._folder, function, _TWIST)
+        dt = _dt_name(self._folder, function, _TWIST)
         expected = f'two finite numbers, [{", ".join(_COMMAND)}]'
         return UserRelay(Calls(self._folder, function, self._budget, expected), dt)
 
@@ -195,3 +195,67 @@ def _converted(result: Any, count: int) -> list[float] | None:  # noqa: ANN401 (
     values = [value if type(value) is float else number(value) for value in islice(result, count)]
     finite = [value for value in values if value is not None and isfinite(value)]
     return finite if len(finite) == count else None
+
+
+def _check_takes(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> None:
+    """Refuse a function that does not take the arguments `names`."""
+    found = _signature(folder, function)
+    if not _binds(found, len(names)):
+        raise _takes(folder, function, found, names)
+
+
+def _dt_name(folder: Folder, function: Callable[..., Any], names: Sequence[str]) -> str:
+    """Return the name of the time step among the arguments of `function`, empty if there is none.
+
+    That is `dt`, or the one required argument after `names`.
+    """
+    found = _signature(folder, function)
+    count = len(names)
+    if 'dt' in found.parameters and _binds(found, count, dt=0.0):
+        return 'dt'
+    if _binds(found, count):
+        return ''
+    for name in list(found.parameters)[count:]:
+        if _binds(found, count, **{name: 0.0}):
+            return name
+    raise _takes(folder, function, found, names)
+
+
+def _signature(folder: Folder, function: Callable[..., Any]) -> Signature:
+    try:
+        return signature(function)
+    except Exception as error:
+        raise UserCodeError(
+            f'{defined_at(folder, function)}: expected a function, got {short_repr(function)}'
+        ) from error
+
+
+def _takes(
+    folder: Folder, function: Callable[..., Any], found: Signature, names: Sequence[str]
+) -> UserCodeError:
+    name = guarded(getattr, function, '__name__', default=short_repr(function))
+    return UserCodeError(
+        f'{defined_at(folder, function)}: {name} takes ({", ".join(found.parameters)}); '
+        f'expected ({", ".join(names)})'
+    )
+
+
+def _binds(found: Signature, count: int, **options: float) -> bool:
+    try:
+        found.bind(*range(count), **options)
+    except TypeError:
+        return False
+    return True
+
+
+def _options_for(
+    function: Callable[..., Any], names: Sequence[str]
+) -> Callable[[dict[str, float]], dict[str, float]]:
+    """Return a function that selects the options that `function` takes after `names`."""
+    parameters = list(signature(function).parameters.values())
+    if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in parameters):
+        return lambda options: options
+    taken = {parameter.name for parameter in parameters[len(names) :]}
+    if not taken:
+        return lambda _: {}
+    return lambda options: {name: options[name] for name in options if name in taken}

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import ast
 import operator
+import re
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
-
-from barc_sim.lab.user_code.signatures import gain_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -23,6 +22,10 @@ _ARITHMETIC = {
     ast.Div: operator.truediv,
 }
 _Constants = dict[str, float]
+#: Names of a gain, in lower case: kp, k_p, p, p_gain, gain_p, kpgain, proportional, …
+_GAIN = re.compile(
+    r'(?:k|gain|coeff)?_?([pid])(?:rop|nt|er)?(?:ortional|egral|ivative)?_?(?:gain|term|coeff)?'
+)
 
 
 class ChosenGains(NamedTuple):
@@ -43,11 +46,6 @@ def find_gains(trees: Mapping[str, ast.Module], file: str) -> ChosenGains | None
 
     They come from the last call `PID(…)` of literal numbers, else from the last one of constants,
     else from the constructor's defaults, if these are not the template's.
-
-    Examples
-    --------
-    >>> find_gains({'controller.py': ast.parse('pid = PID(kp=10, ki=20, kd=0)')}, 'controller.py')
-    ChosenGains(kp=10.0, ki=20.0, kd=0.0, origin='controller.py, line 1')
     """
     place, constructor = next(
         ((name, c) for name, tree in trees.items() if (c := _constructor(tree))), (file, None)
@@ -170,3 +168,13 @@ def _number(node: ast.AST, constants: _Constants) -> float | None:
         value = float(_ARITHMETIC[type(node.op)](left, right))
         return value if isfinite(value) else None
     return None
+
+
+def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
+    """Return those of `parameters` that are kp, ki and kd: by their names, else the first three."""
+    found: dict[str, str] = {}
+    for name in parameters:
+        if match := _GAIN.fullmatch(name.lower()):
+            found.setdefault(match[1], name)
+    names = tuple(found[letter] for letter in 'pid' if letter in found)
+    return names if len(names) == len('pid') else tuple(parameters[:3])

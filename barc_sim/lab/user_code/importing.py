@@ -1,4 +1,7 @@
-"""Loads the modules of one folder, separate from all other modules of the process."""
+"""Loads the modules of one folder, separate from all other modules of the process.
+
+A stand-in takes the place of a module that is not here, so that a file that imports it loads.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,14 @@ import builtins
 import contextlib
 import importlib.util
 import io
+import re
 import sys
 import threading
 from importlib.machinery import FileFinder, SourceFileLoader
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from barc_sim.lab.user_code.absent import Absent, is_ros, is_ros_1
 from barc_sim.lab.user_code.source import Source, compiled, guarded_lines, read
 
 if TYPE_CHECKING:
@@ -23,6 +26,74 @@ if TYPE_CHECKING:
     from types import FrameType, ModuleType
 
 _SWAP = threading.RLock()
+_ROS_1 = {
+    *('rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
+    *('dynamic_reconfigure', 'tf', 'tf2_ros', 'cv_bridge'),
+}
+#: Packages of the lab's messages, which exist in ROS 1 and in ROS 2.
+_MESSAGES = re.compile(r'\w+\.(msg|srv)(\..*)?|(std|geometry|sensor|nav)_msgs(\..*)?|std_srvs')
+_OPERATORS = (
+    *('add', 'radd', 'sub', 'rsub', 'mul', 'rmul', 'truediv', 'rtruediv', 'pow', 'rpow', 'mod'),
+    *('rmod', 'floordiv', 'rfloordiv', 'lt', 'le', 'gt', 'ge', 'neg', 'abs', 'float', 'int'),
+    *('index', 'iter', 'len', 'getitem', 'setitem'),
+)
+
+
+def is_ros_1(module: str) -> bool:
+    """Return whether `module` is one of ROS 1, or of the lab's packages for it."""
+    return module.partition('.')[0] in _ROS_1
+
+
+def is_ros(module: str) -> bool:
+    """Return whether `module` is one of ROS, which user code does not need."""
+    return is_ros_1(module) or module == 'rclpy' or bool(_MESSAGES.fullmatch(module))
+
+
+class AbsentModuleError(Exception):
+    """User code needs a value of a module that is not here."""
+
+
+class Absent:
+    """Stands for a module that is not here, and for whatever is taken from it.
+
+    It can be called and have attributes; its use as a number is an `AbsentModuleError`.
+    """
+
+    def __init__(self, name: str, reason: str) -> None:
+        """Stand for `name`, which is missing for `reason`."""
+        self._name, self._reason = name, reason
+
+    def __getattr__(self, name: str) -> object:
+        """Return what stands for the attribute."""
+        if name.startswith('__'):
+            raise AttributeError(name)
+        if name.endswith(('Exception', 'Error', 'Interrupt')):
+            return type(name, (Exception,), {})
+        return Absent(f'{self._name}.{name}', self._reason)
+
+    def __call__(self, *_: object, **__: object) -> Absent:
+        """Return what stands for the result."""
+        return Absent(f'{self._name.removesuffix("()")}()', self._reason)
+
+    def __bool__(self) -> bool:
+        """Return True, so that a loop until ROS shuts down ends."""
+        return True
+
+    def __repr__(self) -> str:
+        """Return the expression that it stands for."""
+        return self._name
+
+    def __mro_entries__(self, _: object) -> tuple[type, ...]:
+        """Return the base of a class that is derived from it."""
+        return (object,)
+
+
+def _refuse(self: Absent, *_: object, **__: object) -> NoReturn:
+    raise AbsentModuleError(f'{self._name}, but {self._reason}')
+
+
+for _operator in _OPERATORS:
+    setattr(Absent, f'__{_operator}__', _refuse)
 
 
 class Folder:

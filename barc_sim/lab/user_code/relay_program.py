@@ -11,9 +11,9 @@ import threading
 from math import isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.user_code.absent import AbsentModuleError
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.call import describe_error, raised_at
+from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code.absent import Absent
+from barc_sim.lab.user_code.importing import Absent
 from barc_sim.ros.local.context import init, ok
 from barc_sim.ros.local.executor import SECOND, Executor, ExternalShutdownException
 from barc_sim.ros.local.messages import message_type

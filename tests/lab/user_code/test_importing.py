@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.user_code.absent import AbsentModuleError
-from barc_sim.lab.user_code.importing import Folder
+from barc_sim.lab.user_code.importing import AbsentModuleError, Folder
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
