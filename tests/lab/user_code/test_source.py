@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from barc_sim.errors import UserError
 from barc_sim.lab.user_code.source import UserCodeError, compiled, read
 
 if TYPE_CHECKING:
@@ -75,5 +76,5 @@ def test_a_file_of_no_sensible_size_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match='Is a directory'):
+    with pytest.raises(UserError, match='is a folder, where a regular file is expected'):
         read(tmp_path, 'controller.py')
