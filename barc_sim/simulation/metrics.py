@@ -252,7 +252,7 @@ class SpeedErrors:
 
     def _sums(self) -> _Sums:
         sums, states = self._parts
-        return sums.plus(*np.array(states, dtype=np.float64).reshape(-1, 5).T)
+        return sums.plus(*np.array(tuple(states), dtype=np.float64).reshape(-1, 5).T)
 
 
 class Lap(NamedTuple):
