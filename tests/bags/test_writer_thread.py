@@ -246,3 +246,19 @@ def test_simulated_clock_stamps_messages_with_the_latest_clock() -> None:
     assert [each.published for each in stamped] == [1, 2, 3, 4, 9]
     (later,) = clocks.stamp([message(10)])
     assert later.received == 8 * SECOND + 5
+
+
+def test_message_received_since_a_poll_began_waits_for_the_clock_of_the_next(
+    tmp_path: Path, source: Source, failures: list[str | None]
+) -> None:
+    (tmp_path / 'run').mkdir()
+    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, 0, failures.append)
+    thread.use_sim_time = True
+    received = time.time_ns() + SECOND // 2
+    source.append(Message(TOPIC, bytes(12), received, received, 1))
+    thread.write_now()
+    source.append(clock(received - 1, 7))
+    thread.close()
+    file = tmp_path / 'run' / 'run_0.mcap'
+    found = [each for each in records(file) if isinstance(each, Record)]
+    assert [each.log_time for each in found] == [7 * SECOND, 7 * SECOND]
