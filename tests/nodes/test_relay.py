@@ -77,7 +77,7 @@ def test_twist_is_a_share_of_the_limits_which_may_be_changed(bench: Make) -> Non
 def test_wheel_turns_and_returns_or_stays_as_set(bench: Make) -> None:
     b = bench(self_centring=False, steering=0.2, stale_after=60.0)
     b.send(turn=1.0)
-    b.until(lambda: b.relay.driver.servo == 0.2)
+    b.until(lambda: any(command.servo == 0.2 for command in b.commands))
     b.send()
     b.until(lambda: not b.relay.driver.request.turn)
     assert b.relay.driver.servo == 0.2

@@ -129,6 +129,17 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     assert simulator.stepper.missed == 0
 
 
+def test_environment_has_grade_height_and_forces_at_the_state(world: World) -> None:
+    environments = world.received(Environment, 'environment')
+    world.driver(partial(command, 4.0))
+    world.simulator(realtime_factor=LOCK_STEP)
+    world.until(lambda: any(each.elevation > 1.0 for each in environments))
+    seen = next(each for each in environments if each.elevation > 1.0)
+    assert seen.theta == 10.0
+    assert seen.gravity == pytest.approx(-2000.0 * 9.8 * math.sin(math.radians(10.0)))
+    assert seen.drag < seen.friction == -0.01711
+
+
 def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) -> None:
     simulator = world.simulator(realtime_factor=LOCK_STEP, distance=1.0)
     world.driver()
