@@ -40,9 +40,9 @@ COMMANDS = {name: text for group in GROUPS.values() for name, text in group.item
 NODES = {
     'bag_recorder': ('recorder', 'BagRecorder'),
     'controller': ('controller', 'CruiseController'),
-    'foxglove_server': ('foxglove.node', 'announced'),
+    'foxglove_server': ('foxglove', 'announced'),
     'keyboard': ('keyboard', 'on_stdin'),
-    'mirror': ('mirrors.node', 'MirrorNode'),
+    'mirror': ('mirror', 'MirrorNode'),
     'relay': ('relay', 'Relay'),
     'vehicle_simulator': ('simulator', 'VehicleSimulator'),
     'view': ('view', 'announced'),

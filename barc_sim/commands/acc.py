@@ -10,6 +10,7 @@ from barc_sim.cli.signals import StopSignals
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
+from barc_sim.runs.carrier import choose_carrier
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -90,10 +91,10 @@ def run(options: Namespace) -> int:
         where an option or a ROS argument cannot be used.
     """
     with StopSignals() as stop:
-        from barc_sim.runs.conduct import conduct  # noqa: PLC0415 (slow: not for --help)
-        from barc_sim.runs.cruise_control import CruiseControl  # noqa: PLC0415
+        choose_carrier(options)
+        from barc_sim.runs.cruise_control import drive  # noqa: PLC0415 (slow; after the choice)
 
-        return conduct(CruiseControl, options, stop)
+        return drive(options, stop)
 
 
 def _gain(text: str) -> tuple[str, float]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args
-from barc_sim.runs.recording_options import add_recording_options, recording
+from barc_sim.runs.options import add_recording_options, recording
 
 if TYPE_CHECKING:
     from argparse import Namespace

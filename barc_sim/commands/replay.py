@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments
 from barc_sim.errors import UserError
-from barc_sim.runs.view_options import add_address_options
+from barc_sim.runs.options import add_address_options
 
 if TYPE_CHECKING:
     from argparse import Namespace

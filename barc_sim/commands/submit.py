@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
 from barc_sim.errors import UserError, escaped
-from barc_sim.runs.engine import add_engine_option, uses_ros
+from barc_sim.runs.carrier import add_engine_option, uses_ros
 
 if TYPE_CHECKING:
     from argparse import Namespace

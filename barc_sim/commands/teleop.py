@@ -8,6 +8,7 @@ from barc_sim.cli.parser import accept_ros_args
 from barc_sim.cli.signals import StopSignals
 from barc_sim.control.relay import INPUTS, PEDAL
 from barc_sim.runs import options as run_options
+from barc_sim.runs.carrier import choose_carrier
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -43,6 +44,7 @@ def run(options: Namespace) -> int:
         where an option or a ROS argument cannot be used.
     """
     with StopSignals() as stop:
+        choose_carrier(options)
         from barc_sim.runs.teleop import teleop  # noqa: PLC0415
 
         return teleop(options, stop)

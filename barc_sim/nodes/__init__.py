@@ -1,1 +1,10 @@
-"""The nodes. A node converts, calls and publishes; it imports no other node."""
+"""The nodes of a run, each in a module of its own."""
+
+#: The kinds of mirrors: by the parameter of the node `mirror`, what it publishes.
+MIRRORS = {
+    'odom': 'the pose and the velocity, as nav_msgs/Odometry',
+    'tf': 'the same pose as a transform, where ROS has the package tf2_msgs',
+    'path': 'the path so far, as nav_msgs/Path, once a second',
+    'markers': 'the car and the road for RViz and Foxglove',
+    'diagnostics': 'the timing, the command, the noise and the bag, once a second',
+}

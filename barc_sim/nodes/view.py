@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     from barc_sim.page.feed import Sample
     from barc_sim.page.run_page import OnDone
+    from barc_sim.simulation.stepper import Stepper
     from barc_sim.vehicle.road import Road
 
 MODES = ('acc', 'teleop')
@@ -180,6 +181,11 @@ def _tuned(event: ParameterEvent, node: str) -> Iterator[tuple[str, str, float]]
             and isfinite(value.double_value)
         ):
             yield node, parameter.name, value.double_value
+
+
+def status(stepper: Stepper) -> Status:
+    """Return what no topic carries of a simulator in this process."""
+    return Status(stepper.missed, stepper.slipped, stepper.paused)
 
 
 def announced() -> ViewNode:

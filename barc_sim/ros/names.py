@@ -25,9 +25,6 @@ ODOM = 'odom'  #: the measured pose from odom to base_link; x on the map, z the 
 PATH = 'path'  #: the way since the start, in at most 200 poses, once a second
 MARKERS = 'markers'  #: the car to scale with its wheels turned, 25 times a second
 ROAD_MARKERS = 'road_markers'  #: the road, once, latched (transient local)
-ACCEL = 'accel'  #: the acceleration over the ground, in base_link
-#: the steering of the front wheels, and angle and speed of each wheel
-JOINT_STATES = 'joint_states'
 
 # ROS's own tools expect these outside of every namespace.
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs

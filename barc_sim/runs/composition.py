@@ -1,141 +1,385 @@
-"""Composes a run of an engine's nodes, and spins them to its end."""
+"""What both runs share: their inputs, their nodes, what shows them, their bag and their end."""
 
 from __future__ import annotations
 
 import gc
+import shlex
+import shutil
 import sys
-from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, NamedTuple
+from contextlib import suppress
+from functools import partial
+from platform import platform, python_version
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+import yaml
+from rclpy.parameter import Parameter
+from rclpy.task import Future
+
+from barc_sim import __version__
+from barc_sim.bags.recording import check_root, summary
+from barc_sim.cli.parser import barc_path
+from barc_sim.cli.process import report
+from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
-from barc_sim.runs.bag import RunBag
+from barc_sim.lab.user_code.adapters import attachments
+from barc_sim.lab.user_code.adapters import describe as user_code_metadata
+from barc_sim.lab.user_code.loading import UserCode, find_files, load_files
+from barc_sim.lab.user_code.source import UserCodeError
+from barc_sim.nodes import MIRRORS
+from barc_sim.nodes.recorder import BagRecorder
+from barc_sim.nodes.simulator import VehicleSimulator
+from barc_sim.ros.graph_observer import observe
+from barc_sim.runs.options import recording, wanted_mirrors, wants_page
+from barc_sim.runs.program import Program
+from barc_sim.runs.terminal.user_output import UserOutput
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+    from types import TracebackType
+
+    from rclpy.node import Node
+    from typing_extensions import Self
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.lab.user_code.loading import UserCode
-    from barc_sim.nodes.simulator import VehicleSimulator
+    from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage
-    from barc_sim.runs.engine import Engine
     from barc_sim.runs.terminal.display import Display
-    from barc_sim.runs.terminal.user_output import UserOutput
-    from barc_sim.vehicle.road import Road
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.
 _SWITCH_INTERVAL = 1e-4
+_ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
 
 
-class Setup(NamedTuple):
-    """What a run is made of: the command line, and the values that it names."""
+class Inputs(NamedTuple):
+    """What the command line of a run names, read."""
 
-    options: Namespace
     road: Road | None  #: of `--road`; None: that of the simulator's parameter
     user_code: UserCode
     output: UserOutput  #: takes what user code prints
-    engine: Engine  #: carries the messages
 
 
-class Run(ABC):
-    """The recorder, the simulator of each car, and the nodes that drive and show them."""
+def read_inputs(options: Namespace) -> Inputs:
+    """Read the road and the user's files, and check that a bag can be made.
 
-    display: Display  #: what the terminal shows; `compose` sets it
+    Raises
+    ------
+    UserError
+        One of them cannot be used.
+    """
+    road = Road.named(options.road) if options.road else None
+    if not options.no_bag:
+        check_root(options.bag_dir)
+    output = UserOutput(quiet=options.quiet)
+    files = find_files(options.lab, options.parts) if options.lab else {}
+    named = {part: getattr(options, part) for part in options.parts}
+    files |= {part: file for part, file in named.items() if file}
+    return Inputs(road, load_files(files, output=output), output)
 
-    def __init__(self, setup: Setup) -> None:
-        """Create the nodes, the recorder first: it records what the others publish at their start.
+
+class Run:
+    """The nodes of a run, its bag and its exit code; the exit of `with` ends the nodes in order.
+
+    A UserError before the first state deletes the bag and goes on. Later, and where user code
+    raises, it is the run's `failure`, which the bag holds, too.
+
+    Attributes
+    ----------
+    nodes
+        To be added to the executor; the recorder is the first.
+    finished
+        Done when every simulator has finished; `finish` ends the run at once.
+    """
+
+    def __init__(self, options: Namespace, inputs: Inputs, stop: StopSignals) -> None:
+        """Make the recorder, unless the options say no: it records what other nodes begin with.
 
         Raises
         ------
         UserError
-            if a parameter or the topic cannot be had; no bag is left then.
+            The bag cannot be made.
         """
-        options = setup.options
-        self.setup = setup
-        self.failure: str | None = None  #: the error that ended the run
-        self._closed = False
-        self._engine = engine = setup.engine
-        self.bag = None if options.no_bag else RunBag(options, setup.user_code, engine)
-        try:
-            self.simulators = self.compose(setup)
-            setup.output.show_with(self.display.print_line)
-            if not options.quiet:
-                print(f'engine     {engine.name}', flush=True)  # noqa: T201
-            engine.show(options)
-        except BaseException:
-            self.discard()
-            raise
-        if self.bag:
-            self.bag.begin(options.argv)
+        self.options, self.inputs, self._stop = options, inputs, stop
+        self.nodes: list[Any] = []
+        self.simulators: list[VehicleSimulator] = []
+        self.finished = Future()
+        self.failure: str | None = None
+        self.recorder: BagRecorder | None = None
+        self._display: Display | None = None
+        self._views: list[ViewNode] = []
+        self._page: RunPage | None = None
+        self._relay: Program | None = None
+        self._death = ''  # of its process, in a sentence
+        if options.no_bag:
+            return
+        self._root_is_new = not options.bag_dir.exists()
+        self.recorder = BagRecorder(
+            options.bag_dir,
+            recording(options),
+            metadata=_engine(options) | user_code_metadata(inputs.user_code),
+            attachments=attachments(inputs.user_code),
+        )
+        self.recorder.finished.add_done_callback(lambda _: self.finish())
+        self.nodes.append(self.recorder)
 
-    @abstractmethod
-    def compose(self, setup: Setup) -> Sequence[VehicleSimulator]:
-        """Create the nodes and the display; return the simulators, one for each car."""
+    def add(
+        self,
+        kind: Callable[..., Any],
+        given: Mapping[str, Any] | None = None,
+        *,
+        namespace: str = '',
+        **options: Any,  # noqa: ANN401 (the node's)
+    ) -> Any:  # noqa: ANN401 (of `kind`)
+        """Add and return a node; of the parameters `given`, None leaves the node's default.
 
-    @abstractmethod
-    def print_result(self) -> None:
-        """Print the results."""
+        Raises
+        ------
+        UserError
+            A parameter is out of range, or the topic is taken.
+        """
+        if self.recorder:
+            # A publisher may wait for the node's subscription, send one message, and end.
+            prefix = namespace and f'{namespace}/'
+            inputs = getattr(kind, 'inputs', {})
+            self.recorder.expect({prefix + name: each for name, each in inputs.items()})
+        overrides = [Parameter(k, value=v) for k, v in (given or {}).items() if v is not None]
+        node = kind(namespace=namespace, parameter_overrides=overrides, **options)
+        self.nodes.append(node)
+        if isinstance(node, VehicleSimulator):
+            self.simulators.append(node)
+            node.finished.add_done_callback(lambda _: self._on_finished())
+        return node
 
-    def spin(self, stop: StopSignals) -> None:
-        """Spin until the run is finished or `stop` is requested."""
-        # A full garbage collection takes half a step: exclude what lives as long as the run.
-        gc.collect()
-        gc.freeze()
-        sys.setswitchinterval(_SWITCH_INTERVAL)
-        stop.then(self.finish)
-        try:
-            self._engine.spin()
-        finally:
-            self.setup.output.close()
-            self.display.close()
+    def _on_finished(self) -> None:
+        if all(each.finished.done() for each in self.simulators) and not self.finished.done():
+            self.finished.set_result(None)
 
     def finish(self) -> None:
         """End the run now; may be called from any thread."""
         for simulator in self.simulators:
             simulator.finish()
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether a state has been published."""
-        return any(simulator.stepper.states for simulator in self.simulators)
+    def show(self, display: Display) -> None:
+        """Add what shows the run, describe it in the bag, and prepare to spin: call it last."""
+        options = self.options
+        self._display = display
+        self.inputs.output.show_with(display.print_line)
+        self._print(f'engine     {_ENGINES[options.engine]}')
+        if self.recorder:
+            self.recorder.use_sim_time = any(each.keeps_clock for each in self.simulators)
+        self._add_mirrors()
+        if wants_page(options):
+            for number in range(len(self.simulators)):
+                self._serve(number)
+        if self.recorder:
+            self.recorder.discover()
+            self.recorder.add_metadata(_description(options.argv, self.nodes))
+            self.recorder.add_metadata({'graph': observe(self.recorder).to_json()})
+        # A full garbage collection takes half a step: exclude what lives as long as the run.
+        gc.collect()
+        gc.freeze()
+        sys.setswitchinterval(_SWITCH_INTERVAL)
+        self._stop.then(self.finish)
 
-    @property
-    def slipped(self) -> int:
-        """Periods by which simulated time has fallen behind the wall clock, of all cars."""
-        return sum(simulator.stepper.slipped for simulator in self.simulators)
+    def _add_mirrors(self) -> None:
+        if mirrors := wanted_mirrors(self.options):
+            self.nodes += [_mirror(each, mirrors, self.recorder) for each in self.simulators]
+        if self.options.foxglove is not None:
+            from barc_sim.nodes.foxglove import FoxgloveServer  # noqa: PLC0415
+
+            self.nodes.append(FoxgloveServer(self.options.foxglove))
+            self._print(f'foxglove   {self.nodes[-1].url}')
+
+    def _serve(self, number: int) -> None:
+        """Serve the live page of a car."""
+        from barc_sim.nodes.view import ViewNode, status  # noqa: PLC0415 (a server, only if wanted)
+        from barc_sim.page.server import open_page  # noqa: PLC0415
+
+        options, simulator = self.options, self.simulators[number]
+        view = ViewNode(
+            options.mode,
+            host=options.view_host,
+            port=options.view_port and options.view_port + number,
+            status=partial(status, simulator.stepper),
+            road=simulator.road,
+            finish=self.finish,
+            namespace=simulator.get_namespace(),
+        )
+        self.nodes.append(view)
+        self._views.append(view)
+        self._print(f'live page  {view.url}')
+        open_page(view.url)
+
+    def _print(self, text: str) -> None:
+        if not self.options.quiet:
+            print(text, flush=True)  # noqa: T201
+
+    def start_relay(self, file: Path) -> None:
+        """Run the user's relay in a process of its own, which ends after the nodes."""
+        self._relay = Program(f'the relay {file.name}', file, self.inputs.output, self._on_death)
+
+    def _on_death(self, sentence: str) -> None:
+        self._death = sentence
+        self.finish()
+
+    def check_relay(self) -> None:
+        """Raise UserError if the relay's process has ended by itself."""
+        if self._death:
+            raise UserError(self._death)
 
     def fail(self, failure: str) -> None:
         """Keep the error that ended the run, also in the bag."""
         self.failure = failure
-        if self.bag:
-            self.bag.recorder.add_metadata({'failure': failure})
+        if self.recorder:
+            self.recorder.add_metadata({'failure': failure})
 
-    def close(self, *, keep_page: bool = False) -> RunPage | None:
-        """End the nodes, with the results in the bag; again, do nothing.
+    def __enter__(self) -> Self:
+        """Begin."""
+        return self
 
-        With `keep_page`, the page stays open, and is returned if there is one.
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> bool:
+        """End the nodes, the recorder last; keep the page of a run that ended by itself."""
+        self.inputs.output.close()
+        if self._display:
+            self._display.close()
+        has_begun = any(each.stepper.states for each in self.simulators)
+        keeps_bag = error is None or has_begun or isinstance(error, UserCodeError)
+        is_failure = isinstance(error, (UserError, UserCodeError)) and keeps_bag
+        if is_failure:
+            self.fail(str(error))
+        if self.recorder and keeps_bag:
+            self.recorder.add_metadata(_results(self.simulators))
+            self.recorder.add_metadata({'graph': observe(self.recorder).to_json()})
+        bag = str(self.recorder.path) if self.recorder else ''
+        for view in self._views:
+            view.page.end('The run has ended.', bag)
+        if len(self._views) == 1 and error is None and not self._stop.requested.is_set():
+            self._page = self._views[0].release_page()
+        while self.nodes:
+            self.nodes.pop().destroy_node()
+        if self._relay:
+            self._relay.close()
+        if self.recorder and not keeps_bag:
+            shutil.rmtree(self.recorder.path)
+            if self._root_is_new:
+                with suppress(OSError):  # another run has its bag there
+                    self.recorder.path.parent.rmdir()
+        return is_failure
+
+    def end(self, print_result: Callable[[], None]) -> int:
+        """Print the results, serve the page until it is closed, and return the exit code.
+
+        That is 1 if user code or the recorder failed, or an error ended the run.
         """
-        if self.bag and not self._closed:
-            self.bag.end(self.simulators)
-        self._closed = True
-        return self._engine.close(keep_page=keep_page)
+        recorder = self.recorder
+        if not self.options.quiet:
+            print_result()
+            if recorder:
+                _print_commands(recorder)
+        elif recorder:
+            print(recorder.path)  # noqa: T201
+        if self._page:
+            from barc_sim.runs.ended_run import serve_ended_run  # noqa: PLC0415
 
-    def discard(self) -> None:
-        """End the nodes, and delete the bag."""
-        self._closed = True
-        self._engine.close()
-        if self.bag:
-            self.bag.discard()
+            path = recorder.path if recorder else None
+            serve_ended_run(self._page, self.options, path, self._stop)
+        if self.failure:
+            report(f'barc {self.options.mode}', self.failure)
+        return 1 if self.failure or (recorder and recorder.failure) else 0
 
-    def print_end(self) -> None:
-        """Print the results and the bag, or only the bag's path if quiet."""
-        if not self.setup.options.quiet:
-            self.print_result()
-            if self.bag:
-                self.bag.print_commands()
-        elif self.bag:
-            print(self.bag.recorder.path)  # noqa: T201
+    @property
+    def slipped(self) -> int:
+        """Periods by which simulated time has fallen behind the wall clock, of all cars."""
+        return sum(each.stepper.slipped for each in self.simulators)
+
+
+def _engine(options: Namespace) -> dict[str, str]:
+    return {'engine': _ENGINES['local']} if options.engine == 'local' else {}
+
+
+def _mirror(
+    simulator: VehicleSimulator, mirrors: frozenset[str], recorder: BagRecorder | None
+) -> Node:
+    """Return the mirror of a simulator, with these `mirrors` on."""
+    from barc_sim.nodes.diagnosis import Facts  # noqa: PLC0415 (only if wanted)
+    from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415
+
+    stepper, noise = simulator.stepper, simulator.values
+
+    def facts() -> Facts:
+        factor = simulator.values['realtime_factor']
+        known = Facts(
+            stepper.missed,
+            stepper.slipped,
+            stepper.paused,
+            factor,
+            NoiseLevels(*(noise[f'noise_{name}'] for name in NoiseLevels._fields)),
+            stamp_lag=stepper.stamp_lag if factor == 1.0 else None,
+        )
+        if not recorder:
+            return known
+        return known._replace(
+            recorded=sum(recorder.counts.values()),
+            lost=sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node),
+            failure=recorder.failure,
+        )
+
+    values = {name: simulator.values[name] for name in ('road', 'l_f', 'l_r')}
+    values |= {name: name in mirrors for name in MIRRORS}
+    return MirrorNode(
+        road=simulator.road,
+        facts=facts,
+        namespace=simulator.get_namespace(),
+        parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+    )
+
+
+def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
+    """Return what describes a run, with its parameters in the form that `ros2 param load` takes."""
+    parameters = {node.get_fully_qualified_name(): _parameters(node) for node in nodes}
+    # By parameter, not by node: `-r __node:=car` gives all nodes one name.
+    own = {name: value for values in parameters.values() for name, value in values.items()}
+    return {
+        'command': shlex.join(['barc', *argv]),
+        'barc_sim': __version__,
+        'python': python_version(),
+        'platform': platform(),
+        'parameters': yaml.safe_dump(
+            {name: {'ros__parameters': values} for name, values in parameters.items()},
+            sort_keys=False,
+        ),
+        **{name: str(own[name]) for name in (*GAINS, 'road') if name in own},
+    }
+
+
+def _parameters(node: Node) -> dict[str, Any]:
+    names = node.list_parameters(prefixes=[], depth=0).names
+    return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
+
+
+def _results(simulators: list[VehicleSimulator]) -> dict[str, str]:
+    steppers = [simulator.stepper for simulator in simulators]
+    results = {
+        'steps': sum(each.states for each in steppers),
+        'missed_deadlines': sum(each.missed for each in steppers),
+        'slipped_periods': sum(each.slipped for each in steppers),
+    }
+    return {name: str(value) for name, value in results.items()}
+
+
+def _print_commands(recorder: BagRecorder) -> None:
+    """Print the bag's path, and the commands that read it."""
+    barc, path = barc_path(), shlex.quote(str(recorder.path))
+    print(summary(recorder.counts, recorder.lost, recorder.left_out))  # noqa: T201
+    print(f'bag     {path}')  # noqa: T201
+    print(f'plot    {barc} plot {path}')  # noqa: T201
+    print(f'replay  {barc} replay {path}')  # noqa: T201
 
 
 def check_left_out(part: str, options: Mapping[str, object]) -> None:
@@ -145,13 +389,6 @@ def check_left_out(part: str, options: Mapping[str, object]) -> None:
     ------
     UserError
         if one of them is given.
-
-    Examples
-    --------
-    >>> check_left_out('controller', {'speed': None})
-    >>> check_left_out('controller', {'speed': 10.0})  # doctest: +ELLIPSIS
-    Traceback (most recent call last):
-    barc_sim.errors.UserError: --speed 10.0 is for the controller that --no-controller ...
     """
     for name, value in options.items():
         if value is not None:
@@ -159,14 +396,3 @@ def check_left_out(part: str, options: Mapping[str, object]) -> None:
                 f'--{name} {value} is for the {part} that --no-{part} leaves out: give one of the '
                 'two only'
             )
-
-
-def given(**values: float | str | None) -> dict[str, float | str]:
-    """Return the parameters that the command line sets; the others keep the nodes' defaults.
-
-    Examples
-    --------
-    >>> given(speed_reference=10.0, controller_type=None)
-    {'speed_reference': 10.0}
-    """
-    return {name: value for name, value in values.items() if value is not None}

@@ -19,12 +19,12 @@ from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, encode
 from barc_sim.page.server import NO_BROWSER, kept_token
 
 if TYPE_CHECKING:
+    from argparse import Namespace
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.page.run_page import RunPage
-    from barc_sim.runs.composition import Run
     from barc_sim.simulation.log import Log
 
 _GONE_AFTER = 3.0  #: [s] without a page: a page that is loaded again is away for less
@@ -34,7 +34,7 @@ _REPORT, _BAG = 'report.html', 'bag.zip'
 _OPTIONS = {'speed_reference': '--speed', 'acceleration_limit': '--acceleration-limit'}
 
 
-def serve_ended_run(page: RunPage, run: Run, stop: StopSignals) -> None:
+def serve_ended_run(page: RunPage, options: Namespace, bag: Path | None, stop: StopSignals) -> None:
     """Serve the page of an ended run until it is closed, `stop` is requested, or it drives again.
 
     A run that nobody watches is not served. To drive again replaces this process.
@@ -42,9 +42,9 @@ def serve_ended_run(page: RunPage, run: Run, stop: StopSignals) -> None:
     if not page.is_watched:
         page.close()
         return
-    offer = EndedRun(page.url, run.setup.options.argv, run.bag.recorder.path if run.bag else None)
+    offer = EndedRun(page.url, options.argv, bag)
     page.keep(offer)
-    if not run.setup.options.quiet:
+    if not options.quiet:
         print('page    stays until it is closed, or Ctrl-C', flush=True)  # noqa: T201
     seen = time.monotonic()
     while not (stop.requested.wait(_POLL_PERIOD) or offer.next_command):

@@ -1,22 +1,24 @@
-"""The options of both runs, `acc` and `teleop`."""
+"""The options of both runs, `acc` and `teleop`, and of other commands that record or show."""
 
 from __future__ import annotations
 
+import argparse
+import re
 from argparse import ArgumentTypeError
+from dataclasses import fields
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import number, whole
+from barc_sim.bags.recording import Recording
+from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, number, whole
 from barc_sim.lab.user_code.loading import FILES
-from barc_sim.runs.engine import add_engine_option
-from barc_sim.runs.recording_options import add_recording_options
-from barc_sim.runs.view_options import add_mirror_options, add_view_options
+from barc_sim.nodes import MIRRORS
+from barc_sim.runs.carrier import add_engine_option
 from barc_sim.vehicle.parameters import REALTIME_FACTORS
 
-if TYPE_CHECKING:
-    import argparse
-
 _MAX_SEED = 2**53
+_MAX_SIZE = 2.0**60  #: [B]
+_MAX_DURATION = 1e9  #: [s]
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
@@ -106,3 +108,175 @@ def _factor(text: str) -> float:
         return number(*REALTIME_FACTORS)(text)
     except ArgumentTypeError as error:
         raise ArgumentTypeError(f"{error}, nor 'max'") from None
+
+
+def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
+    """Add `--view`, `--view-port` and `--view-host`; `on` is the meaning of `auto`.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_view_options(parser, on=True)
+    >>> parser.parse_args(['--view-port', '8000']).view_port
+    8000
+    """
+    default = 'web' if on else 'none'
+    parser.add_argument(
+        '--view',
+        choices=('auto', 'web', 'none'),
+        default='auto',
+        help=f'the live picture: a web page, or none (auto: {default})',
+    )
+    add_address_options(parser)
+    parser.set_defaults(view_auto=default)
+
+
+def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') -> None:
+    """Add `--view-port` and `--view-host`; `can` is what a page's visitor can do."""
+    parser.add_argument(
+        '--view-port',
+        type=whole(0, MAX_PORT),
+        default=0,
+        metavar='PORT',
+        help='port of the page (any that is free)',
+    )
+    parser.add_argument(
+        '--view-host',
+        default='127.0.0.1',
+        metavar='ADDRESS',
+        help='address to serve the page at; 0.0.0.0 for a phone in the same network; the '
+        f'whole address gives the right to {can} (127.0.0.1)',
+    )
+
+
+def wants_page(options: argparse.Namespace) -> bool:
+    """Return whether to serve the live page; False for a program without these options.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_view_options(parser, on=True)
+    >>> wants_page(parser.parse_args([])), wants_page(parser.parse_args(['--view', 'none']))
+    (True, False)
+    """
+    choice = getattr(options, 'view', 'none')
+    return bool((options.view_auto if choice == 'auto' else choice) == 'web')
+
+
+def add_mirror_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--mirrors` and `--foxglove`."""
+    parser.add_argument(
+        '--mirrors',
+        type=_mirrors,
+        metavar='NAMES',
+        help='standard messages for RViz, Foxglove and PlotJuggler: all, none, or some of '
+        f'{",".join(MIRRORS)} (none)',
+    )
+    parser.add_argument(
+        '--foxglove',
+        type=whole(0, MAX_PORT),
+        nargs='?',
+        const=FOXGLOVE_PORT,
+        metavar='PORT',
+        help='serve every topic live to the Foxglove app on this machine, with all mirrors unless '
+        f'--mirrors names others ({FOXGLOVE_PORT})',
+    )
+
+
+def wanted_mirrors(options: argparse.Namespace) -> frozenset[str]:
+    """Return the mirrors named on the command line; without names, all for Foxglove, else none.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_mirror_options(parser)
+    >>> sorted(wanted_mirrors(parser.parse_args(['--mirrors', 'odom,path'])))
+    ['odom', 'path']
+    >>> len(wanted_mirrors(parser.parse_args(['--foxglove'])))
+    7
+    """
+    chosen = getattr(options, 'mirrors', None)
+    if chosen is None:
+        return frozenset(() if getattr(options, 'foxglove', None) is None else MIRRORS)
+    return frozenset(chosen)
+
+
+def _mirrors(text: str) -> frozenset[str]:
+    if text in ('all', 'none'):
+        return frozenset(MIRRORS if text == 'all' else ())
+    names = frozenset(text.split(','))
+    if not names <= set(MIRRORS):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither 'all', 'none' nor some of {','.join(MIRRORS)}"
+        )
+    return names
+
+
+def add_recording_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a recording, in a group of their own."""
+    group = parser.add_argument_group('recording')
+    group.add_argument(
+        '--topics',
+        type=_pattern,
+        metavar='REGEX',
+        help='record only topics whose name contains it',
+    )
+    group.add_argument(
+        '--exclude', type=_pattern, metavar='REGEX', help='record no topic whose name contains it'
+    )
+    group.add_argument(
+        '--include-hidden-topics',
+        action='store_true',
+        help="record topics with a name part that begins with '_', such as services' events",
+    )
+    group.add_argument(
+        '--max-bag-size',
+        type=number(1, _MAX_SIZE),
+        default=inf,
+        metavar='BYTES',
+        help='begin a new file of the bag at this size, exceeded by a chunk of 768 KiB at most',
+    )
+    group.add_argument(
+        '--max-bag-duration',
+        type=number(0.001, _MAX_DURATION),
+        default=inf,
+        metavar='S',
+        help='begin a new file of the bag after this time',
+    )
+    group.add_argument(
+        '--on-write-error',
+        choices=('stop', 'continue'),
+        default='stop',
+        help='when the bag cannot be written: stop, or continue and write again when it can be '
+        '(stop); the exit code is 1 either way',
+    )
+    group.add_argument(
+        '--min-free-space',
+        type=number(0, _MAX_SIZE / 2**20),
+        default=Recording.min_free_space,
+        metavar='MIB',
+        help=f'space to leave free on the disk ({Recording.min_free_space:g})',
+    )
+
+
+def recording(options: argparse.Namespace) -> Recording:
+    """Return the settings on the command line; an option that it does not have is the default.
+
+    Examples
+    --------
+    >>> parser = argparse.ArgumentParser()
+    >>> add_recording_options(parser)
+    >>> wanted = recording(parser.parse_args(['--exclude', 'camera']))
+    >>> wanted.wants('/z_vhcl'), wanted.wants('/camera/image')
+    (True, False)
+    """
+    given = vars(options)
+    names = {field.name for field in fields(Recording)}
+    return Recording(**{name: value for name, value in given.items() if name in names})
+
+
+def _pattern(text: str) -> re.Pattern[str]:
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a regular expression: {error}') from None

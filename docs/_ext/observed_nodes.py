@@ -24,7 +24,10 @@ from barc_sim.simulation import log
 #: Of every ROS 2 node.
 _COMMON = {'/parameter_events', '/rosout', 'use_sim_time', 'start_type_description_service'}
 #: So that all that a node can publish is seen.
-_OVERRIDES = {'vehicle_simulator': [Parameter('clock', value=True)]}
+_OVERRIDES = {
+    'vehicle_simulator': [Parameter('clock', value=True)],
+    'controller': [Parameter('subtract_error', value=True)],
+}
 
 
 def _node_class(module: str) -> type[Node]:

@@ -65,7 +65,7 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         taken = (time.perf_counter() - began) / 100.0
         used['core, %'] = (time.process_time() - processor) / taken
         used['recorder thread, %'] = (time.clock_gettime(clock) - own if clock else 0.0) / taken
-        run.finish()
+        run.run.finish()
 
     with ros([]), StopSignals() as stop:
         bag = ['--no-bag'] if task['recorder'] == 'no recorder' else ['--bag-dir', str(folder)]
@@ -73,14 +73,13 @@ def _run(task: dict[str, Any], folder: Path) -> dict[str, float]:
         threading.Thread(target=publish).start()
         run.spin(stop)
         timing = run.timing()
-        run.close()
     counted = 0
-    if run.bag:
-        lost = run.bag.recorder.lost.values()
+    if recorder := run.run.recorder:
+        lost = recorder.lost.values()
         counted = sum(sum(by_node.values()) for by_node in lost if by_node)
     return {
         'sent': sent[0],
-        'lost': sent[0] - (_kept(folder) if run.bag else 0),
+        'lost': sent[0] - (_kept(folder) if recorder else 0),
         'lost, as counted': counted,
         **used,
         'step jitter p99, ms': timing['jitter p99, ms'],

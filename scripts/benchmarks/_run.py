@@ -15,7 +15,6 @@ from rclpy.node import Node
 from barc_sim.cli.signals import StopSignals
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS, ros
-from barc_sim.runs import ros_engine
 
 #: [s] A stock executor may need minutes for a course in lock-step: it is stopped here.
 _LOCK_STEP_LIMIT = 10.0
@@ -30,14 +29,10 @@ _COURSE = 1152  # states from 0 to 180 m
 class _Run(TimedRun):
     """Ends early where a lock-step course would take minutes."""
 
-    def note(self, *_: object) -> None:
-        super().note()
-        if self._in_lock_step and self.steps[-1] - self.steps[0] > _LOCK_STEP_LIMIT:
-            self.finish()
-
-    @property
-    def _in_lock_step(self) -> bool:
-        return not self.simulators[0].get_parameter('realtime_factor').value
+    def show(self, status: object) -> None:
+        super().show(status)
+        if self.in_lock_step and self.steps[-1] - self.steps[0] > _LOCK_STEP_LIMIT:
+            self.run.finish()
 
 
 def _drive(case: str, executor: str, distance: float) -> _Run:
@@ -54,9 +49,7 @@ def _drive(case: str, executor: str, distance: float) -> _Run:
             sleeper = Node('sleeper')
             sleeper.create_timer(0.2, lambda: time.sleep(0.1))
             spinning.add_node(sleeper)
-        ros_engine.QuickExecutor = lambda **_: spinning  # the one that the run is to spin
-        run.spin(stop)
-        run.close()
+        run.spin(stop, spinning)
     return run
 
 

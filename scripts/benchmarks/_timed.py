@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 from _jitter import Clock
 
 from barc_sim.__main__ import parse
-from barc_sim.lab.user_code.loading import UserCode
-from barc_sim.runs.composition import Setup
-from barc_sim.runs.cruise_control import CruiseControl
-from barc_sim.runs.ros_engine import RosEngine
-from barc_sim.runs.terminal.user_output import UserOutput
+from barc_sim.cli.signals import StopSignals
+from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.process import NUM_THREADS
+from barc_sim.runs.composition import Run, read_inputs
+from barc_sim.runs.cruise_control import Car
+from barc_sim.runs.terminal.display import Display
 
 _PERIOD = 0.02  # s
 
 
-class TimedRun(CruiseControl):
-    """Notes when each state was published, by several clocks.
+class TimedRun(Display):
+    """Notes when each state was published: in real time by several clocks, in lock-step by one.
+
+    To read how long the thread waited takes as long as a step in lock-step.
 
     Parameters
     ----------
@@ -28,16 +32,32 @@ class TimedRun(CruiseControl):
 
     def __init__(self, *arguments: str) -> None:
         self.clock = Clock()
+        self.steps: list[float] = []  #: [s]
         self.first = 0.0  #: [s] since the epoch
         options = parse('acc', ['--quiet', *arguments])
-        super().__init__(Setup(options, None, UserCode(), UserOutput(quiet=True), RosEngine()))
-        (self._car,) = self.cars
-        self._car.show = self.note
+        options.engine = 'ros'
+        self.run = Run(options, read_inputs(options), StopSignals())
+        self.car = Car(self.run, '', 0)
+        self.in_lock_step = not self.car.simulator.values['realtime_factor']
+        self.car.display = self
+        self.run.show(Display())
 
-    def note(self, *_: object) -> None:
+    def show(self, _: object) -> None:
         """Note that a state was published now."""
         self.first = self.first or time.time()
-        self.clock()
+        self.steps.append(time.perf_counter())
+        if not self.in_lock_step:
+            self.clock()
+
+    def spin(self, stop: StopSignals, executor: Any = None) -> None:  # noqa: ANN401 (any executor)
+        """Spin the nodes until the run has ended, and end them."""
+        stop.then(self.run.finish)
+        executor = executor or QuickExecutor(num_threads=NUM_THREADS)
+        with self.run:
+            for node in self.run.nodes:
+                executor.add_node(node)
+            executor.spin_until_future_complete(self.run.finished)
+            executor.shutdown()
 
     def timing(self) -> dict[str, float]:
         """Return how far steps were from their period [ms], and the share of a core [%].
@@ -53,7 +73,7 @@ class TimedRun(CruiseControl):
             'without waits, ms': float(np.percentile(without, 99)),
             'p50, ms': float(np.percentile(off, 50)),
             'max, ms': float(off.max()),
-            'missed': self._car.simulator.stepper.missed,
-            'slipped': self.slipped,
+            'missed': self.car.simulator.stepper.missed,
+            'slipped': self.run.slipped,
             'core, %': (processor[-1] - processor[0]) / taken * 100.0,
         }

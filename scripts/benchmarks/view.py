@@ -66,11 +66,10 @@ def _drive(case: str) -> dict[str, float]:
 
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
         run = TimedRun('--bag-dir', folder)
-        view = None if case == _CASES[0] else run.setup.engine.add(ViewNode())
+        view = None if case == _CASES[0] else run.run.add(ViewNode)
         page = _open(case, view.url, folder) if view else None
         run.spin(stop)
         timing = run.timing()
-        run.close()
         shown = _shown(page)
     return {**timing, 'states/s at the page': shown}
 

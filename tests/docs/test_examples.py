@@ -28,7 +28,7 @@ ROOMS = (
 )  # fmt: skip
 NEED_ROS = ('ros', 'nodes', 'runs')
 #: Examples that need an optional package.
-NEED_FOXGLOVE = ('barc_sim.nodes.foxglove.node.FoxgloveServer',)
+NEED_FOXGLOVE = ('barc_sim.nodes.foxglove.FoxgloveServer',)
 
 
 @pytest.fixture(scope='module')

@@ -226,12 +226,12 @@ def test_road_file_that_is_gone_after_the_options_were_read_does_not_matter(tmp_
     (tmp_path / 'hills.csv').write_text(HILLS)
     script = """
 import os
-from barc_sim.runs.bag import RunBag
-begin = RunBag.__init__
+from barc_sim.runs.composition import Run
+begin = Run.__init__
 def remove_first(self, *args):
     os.remove('hills.csv')
     begin(self, *args)
-RunBag.__init__ = remove_first
+Run.__init__ = remove_first
 """
     options = ['--road', 'hills.csv', '--realtime-factor', 'max', '--mirrors', 'odom']
     done = acc(tmp_path, *options, script=script)

@@ -27,13 +27,13 @@ import gc
 import sys
 import time
 
-from barc_sim.runs.bag import RunBag
+from barc_sim.runs.composition import Run
 from barc_sim.runs.cruise_control import Car
 from barc_sim.run import main
 
 last, folder = int(sys.argv[1]), sys.argv[2]
-on_step = Car.on_step
-begin = RunBag.__init__
+on_step = Car._on_step
+begin = Run.__init__
 bags = []
 memory = {}
 
@@ -63,8 +63,8 @@ def watched(car, t, seen):
         car.simulator.finish()
 
 
-Car.on_step = watched
-RunBag.__init__ = keep
+Car._on_step = watched
+Run.__init__ = keep
 options = ['--road', 'flat', '--distance', '0', '--realtime-factor', 'max', '--bag-dir', folder]
 code = main(['acc', '--quiet', *options])
 print(memory[last] - memory[3000])

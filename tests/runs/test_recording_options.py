@@ -8,7 +8,7 @@ from math import inf
 import pytest
 
 from barc_sim.bags.recording import Recording
-from barc_sim.runs.recording_options import add_recording_options, recording
+from barc_sim.runs.options import add_recording_options, recording
 
 
 def parse(*arguments: str) -> Recording:

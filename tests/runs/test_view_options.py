@@ -7,8 +7,8 @@ from argparse import Namespace
 import pytest
 
 from barc_sim.cli.parser import Parser
-from barc_sim.nodes.mirrors.kinds import MIRRORS
-from barc_sim.runs.view_options import (
+from barc_sim.nodes import MIRRORS
+from barc_sim.runs.options import (
     add_mirror_options,
     add_view_options,
     wanted_mirrors,
@@ -46,7 +46,7 @@ def test_auto_depends_on_the_mode(argv: list[str], on: bool, expected: bool) -> 
         (['--mirrors', 'odom,path'], {'odom', 'path'}),
         (['--foxglove'], set(MIRRORS)),
         (['--foxglove', '--mirrors', 'none'], set()),
-        (['--foxglove', '9000', '--mirrors', 'accel'], {'accel'}),
+        (['--foxglove', '9000', '--mirrors', 'odom'], {'odom'}),
     ],
 )
 def test_mirrors_are_those_named_or_all_for_foxglove(argv: list[str], expected: set[str]) -> None:

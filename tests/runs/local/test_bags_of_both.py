@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
@@ -11,27 +9,15 @@ import pytest
 pytest.importorskip('rclpy')
 
 from command_line import call
-from geometry_msgs.msg import Twist, Vector3
 from mcap.reader import make_reader
-from rclpy.node import Node
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.cdr import leading_time
 from barc_sim.bags.reader import info
-from barc_sim.bags.recording import Recording
-from barc_sim.control.driver import Driver, DriverInput
-from barc_sim.ros.process import ros
-from barc_sim.runs.local.driving import DriverTopic
-from barc_sim.runs.local.engine import LocalEngine
-from barc_sim.runs.ros_engine import RosEngine
-from barc_sim.vehicle.bike_model import bikeFE
-from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.vehicle.plant import Observation
 
 #: Their messages name the node, the folder of the bag and the line of code.
 WORDS = {'/rosout', '/parameter_events'}
@@ -124,88 +110,3 @@ def test_a_car_that_never_arrives_ends_both_in_the_same_state(tmp_path: Path) ->
         found.append(topics(bags)['/z_vhcl'])
     assert found[0] == found[1]
     assert len(found[0].messages) > 1000
-
-
-#: Of a drive by hand: from so many seconds on, what is requested.
-DRIVE = {
-    0.0: DriverInput(forward=1.0),
-    0.1: DriverInput(forward=1.0, turn=0.5),
-    0.24: DriverInput(forward=0.5, turn=-0.25),
-    0.4: DriverInput(forward=-1.0, turn=0.125),
-    0.5: DriverInput(brake=1.0),
-}
-END = 0.6  # [s]
-
-
-def publisher(engine: RosEngine | LocalEngine, relay: Any) -> Callable[[DriverInput], None]:  # noqa: ANN401 (of the engine)
-    """Return what publishes on `cmd_vel`, as the node `player`."""
-    if isinstance(engine, LocalEngine):
-        host = engine._host  # noqa: SLF001
-        return DriverTopic(host, host.node('player').name, relay).publish
-    twists = engine.add(Node('player')).create_publisher(Twist, 'cmd_vel', 10)
-
-    def publish(request: DriverInput) -> None:
-        linear = Vector3(x=request.forward, z=-request.brake or 0.0)
-        twists.publish(Twist(linear=linear, angular=Vector3(z=request.turn)))
-
-    return publish
-
-
-def replay(engine: RosEngine | LocalEngine, drive: dict[float, DriverInput], bags: Path) -> Path:
-    """Drive by hand as `drive` does, one step for each command; return the bag."""
-    waiting = sorted(drive.items())
-
-    def on_step(t: float, _: Observation) -> None:
-        while waiting and waiting[0][0] <= t + 1e-9:
-            publish(waiting.pop(0)[1])
-        if t >= END - 1e-9:
-            simulator.stepper.end()
-
-    recorder = engine.recorder(bags, Recording(), {}, {})
-    # A stall of the machine for less than `dt` changes no order.
-    relay = engine.relay(Driver(dt=0.1), {'stale_after': 60.0})
-    road, given = Road.flat(), {'realtime_factor': 0.0}
-    simulator = engine.simulator(road=road, on_step=on_step, model=bikeFE, given=given)
-    publish = publisher(engine, relay)
-    engine.show(Namespace(view='none', quiet=True))
-    engine.spin()
-    engine.close()
-    return recorder.path
-
-
-def recorded(bag: Path) -> dict[float, DriverInput]:
-    """Return the requests on `cmd_vel` of a bag, at times [s] from the first state on."""
-    found, start = {}, None
-    with AnyReader([bag]) as reader:
-        for connection, stamp, data in reader.messages():
-            if connection.topic == '/z_vhcl':
-                start = start or stamp
-            elif connection.topic == '/cmd_vel' and start:
-                twist: Any = reader.deserialize(data, connection.msgtype)
-                request = DriverInput(twist.linear.x, twist.angular.z, -twist.linear.z)
-                found[(stamp - start) / 1e9] = request
-    return found
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures('ros_domain')
-def test_recorded_requests_drive_both_alike(tmp_path: Path) -> None:
-    drive = recorded(replay(LocalEngine([]), DRIVE, tmp_path / 'recorded'))
-    assert list(drive) == pytest.approx(list(DRIVE))
-    assert list(drive.values()) == list(DRIVE.values())
-    found, commands = {}, {}
-    for name, started in (('ros', ros([])), ('local', nullcontext())):
-        with started:
-            bag = replay(RosEngine() if name == 'ros' else LocalEngine([]), drive, tmp_path / name)
-        found[name] = topics(bag)
-        # The relay commands before the run begins, too: for as long as the nodes take.
-        states = len(found[name]['/z_vhcl'].messages)
-        ecu = found[name]['/ecu']
-        commands[name] = ecu.messages[-states:]
-        found[name]['/ecu'] = ecu._replace(sequences=[], messages=[])
-    assert states == round(END / 0.02) + 1
-    assert found['local'].keys() == found['ros'].keys() >= {'/cmd_vel', '/ecu', '/z_vhcl'}
-    for topic, messages in found['ros'].items():
-        assert found['local'][topic] == messages, topic
-    assert commands['local'] == commands['ros']
-    assert len(set(commands['local'])) > len(DRIVE)

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from command_line import barc
+from command_line import call
 from golden.make_golden import differences, figures
 from golden.scenarios import SCENARIOS
 from golden.test_golden import golden
@@ -31,11 +31,10 @@ NAMES = [
 
 @pytest.mark.parametrize('name', NAMES)
 def test_run_without_ros_gives_the_golden_figures(
-    golden: dict[str, Any], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    golden: dict[str, Any], name: str, tmp_path: Path
 ) -> None:
     def run(scenario: Scenario, folder: Path) -> None:
-        monkeypatch.chdir(folder)
-        assert barc(*scenario.arguments()).returncode == 0
+        assert call(*scenario.arguments(), cwd=folder).returncode == 0
 
     scenario = SCENARIOS[name]
     local = scenario._replace(options=f'{scenario.options} --engine local')

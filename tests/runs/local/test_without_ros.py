@@ -70,12 +70,10 @@ for words in json.loads(sys.argv[1]):
 
 def test_what_needs_ros_says_what_to_install(tmp_path: Path) -> None:
     lines = {
-        'acc --cars 2': '--cars',
         'acc --foxglove': '--foxglove',
         'acc --mirrors odom': '--mirrors',
         'acc --no-controller': '--no-controller',
         'acc --engine ros': '--engine ros',
-        'acc --ros-args -r __ns:=/lane': "the ROS argument '-r'",
         'record': 'barc record',
         'topics': 'barc topics',
         'echo /z_vhcl': 'barc echo',
@@ -112,7 +110,7 @@ def test_a_folder_named_barc_interfaces_is_not_taken_for_its_messages(tmp_path: 
     [
         ('controller:kp:=30', 'parameter kp of controller must be of type float, such as 30.0'),
         ('kp:=-2e6', 'parameter kp of controller must lie between'),
-        ('kp', "the ROS argument 'kp' is no parameter: expected NAME:=VALUE"),
+        ('kp', "Couldn't parse param rule: 'kp': expected NAME:=VALUE"),
     ],
 )
 def test_wrong_parameter_is_refused_and_no_bag_is_left(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import isclose, nan, radians, tan
+from math import atan2, isclose, nan, radians, tan
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,18 +12,13 @@ pytest.importorskip('rclpy')
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import AccelStamped
 from nav_msgs.msg import Odometry, Path
 from node_bench import NodeBench, overrides
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import JointState
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.nodes.mirrors.car import WHEEL_RADIUS
-from barc_sim.nodes.mirrors.diagnosis import Facts
-from barc_sim.nodes.mirrors.kinds import MIRRORS
-from barc_sim.nodes.mirrors.messages import JOINTS
-from barc_sim.nodes.mirrors.node import MirrorNode
+from barc_sim.nodes.diagnosis import Facts
+from barc_sim.nodes.mirror import WHEEL_RADIUS, MirrorNode
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road
@@ -38,8 +33,6 @@ if TYPE_CHECKING:
 STEP = 20_000_000  # [ns]
 TYPES = {
     'odom': Odometry,
-    'accel': AccelStamped,
-    'joint_states': JointState,
     'markers': MarkerArray,
     'path': Path,
     '/diagnostics': DiagnosticArray,
@@ -112,30 +105,25 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
 
 
-def test_joints_are_the_steering_and_the_wheels(bench: Make) -> None:
-    world = bench()
-    world.commands.publish(ECU(servo=0.3))
-    world.until(
-        lambda: (
-            world.answer('joint_states', v_x=3.6).position[JOINTS.index('front_left_steering')]
-            > 0.3
-        )
-    )
-    joints = world.received['joint_states'][-1]
-    assert tuple(joints.name) == JOINTS
-    found = dict(zip(joints.name, joints.velocity, strict=True))
-    assert found['rear_left_wheel'] == found['rear_right_wheel'] == 3.6 / WHEEL_RADIUS
-    assert 0.0 < joints.position[JOINTS.index('front_right_steering')] < 0.3
+def angle_of(tyre: Marker) -> float:
+    """Return the angle [rad] to which a wheel of a car that points along x is turned."""
+    turn = tyre.pose.orientation  # after a quarter turn about x
+    return 2.0 * atan2(turn.z, turn.w)
 
 
-def test_command_that_is_not_finite_turns_no_wheel(bench: Make) -> None:
+def test_front_wheels_are_steered_as_commanded_the_inner_one_by_more(bench: Make) -> None:
     world = bench()
     world.commands.publish(ECU(servo=nan))
-    world.commands.publish(ECU(servo=0.1))
-    world.until(lambda: world.answer('joint_states').position[0] > 0.1)
-    assert not [
-        each for each in world.received['joint_states'] if each.position[0] != each.position[0]
-    ]
+    world.commands.publish(ECU(servo=0.3))
+    markers = world.received['markers']
+
+    def is_turned() -> bool:
+        world.send()
+        return bool(markers) and angle_of(markers[-1].markers[2]) > 0.1
+
+    world.until(is_turned)
+    angles = [angle_of(tyre) for tyre in markers[-1].markers[2:]]
+    assert angles == pytest.approx([0.327, 0.277, 0.0, 0.0], abs=1e-3)
 
 
 def test_state_that_is_not_finite_is_left_out(bench: Make) -> None:
@@ -182,6 +170,17 @@ def test_road_is_latched(bench: Make) -> None:
     assert [point.y for point in line.points] == [0.0] * 10
 
 
+def test_path_begins_anew_after_a_reset_and_stays_bounded(bench: Make) -> None:
+    world = bench(period=0.0, diagnostics=False)
+    for k in range(250):
+        path = world.answer('path', x=1.0 * k, v_x=60.0)
+    poses = path.poses
+    assert 100 <= len(poses) <= 200
+    assert poses[0].pose.position.x == 0.0
+    path = world.answer('path', x=0.0, v_x=0.0)
+    assert len(path.poses) == 1
+
+
 def test_path_has_the_places_so_far(bench: Make) -> None:
     world = bench(period=0.0, diagnostics=False)
     for k in range(10):
@@ -191,11 +190,10 @@ def test_path_has_the_places_so_far(bench: Make) -> None:
     assert to_nanoseconds(path.poses[-1].header.stamp) == 10 * STEP
 
 
-def test_frames_and_joints_bear_the_namespace(bench: Make) -> None:
+def test_frames_bear_the_namespace(bench: Make) -> None:
     world = bench(namespace='/car2')
     odom = world.answer('odom')
     assert (odom.header.frame_id, odom.child_frame_id) == ('car2/odom', 'car2/base_link')
-    assert world.answer('joint_states').name[0] == 'car2/front_left_steering'
     assert world.answer('markers').markers[0].header.frame_id == 'car2/odom'
 
 
@@ -228,8 +226,6 @@ def test_diagnostics_combine_facts_and_topics(bench: Make) -> None:
         ('odom', {'odom'}),
         ('path', {'path'}),
         ('markers', {'markers', 'road_markers'}),
-        ('accel', {'accel'}),
-        ('joint_states', {'joint_states'}),
         ('diagnostics', {'diagnostics'}),
     ],
 )
@@ -237,13 +233,3 @@ def test_mirror_that_is_off_has_no_publisher(bench: Make, off: str, topics: set[
     every = bench().mirrored()
     assert topics <= every
     assert bench(**{off: False}).mirrored() == every - topics
-
-
-def test_topics_that_no_mirror_needs_have_no_subscription(bench: Make) -> None:
-    def subscribed(**on: bool) -> set[str]:
-        mirror = bench(**({name: name in on for name in MIRRORS})).mirror
-        return {end.topic_name for end in mirror.subscriptions}
-
-    assert subscribed() == set()
-    assert subscribed(odom=True) == subscribed(path=True) == subscribed(accel=True) == {'/z_vhcl'}
-    assert subscribed(joint_states=True) == subscribed(markers=True) == {'/z_vhcl', '/ecu'}

@@ -24,7 +24,7 @@ from std_msgs.msg import Header
 from websockets.sync.client import connect
 
 from barc_sim.bags.schemas import definition
-from barc_sim.nodes.foxglove.node import FoxgloveServer
+from barc_sim.nodes.foxglove import FoxgloveServer
 from barc_sim.ros.conversions import to_header
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barc_sim.nodes.mirrors.diagnosis import Diagnosis, Facts, Level, Measured, diagnose
+from barc_sim.nodes.diagnosis import Diagnosis, Facts, Level, Measured, diagnose
 from barc_sim.vehicle.sensor import NoiseLevels
 
 WELL = Facts(0, 0, False, 1.0, NoiseLevels(), 100, 0)

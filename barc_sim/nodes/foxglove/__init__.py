@@ -1,1 +1,0 @@
-"""The node `foxglove`: serves every topic to the Foxglove app."""

@@ -1,0 +1,356 @@
+"""The node `mirror`: repeats the simulator's states in the messages of ROS's own tools.
+
+Frames are those of REP-103 and REP-105, x forward, y to the left, z up. `odom` is level, and has
+its origin where the road's distance is zero. `base_link` lies on the road's surface under the
+centre of mass; the road is level across, so that its grade pitches the frame before the car's
+heading turns it in the surface: uphill is a negative pitch.
+"""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+from math import atan2, cos, hypot, isfinite, radians, sin, sqrt
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from barc_interfaces.msg import ECU, ZDynBkMdl
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3
+from nav_msgs.msg import Odometry, Path
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from barc_sim.bags.cdr import NANOSECONDS
+from barc_sim.nodes import MIRRORS
+from barc_sim.nodes.diagnosis import Facts, Measured, diagnose
+from barc_sim.ros import names
+from barc_sim.ros.conversions import to_header, to_nanoseconds
+from barc_sim.ros.parameters import declare
+from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
+from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Colour = tuple[float, float, float]
+    Size = tuple[float, float, float]
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # there is no wheel of it
+    TFMessage = None
+
+_VEHICLE = Vehicle()
+PARAMETERS = [
+    *(Parameter(name, True, f'publish {what}', read_only=True) for name, what in MIRRORS.items()),
+    Parameter('road', 'lab', "the simulator's road", read_only=True),
+    *(
+        Parameter(
+            name,
+            getattr(_VEHICLE, name),
+            f"the simulator's distance to the {axle} axle [m]",
+            (0.01, 100.0),
+            read_only=True,
+        )
+        for name, axle in (('l_f', 'front'), ('l_r', 'rear'))
+    ),
+]
+#: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
+_PICTURE_PERIOD = 0.035
+_MAX_POSES, _MIN_SPACING = 200, 0.5  #: of the path; [m] between two poses
+#: In lock-step the simulator goes on while another node's callback lasts.
+_ALL_STATES = QoSProfile(depth=10_000)
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+_BLUE, _SKY = (0.0, 0.447, 0.698), (0.337, 0.706, 0.914)
+_INK, _SURFACE, _PAINT = (0.133, 0.133, 0.133), (0.49, 0.467, 0.416), (0.9, 0.9, 0.9)
+_OVERHANG = 0.7  #: [m] from an axle to the bumper
+_ROAD_WIDTH = 6.0  #: [m]
+_LINE_WIDTH = 0.12  #: [m]
+_MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
+
+
+class MirrorNode(Node):
+    """Publishes each `z_vhcl` again in standard messages.
+
+    They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
+    distance along its surface in `z_vhcl`, and the one on the map here. The wheels are steered as
+    commanded. Frames are called `odom` and `base_link`; in the namespace `/car2`, `car2/odom` and
+    `car2/base_link`. A mirror whose parameter is false has no publisher.
+
+    Examples
+    --------
+    >>> import rclpy
+    >>> from rclpy.task import Future
+    >>> rclpy.init()
+    >>> mirror, odometry = MirrorNode(), Future()
+    >>> _ = mirror.create_subscription(Odometry, 'odom', odometry.set_result, 1)
+    >>> mirror.create_publisher(ZDynBkMdl, 'z_vhcl', 1).publish(ZDynBkMdl(x=60.0))
+    >>> rclpy.spin_until_future_complete(mirror, odometry, timeout_sec=5.0)
+    >>> round(odometry.result().pose.pose.position.z, 2)
+    3.47
+    >>> mirror.destroy_node()
+    >>> rclpy.shutdown()
+    """
+
+    description = "repeats the simulator's states in the messages of ROS's own tools"
+    #: The topics that it subscribes to.
+    inputs: ClassVar = {names.STATE: ZDynBkMdl, names.ECU: ECU}
+
+    def __init__(
+        self,
+        *,
+        road: Road | None = None,
+        facts: Callable[[], Facts] = Facts,
+        period: float = 1.0,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        """Mirror the states on `road`, which replaces that of the parameter.
+
+        `facts` returns what no topic carries. `period` [s] of wall-clock time is that of paths and
+        diagnoses.
+
+        Raises
+        ------
+        UserError
+            A parameter is out of range, or the road cannot be read.
+        """
+        super().__init__('mirror', **options)
+        values = declare(self, PARAMETERS)
+        self._road = road or Road.named(values['road'])
+        self._vehicle = Vehicle(l_f=values['l_f'], l_r=values['l_r'])
+        prefix = f'{self.get_namespace().strip("/")}/'.lstrip('/')
+        self._odom, self._base_link = f'{prefix}odom', f'{prefix}base_link'
+        self._servo = 0.0
+        self._last: ZDynBkMdl | None = None
+        self._poses: list[PoseStamped] = []
+        self._spacing = _MIN_SPACING
+        self._state: tuple[int, int] | None = None  # stamp and reception [ns] of the newest
+        self._last_state: tuple[int, int] | None = None  # those at the last diagnosis
+        self._command_received: int | None = None  # [ns]
+        self._facts, self._last_facts = facts, Facts()
+        self._period = period
+        self._next_picture = self._next_path = 0.0
+
+        self._pubs = {
+            name: self.create_publisher(kind, topic, names.QOS)
+            for name, kind, topic in (
+                ('odom', Odometry, names.ODOM),
+                ('tf', TFMessage, names.TF),
+                ('path', Path, names.PATH),
+                ('markers', MarkerArray, names.MARKERS),
+                ('diagnostics', DiagnosticArray, names.DIAGNOSTICS),
+            )
+            if values[name] and kind
+        }
+        if 'markers' in self._pubs:
+            self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
+            self._road_pub.publish(road_markers(self._road, self._odom))
+        self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
+        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, _ALL_STATES)
+        if 'diagnostics' in self._pubs:
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            self.create_timer(period, self._diagnose, clock=steady)
+
+    def _on_command(self, command: ECU) -> None:
+        self._command_received = time.time_ns()
+        if isfinite(command.servo):
+            self._servo = command.servo
+
+    def _on_state(self, state: ZDynBkMdl) -> None:
+        if not all(map(isfinite, (state.x, state.y, state.psi, state.v_x, state.v_y))):
+            return
+        header = Header(stamp=state.header.stamp, frame_id=self._odom)
+        pose = to_pose(state, self._road)
+        self._state = to_nanoseconds(state.header.stamp), time.time_ns()
+        self._extend_path(state, PoseStamped(header=header, pose=pose))
+        if pub := self._pubs.get('odom'):
+            pub.publish(self._odometry(state, header, pose))
+        if pub := self._pubs.get('tf'):
+            transform = TransformStamped(header=header, child_frame_id=self._base_link)
+            there = pose.position
+            transform.transform.translation = Vector3(x=there.x, y=there.y, z=there.z)
+            transform.transform.rotation = pose.orientation
+            pub.publish(TFMessage(transforms=[transform]))
+        now = time.monotonic()
+        if (pub := self._pubs.get('markers')) and now >= self._next_picture:
+            self._next_picture = now + _PICTURE_PERIOD
+            pub.publish(car_markers(state, self._servo, self._road, self._vehicle, header))
+        if (pub := self._pubs.get('path')) and now >= self._next_path:
+            self._next_path = now + self._period
+            pub.publish(Path(header=header, poses=self._poses))
+
+    def _odometry(self, state: ZDynBkMdl, header: Header, pose: Pose) -> Odometry:
+        message = Odometry(header=header, child_frame_id=self._base_link)
+        message.pose.pose = pose
+        twist = message.twist.twist
+        twist.linear.x, twist.linear.y = state.v_x, state.v_y
+        twist.angular.z = state.psi_dot
+        return message
+
+    def _extend_path(self, state: ZDynBkMdl, pose: PoseStamped) -> None:
+        """Add a pose unless it is close to the last; of a full path, drop every other pose."""
+        if not (self._last and is_continuous(self._last, state)):
+            self._poses, self._spacing = [], _MIN_SPACING
+        self._last = state
+        if self._poses:
+            here, last = pose.pose.position, self._poses[-1].pose.position
+            if hypot(here.x - last.x, here.y - last.y, here.z - last.z) < self._spacing:
+                return
+        if len(self._poses) == _MAX_POSES:
+            del self._poses[1::2]
+            self._spacing *= 2.0
+        self._poses.append(pose)
+
+    def _diagnose(self) -> None:
+        facts, age = self._facts(), None
+        if self._command_received is not None:
+            age = (time.time_ns() - self._command_received) / NANOSECONDS
+        factor = _ratio(self._last_state, self._state)
+        diagnoses = diagnose(facts, self._last_facts, Measured(factor, age))
+        self._last_facts, self._last_state = facts, self._state
+        source = self.get_fully_qualified_name()
+        self._pubs['diagnostics'].publish(
+            DiagnosticArray(
+                header=Header(stamp=self.get_clock().now().to_msg()),
+                status=[
+                    DiagnosticStatus(
+                        level=bytes([each.level]),
+                        name=f'{source}: {each.name}',
+                        message=each.message,
+                        hardware_id='barc_sim',
+                        values=[KeyValue(key=k, value=v) for k, v in each.values.items()],
+                    )
+                    for each in diagnoses
+                ],
+            )
+        )
+
+
+def to_pose(state: ZDynBkMdl, road: Road) -> Pose:
+    """Return the pose of `base_link` in `odom` of a car, whose `x` is along the road's surface."""
+    place = Point(x=road.horizontal(state.x), y=state.y, z=road.elevation(state.x))
+    theta = radians(road.grade_deg(state.x))
+    return Pose(position=place, orientation=orientation(theta, state.psi))
+
+
+def orientation(theta: float, psi: float) -> Quaternion:
+    """Return the orientation of a car with heading `psi` [rad] on a road of grade `theta` [rad].
+
+    It is a rotation by -theta about y, then one by psi about the rotated z.
+    """
+    c_theta, s_theta = cos(theta / 2.0), sin(theta / 2.0)
+    c_psi, s_psi = cos(psi / 2.0), sin(psi / 2.0)
+    return Quaternion(x=-s_theta * s_psi, y=-s_theta * c_psi, z=c_theta * s_psi, w=c_theta * c_psi)
+
+
+def ackermann(servo: float, vehicle: Vehicle, y: float) -> float:
+    """Return the angle [rad] of the front wheel `y` [m] left of the middle.
+
+    The bicycle's front wheel stands for two that turn about the same centre, the inner one by more.
+    """
+    base = vehicle.l_f + vehicle.l_r
+    return atan2(base * sin(servo), base * cos(servo) - y * sin(servo))
+
+
+def is_continuous(before: ZDynBkMdl, now: ZDynBkMdl) -> bool:
+    """Return whether a car can move from one state to the next; if not, it was reset.
+
+    The margins leave room for measurement noise.
+    """
+    dt = (to_nanoseconds(now.header.stamp) - to_nanoseconds(before.header.stamp)) / NANOSECONDS
+    way = hypot(now.x - before.x, now.y - before.y)
+    fastest = max(abs(before.v_x), abs(now.v_x), abs(before.v_y), abs(now.v_y))
+    return (
+        dt > 0.0
+        and way <= 2.0 * fastest * dt + 1.0
+        and abs(now.v_x - before.v_x) <= 100.0 * dt + 1.0
+    )
+
+
+def car_markers(
+    state: ZDynBkMdl, servo: float, road: Road, vehicle: Vehicle, header: Header
+) -> MarkerArray:
+    """Return the car to scale: a body, a cabin, and four wheels that steer by `servo` [rad]."""
+    pose, theta = to_pose(state, road), radians(road.grade_deg(state.x))
+    middle = (vehicle.l_f - vehicle.l_r) / 2.0
+    length = vehicle.l_f + vehicle.l_r + 2.0 * _OVERHANG
+    body = _marker(header, Marker.CUBE, (length, 1.76, 0.56), _BLUE)
+    cabin = _marker(header, Marker.CUBE, (0.48 * length, 1.4, 0.44), _SKY)
+    for marker, x, z in ((body, middle, 0.5), (cabin, middle - 0.2, 1.0)):
+        marker.pose = Pose(position=_place(pose, theta, state.psi, x, 0.0, z))
+        marker.pose.orientation = pose.orientation
+    tyre = (2.0 * WHEEL_RADIUS, 2.0 * WHEEL_RADIUS, WHEEL_WIDTH)
+    tyres = []
+    for x, is_front in ((vehicle.l_f, True), (-vehicle.l_r, False)):
+        for y in (HALF_TRACK, -HALF_TRACK):
+            marker = _marker(header, Marker.CYLINDER, tyre, _INK)
+            angle = ackermann(servo, vehicle, y) if is_front else 0.0
+            marker.pose.position = _place(pose, theta, state.psi, x, y, WHEEL_RADIUS)
+            marker.pose.orientation = _lying(orientation(theta, state.psi + angle))
+            tyres.append(marker)
+    return _numbered('car', [body, cabin, *tyres])
+
+
+def road_markers(road: Road, frame: str) -> MarkerArray:
+    """Return the road's surface, and its centre line."""
+    header = to_header(0, frame)
+    surface = _marker(header, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0), _SURFACE)
+    line = _marker(header, Marker.LINE_STRIP, (_LINE_WIDTH, 0.0, 0.0), _PAINT)
+    starts, half = road.starts, _ROAD_WIDTH / 2.0
+    ends = (min(starts[0], 0.0) - _MARGIN, *starts[1:], max(starts[-1], 0.0) + _MARGIN)
+    places = [(road.horizontal(s), road.elevation(s)) for s in ends]
+    points = []
+    for (x0, z0), (x1, z1) in pairwise(places):
+        left0, right0 = Point(x=x0, y=half, z=z0), Point(x=x0, y=-half, z=z0)
+        left1, right1 = Point(x=x1, y=half, z=z1), Point(x=x1, y=-half, z=z1)
+        points += [right0, right1, left0, left0, right1, left1]
+    surface.points = points
+    line.points = [Point(x=x, z=z + 0.01) for x, z in places]
+    return _numbered('road', [surface, line])
+
+
+def _marker(header: Header, kind: int, size: Size, colour: Colour) -> Marker:
+    red, green, blue = colour
+    return Marker(
+        header=header,
+        type=kind,
+        action=Marker.ADD,
+        scale=Vector3(x=size[0], y=size[1], z=size[2]),
+        color=ColorRGBA(r=red, g=green, b=blue, a=1.0),
+    )
+
+
+def _numbered(namespace: str, markers: list[Marker]) -> MarkerArray:
+    for number, marker in enumerate(markers):
+        marker.ns, marker.id = namespace, number
+    return MarkerArray(markers=markers)
+
+
+def _place(pose: Pose, theta: float, psi: float, x: float, y: float, z: float) -> Point:
+    """Return the place in `odom` of a point of `base_link` [m]."""
+    along, across = x * cos(psi) - y * sin(psi), x * sin(psi) + y * cos(psi)
+    there = pose.position
+    return Point(
+        x=there.x + along * cos(theta) - z * sin(theta),
+        y=there.y + across,
+        z=there.z + along * sin(theta) + z * cos(theta),
+    )
+
+
+def _lying(turn: Quaternion) -> Quaternion:
+    """Return `turn` after a quarter turn about x: a cylinder's axis, z, then lies along y."""
+    x, y, z, w = (part / sqrt(2.0) for part in (turn.x, turn.y, turn.z, turn.w))
+    return Quaternion(x=x + w, y=y + z, z=z - y, w=w - x)
+
+
+def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float | None:
+    """Return simulated seconds per second between two states, each with its reception."""
+    if before is None or now is None:
+        return None
+    simulated, real = (new - old for new, old in zip(now, before, strict=True))
+    return simulated / real if real else 0.0

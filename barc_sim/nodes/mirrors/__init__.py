@@ -1,1 +1,0 @@
-"""The node `mirror`: standard messages for RViz, Foxglove and PlotJuggler."""

@@ -1,0 +1,158 @@
+"""The nodes on every carrier and executor give the same states to the last bit."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from barc_sim.control.pid import ACCELERATION_LIMIT
+from barc_sim.control.types import TYPES
+from barc_sim.nodes import controller, relay, simulator
+from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.vehicle.parameters import PARAMETERS, plant
+
+CARRIERS = ('local', 'QuickExecutor', 'SingleThreadedExecutor', 'MultiThreadedExecutor')
+#: Chooses the carrier, and spins `nodes`, of which the last is the simulator.
+BEGIN = """
+import json, sys
+carrier = sys.argv[1]
+if carrier == 'local':
+    from barc_sim.ros.local import install
+    install()
+import rclpy
+from rclpy import executors
+from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.simulator import VehicleSimulator
+if carrier == 'QuickExecutor':
+    from barc_sim.ros.executor import QuickExecutor as Executor
+else:
+    Executor = getattr(executors, 'MultiThreadedExecutor' if carrier == 'local' else carrier)
+def given(**values):
+    return [rclpy.Parameter(name, value=value) for name, value in values.items()]
+def spin(*nodes):
+    executor = Executor()
+    for node in nodes:
+        executor.add_node(node)
+    executor.spin_until_future_complete(nodes[-1].finished)
+    executor.shutdown()
+    for node in nodes:
+        node.destroy_node()
+    rclpy.shutdown()
+    print(json.dumps(states))
+states = []
+rclpy.init(args=[])
+"""
+#: Drives as the parameters say, in lock-step.
+DRIVE = f"""{BEGIN}
+kind, values = sys.argv[2], json.loads(sys.argv[3])
+spin(
+    CruiseController(parameter_overrides=given(controller_type=kind)),
+    VehicleSimulator(
+        parameter_overrides=given(realtime_factor=0.0, distance=30.0, **values),
+        on_step=lambda t, seen: states.append([*seen.measured]),
+    ),
+)
+"""
+#: Drives by hand: each request is published with the state of its time, one command makes a step.
+BY_HAND = f"""{BEGIN}
+from geometry_msgs.msg import Twist
+from barc_sim.control.driver import Driver, DriverInput
+from barc_sim.nodes.relay import Relay
+from barc_sim.ros.conversions import to_twist
+waiting = [
+    (0.0, DriverInput(forward=1.0)),
+    (0.1, DriverInput(forward=1.0, turn=0.5)),
+    (0.24, DriverInput(forward=0.5, turn=-0.25)),
+    (0.4, DriverInput(forward=-1.0, turn=0.125)),
+    (0.5, DriverInput(brake=1.0)),
+]
+def on_step(t, seen):
+    states.append([*seen.true])
+    while waiting and waiting[0][0] <= t + 1e-9:
+        twists.publish(to_twist(waiting.pop(0)[1]))
+    if t >= 0.6 - 1e-9:
+        simulator.stepper.end()
+player = rclpy.create_node('player')
+twists = player.create_publisher(Twist, 'cmd_vel', 10)
+# A stall of the machine for less than `dt` changes no order.
+relay = Relay(driver=Driver(dt=0.1), parameter_overrides=given(stale_after=60.0))
+lock_step = given(realtime_factor=0.0, road='flat')
+simulator = VehicleSimulator(parameter_overrides=lock_step, on_step=on_step)
+spin(player, relay, simulator)
+"""
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    'default': ('pid', {}),
+    'noise': ('pid', {'noise_v_x': 0.05, 'noise_s': 0.1, 'seed': 3}),
+    'delay': ('pid', {'motor_delay': 0.05, 'motor_lag': 0.1}),
+    'rk4': ('pid', {'integrator': 'rk4'}),
+    'dynamic': ('pid', {'dynamics': 'dynamic'}),
+    'lqr': ('lqr', {}),
+}
+#: As a student writes it; the nodes are copies of the files.
+BARE = """
+import rclpy
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.parameter import Parameter
+from controller import CruiseController
+from relay import Relay
+from simulator import VehicleSimulator
+rclpy.init()
+lock_step = [Parameter('realtime_factor', value=0.0), Parameter('distance', value=20.0)]
+nodes = [CruiseController(), VehicleSimulator(parameter_overrides=lock_step), Relay(namespace='a')]
+executor = MultiThreadedExecutor()
+for node in nodes:
+    executor.add_node(node)
+executor.spin_until_future_complete(nodes[1].finished)
+print(nodes[1].stepper.states, nodes[1].stepper.missed)
+"""
+
+
+def run(script: str, *arguments: str, folder: Path) -> str:
+    command = [sys.executable, '-c', script, *arguments]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, timeout=100, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.usefixtures('ros_domain')
+@pytest.mark.parametrize('carrier', CARRIERS)
+@pytest.mark.parametrize('case', CASES)
+def test_states_are_those_of_the_closed_loop(case: str, carrier: str, tmp_path: Path) -> None:
+    kind, values = CASES[case]
+    found = json.loads(run(DRIVE, carrier, kind, json.dumps(values), folder=tmp_path))
+    car = plant({each.name: each.default for each in PARAMETERS} | values)
+    law = TYPES[kind]()
+    law.output_min, law.output_max = -ACCELERATION_LIMIT, ACCELERATION_LIMIT
+    log = closed_loop(car, law, distance=30.0)
+    assert found == [
+        list(row) for row in zip(log.x, log.y, log.psi, log.v_x, log.v_y, log.psi_dot, strict=True)
+    ]
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_recorded_requests_drive_the_same_way(tmp_path: Path) -> None:
+    found = [json.loads(run(BY_HAND, carrier, folder=tmp_path)) for carrier in CARRIERS]
+    assert found[0][-1][0] > 0.0
+    assert len(found[0]) == 31
+    assert [states == found[0] for states in found] == [True] * len(CARRIERS)
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_copies_of_the_nodes_run_in_a_bare_script_on_the_stock_executor(tmp_path: Path) -> None:
+    for module in (controller, relay, simulator):
+        assert module.__file__
+        shutil.copy(module.__file__, tmp_path)
+        text = Path(module.__file__).read_text('utf-8')
+        assert 'ros.executor' not in text
+    states, missed = map(int, run(BARE, folder=tmp_path).split())
+    assert (states, missed) == (len(closed_loop(distance=20.0)), 0)
