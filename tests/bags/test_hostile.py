@@ -21,7 +21,6 @@ from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.schemas import definition
 from barc_sim.bags.writer import BagWriter
-from barc_sim.lab.user_code.adapters import METADATA
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.log import MESSAGE_TYPES, STATE
 
@@ -42,12 +41,6 @@ def bag(path: Path, metadata: dict[str, str] | None = None, **attachments: bytes
 
 def with_metadata(name: str, text: str) -> Callable[[Path], None]:
     return lambda path: bag(path, {name: text})
-
-
-def attached(*names: str) -> Callable[[Path], None]:
-    claim = {'files': {'model': 'bike_model.py'}, 'sha256': {}}
-    files = {'student/bike_model.py': b'1 / 0', **dict.fromkeys(names, b'')}
-    return lambda path: bag(path, {METADATA: json.dumps(claim)}, **files)
 
 
 def file_of(
@@ -200,7 +193,6 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     'a long road': (with_metadata('road', '0:1,' * 75_000), "characters of metadata 'road'"),
     'JSON in JSON': (with_metadata('graph', '[' * 100_000), 'cannot be drawn'),
     'JSON of a number': (with_metadata('graph', '9' * 100_000), 'cannot be drawn'),
-    'YAML in YAML': (with_metadata('parameters', '[' * 5_000), 'no parameters'),
     'a chain of nodes': (with_metadata('graph', json.dumps(CHAIN)), 'cannot be drawn'),
     'a graph of numbers': (with_metadata('graph', '{"nodes": [1]}'), 'cannot be drawn'),
     'a link to nothing': (
@@ -231,11 +223,6 @@ HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     'a large attachment': (large_attachment, 'bytes of attached files, where a run has at most'),
     'long code': (long_code, ''),
     'an upright road': (upright, 'has a grade of'),
-    'claims of lists': (with_metadata(METADATA, '{"files": {"model": []}}'), ''),
-    'a file without a name': (attached('student/'), ''),
-    'a file and a folder': (attached('student/a', 'student/a/b'), 'that no run attaches'),
-    'a long name': (attached('student/' + 'x' * 300), 'that no run attaches'),
-    'a file in a file': (attached('student/bike_model.py/x'), 'that no run attaches'),
 }
 
 
