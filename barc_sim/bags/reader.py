@@ -74,12 +74,18 @@ def info(path: Path | str) -> dict[str, str]:
 
 
 def attachments(path: Path | str) -> dict[str, bytes]:
-    """Return the files attached to the bag, by name."""
+    """Return the files attached to the bag, by name, with errors as for `info`."""
     return load(path, messages=False).attachments
 
 
 def counts(path: Path | str) -> dict[str, int]:
-    """Return the number of messages by topic, without namespaces."""
+    """Return the number of messages by topic, without namespaces, with errors as for `info`.
+
+    Examples
+    --------
+    >>> counts(newest('bags'))['ecu']
+    1152
+    """
     return dict(load(path).counts)
 
 
