@@ -8,13 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-
-pytest.importorskip('rclpy')
-
 from command_line import call
 
 import barc_sim.lab
-from barc_sim.runs import compose_check
 from barc_sim.runs.compose_check import Verdict, judge_composition
 
 if TYPE_CHECKING:
@@ -106,13 +102,6 @@ def test_template_is_not_run(tmp_path: Path) -> None:
     file = tmp_path / 'compose.py'
     file.write_text(TEMPLATE, encoding='utf-8')
     assert judge_composition(file) == (True, 'is not written yet (TODO)')
-
-
-def test_without_ros_it_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compose_check, 'has_ros', lambda: False)
-    file = tmp_path / 'compose.py'
-    file.write_text(RIGHT, encoding='utf-8')
-    assert judge_composition(file) == (True, 'not run: it needs ROS 2, which is not here')
 
 
 def test_check_prints_it(tmp_path: Path) -> None:
