@@ -123,6 +123,9 @@ beta is missing in x and y: the car moves in the direction psi + beta, not psi
     course = psi
 x and y move in the direction psi - beta: is the sign of beta right in psi + beta?
     course = psi - beta
+the brackets around psi + beta are missing
+    x_rate = v_course * (cos(psi) + beta)
+    y_rate = v_course * (sin(psi) + beta)
 psi is missing in x and y: the car moves in the direction psi + beta, not beta
     course = beta
 beta is added twice in x and y: the car moves in the direction psi + beta
@@ -204,6 +207,8 @@ friction speeds the car up: is its sign right?
     friction = Ff * sign(v)
 friction is multiplied by the weight: Ff is already a force in newtons
     friction = -Ff * m * g * sign(v)
+drag is multiplied by m: it is -a0 * v**2 * sign(v)
+    drag = -m * a0 * v**2 * sign(v)
 drag and friction are not divided by m: {_V_NEXT}
     drag = -a0 * v**2 * sign(v) * m
     friction = -Ff * sign(v) * m
@@ -236,6 +241,8 @@ F_ext is Ff alone: {_F_EXT}
     force = Ff
 F_ext has the wrong sign: {_V_NEXT} with {_F_EXT}
     v_rate = a - force / m
+half of ts is used in v_next: {_V_NEXT}
+    v_ts = 0.5 * ts
 the command a is missing: {_V_NEXT}
     v_rate = force / m
 F_ext / m is not multiplied by ts: are the brackets missing in {_V_NEXT}?

@@ -89,7 +89,7 @@ def judge_controller(
     }
     for finding in (*terms, *(judge() for name, judge in others.items() if name in wanted)):
         # Randomness comes first in the message: it changes every other result.
-        random = not finding.passed and reset.details.get('random')
+        random = not finding.passed and reset.message.startswith(_RANDOM)
         yield (
             replace(finding, message=f'{reset.message}. So: {finding.message}')
             if random
@@ -403,7 +403,7 @@ def judge_reset(code: JudgedCode, seed: int) -> Judged:
         if not leaks and _differ(first, used.acc_sequence(own)):
             faults.append(f'reset() does not clear {_not_reset(new, own, other)}')
     score = 1.0 - len(faults) / checks
-    return score, '; '.join(faults) or 'each run starts fresh', {'random': False}
+    return score, '; '.join(faults) or 'each run starts fresh'
 
 
 def _kept(new: Callable[..., JudgedController], other: SequenceOf[Sample]) -> str:
@@ -434,12 +434,14 @@ def _not_reset(
     return ' and '.join(kept) or 'its output'
 
 
+_RANDOM = 'the same speeds give different outputs'
+
+
 def _random(when: str) -> Judged:
-    message = (
-        f'the same speeds give different outputs{when}: does PID use random numbers, or the '
-        f"computer's clock? It is called every {TS:g} s of simulated time"
+    return 0.0, (
+        f"{_RANDOM}{when}: does PID use random numbers, or the computer's clock? It is called "
+        f'every {TS:g} s of simulated time'
     )
-    return 0.0, message, {'random': True}
 
 
 def _differ(one: list[float], other: list[float]) -> bool:
@@ -479,8 +481,8 @@ def _recovery(code: JudgedCode, sign: float) -> int:
     pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
     if (maximum := pushed.max()) <= _WINDING[0] * _PUSHED + _GROWN:
         raise UserError(
-            f'the output does not grow beyond {maximum:.3g} m/s² while the error stays at '
-            f'{_PUSHED:g} m/s: is there an integral, and no small limit of it or of the output?'
+            f'with an error of {_PUSHED:g} m/s for {_PUSHES * TS:g} s the output is at most '
+            f'{maximum + 0.0:.3g} m/s²: is each error added to the sum, and is no limit too small?'
         )
     pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
     largest = float(np.abs([*pushed, *pulled]).max())

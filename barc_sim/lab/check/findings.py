@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import wraps
-from typing import TYPE_CHECKING, ParamSpec
+from typing import TYPE_CHECKING, NamedTuple, ParamSpec
 
 import numpy as np
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from numpy.typing import NDArray
 
@@ -22,12 +22,23 @@ _P = ParamSpec('_P')
 NOT_A_CAR = 1e6
 
 
+class Stretch(NamedTuple):
+    """A stretch of one grade, with the speed error on it."""
+
+    start: float  #: [m]
+    theta_deg: float
+    rms_error: float  #: [m/s]
+    max_error: float  #: [m/s] greatest absolute error
+    remark: str  #: what the speed does
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """The closed loop over one road, with the user's controller and with the reference."""
 
     user: Log
     reference: Log
+    stretches: tuple[Stretch, ...] = ()  #: of the user's
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +91,6 @@ class Finding:
     criterion: str  #: one of `CRITERIA`
     score: float  #: from 0 to 1; 1 is full marks
     message: str  #: one or two sentences, in the terms of the lab
-    details: Mapping[str, object] = field(default_factory=dict)  #: JSON types
     #: what a figure shows
     evidence: Comparison | Trajectory | None = field(default=None, compare=False, repr=False)
     skipped: bool = False  #: there is no such file: the score is 0
@@ -92,11 +102,8 @@ class Finding:
         return self.score >= 1.0
 
 
-Judged = (
-    tuple[float, str]
-    | tuple[float, str, 'Mapping[str, object]']
-    | tuple[float, str, 'Mapping[str, object]', Comparison | Trajectory | None]
-)  #: score, message, details and evidence of a finding
+#: Score, message and evidence of a finding.
+Judged = tuple[float, str] | tuple[float, str, Comparison | Trajectory | None]
 
 
 def judges(criterion: str) -> Callable[[Callable[_P, Judged]], Callable[_P, Finding]]:

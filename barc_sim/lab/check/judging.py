@@ -56,11 +56,8 @@ def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
 
     Errors of the code become findings.
     """
-    return [*_findings(code, settings or Settings())]
-
-
-def _findings(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    """Yield the findings of `judge`, each as soon as it is known."""
+    settings = settings or Settings()
+    findings: list[Finding] = []
     wanted = frozenset(settings.criteria)
     for part, criteria, judge_part in (
         ('model', MODEL, _judge_model),
@@ -73,7 +70,8 @@ def _findings(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
             found = (Finding(name, 0.0, message, skipped=True) for name in criteria)
         elif not wanted.isdisjoint(criteria):
             found = iter(judge_part(code, settings))
-        yield from (finding for finding in found if finding.criterion in wanted)
+        findings += [finding for finding in found if finding.criterion in wanted]
+    return findings
 
 
 def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:

@@ -7,13 +7,13 @@ from functools import cache
 from itertools import pairwise
 from math import inf, isfinite, nan
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import NOT_A_CAR, Comparison, judges
+from barc_sim.lab.check.findings import NOT_A_CAR, Comparison, Stretch, judges
 from barc_sim.lab.check.model import TS
 from barc_sim.lab.user_code.call import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
@@ -87,12 +87,9 @@ def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
         if NOT_WRITTEN in str(error):
             raise
         raise UserError(f'{error} ({conditions})') from error
-    details = {
-        'gains': list(conditions.gains[:3]),
-        'stretches': [stretch._asdict() for stretch in drive.stretches],
-    }
     message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}'
-    return drive.score, message, details, Comparison(drive.log, _reference(conditions.limit))
+    reference = _reference(conditions.limit)
+    return drive.score, message, Comparison(drive.log, reference, tuple(drive.stretches))
 
 
 @cache
@@ -108,16 +105,7 @@ def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> J
     ]
     worst = min(drives, key=lambda drive: drive.score)
     message = f'the worst of {len(drives)} roads: {worst.describe()}{worst.worst_stretch()}'
-    roads = [
-        {
-            'starts': list(drive.road.starts),
-            'grades_deg': list(drive.road.grades_deg),
-            'rms_error': drive.errors[0],
-            'score': drive.score,
-        }
-        for drive in drives
-    ]
-    return float(np.mean([drive.score for drive in drives])), message, {'roads': roads}
+    return float(np.mean([drive.score for drive in drives])), message
 
 
 class _Limited(PID):
@@ -157,25 +145,13 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
             raise
         time = (pid.calls - 1) * plant.ts
         raise UserError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
-    return Drive(road, log, progress.failure, conditions)
-
-
-class Stretch(NamedTuple):
-    """A stretch of one grade, with the speed error on it."""
-
-    start: float  #: [m]
-    end: float  #: [m]
-    theta_deg: float
-    rms_error: float  #: [m/s]
-    max_error: float  #: [m/s] greatest absolute error
-    remark: str  #: what the speed does
+    return Drive(log, progress.failure, conditions)
 
 
 @dataclass(frozen=True)
 class Drive:
     """A drive over one road."""
 
-    road: Road
     log: Log
     failure: str  #: what the car does that never arrives
     conditions: Conditions
@@ -221,7 +197,6 @@ class Drive:
             stretches.append(
                 Stretch(
                     start=float(log.distance[first]),
-                    end=float(log.distance[last - 1]),
                     theta_deg=float(log.theta_deg[first]),
                     rms_error=float(np.sqrt(np.mean(error**2))),
                     max_error=float(np.abs(error).max()),

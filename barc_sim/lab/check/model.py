@@ -198,7 +198,6 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
             f'model.{name}',
             0.0 if random else scores[name],
             random or sentences.get(name) or _right(results),
-            {'shares': {part.situation.name: float(part.right(name).mean()) for part in results}},
         )
         for name in EQUATIONS
     ]
@@ -343,7 +342,7 @@ def judge_trajectory(code: JudgedCode) -> Judged:
     else:
         message = f'leaves the reference after {t[np.argmin(within)]:.2f} s{_at_the_end(off[-1])}'
     drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
-    return score, message, {}, drawn
+    return score, message, drawn
 
 
 @cache

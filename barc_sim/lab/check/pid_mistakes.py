@@ -124,6 +124,10 @@ I has the wrong sign: it adds up ki * (speed_reference - speed_current) * dt
     I = -ki * area
 I has no memory: the errors are not added up, or the sum is lost between calls
     I = ki * e
+ki multiplies the change of e: are ki and kd mixed up?
+    I = ki * (e - delayed(e))
+ki multiplies the change of e: are ki and kd mixed up?
+    I = ki * (e - before(e))
 I has no sign: do not use abs on the error
     I = ki * abs(area)
 I has no sign: do not use abs on the error
@@ -170,6 +174,10 @@ D does not store the error of the last call: set e_before = e at the end of each
     D = kd * (e - e[:, :1])
 D does not store the error of the last call: set e_before = e at the end of each call
     D = kd * measured
+D has no sign: do not use abs on the change of the error
+    D = kd * abs(change)
+kd multiplies the sum of e: are ki and kd mixed up?
+    D = kd * total(e)
 D adds the error of the last call: it is {_D}
     D = kd * (e + before(e))
 D uses the change of the reference: it is {_D}

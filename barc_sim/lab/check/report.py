@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from barc_sim.lab.check.findings import Comparison
 from barc_sim.lab.text import one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
-    from barc_sim.lab.check.findings import Finding
+    from barc_sim.lab.check.findings import Finding, Stretch
     from barc_sim.lab.check.judging import Report
     from barc_sim.lab.grade.rubric import Rubric
 
@@ -29,10 +30,11 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     worth = rubric.worth(report.findings)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
-    if stretches := _stretches(report.findings):
+    compared = [each.evidence for each in findings if isinstance(each.evidence, Comparison)]
+    for comparison in compared:
         _plain(console, "the lab's road, stretch by stretch")
         header = ('from', 'grade', 'RMS', 'at most', 'the speed')
-        _print_table(console, header, map(_cells, stretches))
+        _print_table(console, header, map(_cells, comparison.stretches))
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:
@@ -59,19 +61,13 @@ def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, .
         yield Text(each.criterion), Text(points, style=colour), Text(message)
 
 
-def _stretches(findings: Sequence[Finding]) -> list[Mapping[str, Any]]:
-    details = (finding.details for finding in findings)
-    found = next((each['stretches'] for each in details if 'stretches' in each), [])
-    return cast('list[Mapping[str, Any]]', found)
-
-
-def _cells(stretch: Mapping[str, Any]) -> tuple[Text, ...]:
+def _cells(stretch: Stretch) -> tuple[Text, ...]:
     return (
-        Text(f'{stretch["start"]:.0f} m'),
-        Text(f'{stretch["theta_deg"]:g}°'),
-        Text(f'{stretch["rms_error"]:.3f} m/s'),
-        Text(f'{stretch["max_error"]:.3f} m/s'),
-        Text(stretch['remark']),
+        Text(f'{stretch.start:.0f} m'),
+        Text(f'{stretch.theta_deg:g}°'),
+        Text(f'{stretch.rms_error:.3f} m/s'),
+        Text(f'{stretch.max_error:.3f} m/s'),
+        Text(stretch.remark),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -37,8 +37,8 @@ def conditions(gains: Gains) -> Conditions:
 
 
 def remarks(finding: Finding) -> list[str]:
-    stretches = cast('list[dict[str, Any]]', finding.details['stretches'])
-    return [stretch['remark'] for stretch in stretches]
+    assert isinstance(finding.evidence, Comparison)
+    return [stretch.remark for stretch in finding.evidence.stretches]
 
 
 @pytest.mark.parametrize(
