@@ -83,11 +83,6 @@ def speed_figure(
         The two lines of the heading.
     figure
         An empty figure to draw on, such as a window's; by default a new one.
-
-    Returns
-    -------
-    Figure
-        `figure`, or a new one without a window.
     """
     log = use_measurement(log)
     caption = _caption(log)
