@@ -33,7 +33,7 @@ from mcap.records import (
 )
 from zstandard import ZstdCompressor
 
-from barc_sim.bags.metadata import METADATA_NAME, Span, Topic, to_yaml
+from barc_sim.bags.recording import METADATA_NAME, Span, Topic, to_yaml
 from barc_sim.cli.files import open_regular
 
 try:

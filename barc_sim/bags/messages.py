@@ -1,24 +1,36 @@
-"""The messages of a run as classes and as CDR, without ROS."""
+"""Messages as a bag has them: in CDR, with their times, and their topics without ROS.
+
+CDR is the encoding of DDS (OMG formal/2008-01-04, 15.3, PLAIN_CDR).
+"""
 
 from __future__ import annotations
 
+import re
 from functools import cache
+from operator import itemgetter
+from struct import Struct
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-import numpy as np
-
-from barc_sim.bags.cdr import HEADER, TIME, fixed_layout, split_time
-from barc_sim.bags.metadata import Topic
+from barc_sim.bags.recording import Topic
 from barc_sim.bags.schemas import definition, shipped
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from rosbags.typesys.store import Typestore
 
-CMD_VEL = 'cmd_vel'
-#: What sequences of numbers must be for rosbags.
-_ARRAYS = {'float64': np.float64, 'int64': np.int64, 'byte': np.uint8, 'bool': np.bool_}
+NANOSECONDS = 1_000_000_000
+
+_LITTLE_ENDIAN = b'\0\1\0\0'
+_STAMP = slice(4, 12)
+_LAST = 2**31 - 1  #: [s]
+_TIMES = (Struct('>iI'), Struct('<iI'))  # big-endian, little-endian
+_HEADER = 'std_msgs/msg/Header'
+_NO_FRAME = b'\1\0\0\0\0'  # an empty string: its length with the final zero, and that zero
+_FRAME = slice(12, 17)
+#: Encoding, header, and what fills up to a multiple of 8 behind the encoding's four bytes.
+_LEADING = '<4siI5s3x'
+_CODES = {'float64': 'd', 'bool': '?'}
 
 #: The QoS that ROS reports of a publisher of another participant, in rosbag2's terms.
 _ENDLESS = {'sec': 9_223_372_036, 'nsec': 854_775_807}
@@ -47,6 +59,48 @@ class Message(NamedTuple):
     number: int  #: the publisher's count
 
 
+def leading_time(data: bytes) -> int:
+    """Return the time [ns] at the start of a serialized message: a header's stamp, or a clock."""
+    sec, nanosec = _TIMES[data[1] & 1].unpack(data[_STAMP])
+    return int(sec) * NANOSECONDS + int(nanosec)
+
+
+def split_time(stamp: int) -> tuple[int, int]:
+    """Return a time [ns] as seconds and nanoseconds; the inverse of `leading_time`.
+
+    Nanoseconds beyond a second stay where the seconds are at their end, as a stranger may send it.
+    """
+    sec, nanosec = divmod(stamp, NANOSECONDS)
+    return (sec, nanosec) if sec <= _LAST else (_LAST, stamp - _LAST * NANOSECONDS)
+
+
+def fixed_reader(
+    fields: Iterable[tuple[str, Any]], wanted: Sequence[str]
+) -> Callable[[bytes], tuple[float, ...] | None] | None:
+    """Return a function that reads the `wanted` fields, two or more, of a message.
+
+    It takes the message in CDR, and returns None for one whose header has a frame. There is none
+    for fields, with rosbags' descriptions, that are not a header, then doubles, and then flags:
+    others have no fixed place in the bytes.
+    """
+    (header, first), *others = fields
+    names = [name for name, _ in others]
+    codes = ''.join(_CODES.get(of[0], ' ') for _, (_, of) in others)
+    fixed = first[1] == _HEADER and re.fullmatch(r'd+\?*', codes)
+    if not fixed or header != 'header' or not set(wanted) <= set(names):
+        return None
+    struct = Struct(_LEADING + codes)
+    select = itemgetter(*(4 + names.index(name) for name in wanted))
+
+    def read(data: bytes) -> tuple[float, ...] | None:
+        if data[:4] != _LITTLE_ENDIAN or data[_FRAME] != _NO_FRAME or len(data) < struct.size:
+            return None
+        values: tuple[float, ...] = select(struct.unpack_from(data))
+        return values
+
+    return read
+
+
 @cache
 def _types() -> Typestore:
     """Return the types whose definitions are shipped with barc_sim."""
@@ -60,52 +114,9 @@ def _types() -> Typestore:
     return store
 
 
-def message_class(type_name: str) -> type[Any]:
-    """Return the class of a shipped type, as in `std_msgs/msg/Header`."""
-    return _types().types[type_name]
-
-
-def field_types(type_name: str) -> dict[str, Any]:
+def field_types(type_name: str) -> Mapping[str, Any]:
     """Return the fields of a shipped type with rosbags' descriptions; none of another type."""
     return dict(_types().fielddefs.get(type_name, ((), ()))[1])
-
-
-def plain_fields(fields: Iterable[tuple[str, Any]]) -> dict[str, str]:
-    """Return the types of fields as `fixed_layout` takes them, given with their descriptions."""
-    return {name: str(of) if kind.name == 'NAME' else of[0] for name, (kind, of) in fields}
-
-
-def packer(type_name: str) -> Callable[[int, Mapping[str, Any]], bytes]:
-    """Return a function that serializes a message of a shipped type.
-
-    It takes the time [ns] with which the message may begin, and the other fields by name.
-    """
-    fields = _types().fielddefs[type_name][1]
-    if layout := fixed_layout(plain_fields(fields)):
-        return layout.pack
-    names, kinds = zip(*fields, strict=True)
-    header = kinds[0][1] == HEADER
-    arrays = {
-        name: _ARRAYS[of[0][1][0]]
-        for name, (kind, of) in zip(names, kinds, strict=True)
-        if kind.name == 'SEQUENCE' and of[0][1][0] in _ARRAYS
-    }
-    begins_with_time = header or kinds[0][1] == TIME
-
-    def pack_any(stamp: int, fields: Mapping[str, Any]) -> bytes:
-        sec, nanosec = split_time(stamp)
-        first: Any = message_class(TIME)(sec=sec, nanosec=nanosec)
-        if header:
-            first = message_class(HEADER)(stamp=first, frame_id='')
-        leading = {names[0]: first} if begins_with_time else {}
-        given = {
-            name: np.asarray(value, arrays[name]) if name in arrays else value
-            for name, value in fields.items()
-        }
-        message = message_class(type_name)(**leading, **given)
-        return bytes(_types().serialize_cdr(message, type_name))
-
-    return pack_any
 
 
 def topic(name: str, type_name: str) -> Topic:

@@ -15,9 +15,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import bounds
-from barc_sim.bags.cdr import fixed_layout, leading_time
-from barc_sim.bags.messages import field_types, plain_fields
-from barc_sim.bags.metadata import METADATA_NAME
+from barc_sim.bags.messages import field_types, fixed_reader, leading_time
+from barc_sim.bags.recording import METADATA_NAME
 from barc_sim.bags.records import budget_of, files, records
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
@@ -262,16 +261,12 @@ class _Decoder:
         self._store.register(types)
         self._named = topic == CONTROLLER_STATE  # the message names its terms
         self._fields = [*TOPICS[PID_STATE if self._named else topic]]
-        self._layout = fixed_layout(plain_fields(types[self._type][1]))
-        if self._layout and {*self._fields} <= {*self._layout.names}:
-            self._fast = self._layout.reader(*self._fields)
-        else:
-            self._layout = None
+        self._fixed = fixed_reader(types[self._type][1], self._fields)
 
     def decode(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
         """Return a message's stamp [ns], the values of its fields, and the terms that it names."""
-        if self._layout and self._layout.fits(data):
-            return leading_time(data), self._fast(data), {}
+        if self._fixed and (fixed := self._fixed(data)):
+            return leading_time(data), fixed, {}
         if len(data) > bounds.MAX_MESSAGE:
             raise ValueError('message')
         decoded: Any = self._store.deserialize_cdr(data, self._type)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
-from barc_sim.bags import bounds, metadata
+from barc_sim.bags import bounds
 from barc_sim.bags.file import BagFile, is_being_written
-from barc_sim.bags.metadata import METADATA_NAME, Span, Topic
+from barc_sim.bags.recording import METADATA_NAME, Span, Topic, information, write_metadata
 from barc_sim.bags.records import Damage, budget_of, files, records
 from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
@@ -67,7 +67,7 @@ def recover(path: Path) -> Recovered:
     try:
         for file in damaged:
             _recover_file(file, found, budget)
-        metadata.write(directory, _information(found))
+        write_metadata(directory, _information(found))
     except OSError as error:
         raise UserError(
             f'{str(directory)!r} cannot be recovered ({error.strerror}): copy it to a folder with '
@@ -163,4 +163,4 @@ def _offered_qos(text: str) -> list[dict[str, Any]]:
 
 def _information(found: Recovered) -> Mapping[str, Any]:
     topics = [(topic, found.counts[name]) for name, topic in found.topics.items()]
-    return metadata.information(found.spans, topics, found.metadata)
+    return information(found.spans, topics, found.metadata)

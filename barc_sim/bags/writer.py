@@ -6,15 +6,13 @@ from collections import Counter
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.bags import metadata
 from barc_sim.bags.file import BagFile
+from barc_sim.bags.recording import Topic, information, write_metadata
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
-
-    from barc_sim.bags.metadata import Topic
 
 
 class FileLimits(NamedTuple):
@@ -53,8 +51,7 @@ class BagWriter:
     >>> directory.mkdir()
     >>> writer = BagWriter(directory, metadata={'command': 'by hand'})
     >>> topic = messages.topic('/ecu', 'barc_interfaces/msg/ECU')
-    >>> data = messages.packer(topic.type)(0, {'motor': 2.0, 'servo': 0.0})
-    >>> writer.write(topic, data, received=0, published=0, sequence=1)
+    >>> writer.write(topic, bytes(36), received=0, published=0, sequence=1)
     >>> writer.close()
     >>> reader.counts(directory)
     {'ecu': 1}
@@ -178,7 +175,7 @@ class BagWriter:
         try:
             self._files[-1].finish(self._information())
             self._commit()
-            metadata.write(self.directory, self._information())
+            write_metadata(self.directory, self._information())
         finally:
             self.closed = True
             for file in self._files:
@@ -192,4 +189,4 @@ class BagWriter:
                 topics.setdefault(topic.name, topic)
         counts = self.counts
         counted = [(topic, counts[name]) for name, topic in topics.items()]
-        return metadata.information(spans, counted, self._metadata)
+        return information(spans, counted, self._metadata)

@@ -10,7 +10,7 @@ from math import inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
-from barc_sim.bags.cdr import leading_time
+from barc_sim.bags.messages import leading_time
 from barc_sim.bags.recording import short_of_space
 from barc_sim.simulation.log import CLOCK
 

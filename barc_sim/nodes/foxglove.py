@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from barc_sim.bags.cdr import leading_time
+from barc_sim.bags.messages import leading_time
 from barc_sim.cli.parser import FOXGLOVE_PORT
 from barc_sim.errors import UserError
 from barc_sim.ros import names
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from foxglove.websocket import ChannelView, Client
 
     from barc_sim.bags.messages import Message
-    from barc_sim.bags.metadata import Topic
+    from barc_sim.bags.recording import Topic
 
 #: [s] between two polls of the topics, while a client is subscribed and while none is.
 _PERIOD, _SLOW_PERIOD = 0.02, 0.1

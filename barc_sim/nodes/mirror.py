@@ -23,7 +23,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barc_sim.bags.cdr import NANOSECONDS
+from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.diagnosis import Facts, Measured, diagnose
 from barc_sim.ros import names

@@ -8,7 +8,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
 from std_msgs.msg import Header
 
-from barc_sim.bags.cdr import NANOSECONDS, split_time
+from barc_sim.bags.messages import NANOSECONDS, split_time
 from barc_sim.control.driver import DriverInput
 from barc_sim.vehicle.bike_model import State
 

@@ -2,7 +2,6 @@
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from barc_sim.bags import messages
 from barc_sim.simulation.log import (
     CLOCK,
     CONTROLLER_STATE,
@@ -16,7 +15,7 @@ from barc_sim.simulation.log import COMMAND as ECU
 __all__ = ['CLOCK', 'CONTROLLER_STATE', 'ECU', 'ENVIRONMENT', 'PID_STATE', 'STATE', 'STATE_ERROR']
 
 #: the driver's input: linear.x and angular.z from -1 to 1; a negative linear.z brakes
-CMD_VEL = messages.CMD_VEL
+CMD_VEL = 'cmd_vel'
 SPEED_REFERENCE = 'speed_reference'  #: the speed to hold [m/s], from an outer loop
 INITIAL_POSE = 'initialpose'  #: puts the car there, at rest, as the tool of RViz does
 

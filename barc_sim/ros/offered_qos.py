@@ -13,7 +13,7 @@ from rclpy.qos import (
 )
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
-from barc_sim.bags.metadata import Topic
+from barc_sim.bags.recording import Topic
 from barc_sim.bags.schemas import definition
 
 if TYPE_CHECKING:

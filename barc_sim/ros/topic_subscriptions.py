@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-    from barc_sim.bags.metadata import Topic
+    from barc_sim.bags.recording import Topic
 
 
 @dataclass

@@ -24,7 +24,7 @@ from mcap.writer import Writer
 
 from barc_sim.bags import file as module
 from barc_sim.bags.file import CHUNK_SIZE, AtomicAppender, BagFile
-from barc_sim.bags.metadata import METADATA_NAME, Topic, to_yaml
+from barc_sim.bags.recording import METADATA_NAME, Topic, to_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

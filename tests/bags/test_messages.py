@@ -1,69 +1,77 @@
-"""The messages of a run without ROS are those of ROS, byte by byte."""
+"""Messages in CDR: the time with which one begins, and fields at fixed places."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import struct
+from typing import TYPE_CHECKING
 
 import pytest
+from rosbags.typesys import get_types_from_msg
 
-pytest.importorskip('rclpy')
-
-from barc_interfaces.msg import ECU, ControllerState, PidState, ZDynBkMdl
-from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Twist, Vector3
-from rclpy.serialization import deserialize_message, serialize_message
-from rosgraph_msgs.msg import Clock
-from std_msgs.msg import Header
-
-from barc_sim.bags.messages import message_class, packer
-from barc_sim.bags.schemas import share, shipped
+from barc_sim.bags.messages import fixed_reader, leading_time, split_time
+from barc_sim.bags.schemas import definition, share, shipped
+from barc_sim.cli.process import has_ros
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
-STAMP = 7_000_000_008
-HEADER = Header(stamp=Time(sec=7, nanosec=8))
-PID = {
-    'reference': 8.0,
-    'measurement': 7.5,
-    'error': 0.5,
-    'proportional': 1.0,
-    'integral': -2.0,
-    'derivative': 3.0,
-    'output': 2.0,
-    'saturated': True,
-}
-LQR = {name: PID[name] for name in ('reference', 'measurement', 'error', 'output', 'saturated')}
-LQR |= {'names': ['a', 'longer'], 'values': [1.5, -2.5]}
-STATE = {'x': 1.0, 'y': -2.0, 'psi': 0.1, 'v_x': 8.0, 'v_y': 0.0, 'psi_dot': 1e-9}
+ECU = 'barc_interfaces/msg/ECU'
+COMMAND = get_types_from_msg(definition(ECU), ECU)[ECU][1]
+DATA = b'\0\1\0\0' + struct.pack('<iI5s3xdd', 0, 5, b'\1\0\0\0\0', 1.5, -0.25)
+
+
+@pytest.mark.parametrize(('order', 'mark'), [('<', 1), ('>', 0)])
+@pytest.mark.parametrize(
+    ('sec', 'nanosec'),
+    [(0, 0), (258, 3), (2**31 - 1, 999_999_999), (-1, 5), (-(2**31), 0), (2**31 - 1, 2**32 - 1)],
+)
+def test_time_is_read_in_either_order_of_bytes_and_split_again(
+    order: str, mark: int, sec: int, nanosec: int
+) -> None:
+    data = bytes([0, mark, 0, 0]) + struct.pack(f'{order}iI', sec, nanosec) + b'more'
+    assert leading_time(data) == sec * 10**9 + nanosec
+    assert split_time(leading_time(data)) == (sec, nanosec)
+
+
+def test_fields_are_read_in_the_order_asked_for() -> None:
+    read = fixed_reader(COMMAND, ('servo', 'motor'))
+    assert read
+    assert read(DATA) == (-0.25, 1.5)
 
 
 @pytest.mark.parametrize(
-    ('kind', 'fields'),
+    'changed',
     [
-        (ECU, {'motor': 1.0, 'servo': -0.5}),
-        (ZDynBkMdl, STATE),
-        (PidState, PID),
-        (ControllerState, LQR),
+        lambda data: data[:12] + b'\4\0\0\0map\0' + data[20:],  # a frame
+        lambda data: b'\0\0' + data[2:],  # the other order of bytes
+        lambda data: data[:-1],
+        lambda _: b'',
     ],
 )
-def test_message_is_packed_as_ros_does(kind: type, fields: dict[str, Any]) -> None:
-    message = kind(header=HEADER, **fields)
-    data = packer(f'barc_interfaces/msg/{kind.__name__}')(STAMP, fields)
-    # ROS leaves what was in memory before in the bytes between the fields.
-    assert len(data) == len(serialize_message(message))
-    assert deserialize_message(data, kind) == message
+def test_bytes_of_another_layout_are_not_read(changed: Callable[[bytes], bytes]) -> None:
+    read = fixed_reader(COMMAND, ('servo', 'motor'))
+    assert read
+    assert read(changed(DATA)) is None
 
 
-def test_messages_without_a_header_are_packed_as_ros_does() -> None:
-    clock = serialize_message(Clock(clock=Time(sec=7, nanosec=8)))
-    assert packer('rosgraph_msgs/msg/Clock')(STAMP, {}) == clock
-    vector = message_class('geometry_msgs/msg/Vector3')
-    fields = {'linear': vector(x=1.0, y=0.0, z=-1.0), 'angular': vector(x=0.0, y=0.0, z=0.5)}
-    twist = Twist(linear=Vector3(x=1.0, z=-1.0), angular=Vector3(z=0.5))
-    assert packer('geometry_msgs/msg/Twist')(STAMP, fields) == serialize_message(twist)
+@pytest.mark.parametrize(
+    'fields',
+    [
+        'float64 motor\nfloat64 servo',
+        'std_msgs/Header header\nbool motor\nbool servo',  # they follow the frame at once
+        'std_msgs/Header header\nfloat64 motor\nstring name\nfloat64 servo',
+        'std_msgs/Header header\nfloat64 motor\nbool flag\nfloat64 servo',
+        'std_msgs/Header header\nfloat64 motor',
+        'builtin_interfaces/Time header\nfloat64 motor\nfloat64 servo',
+    ],
+)
+def test_other_fields_have_no_fixed_places(fields: str) -> None:
+    (found,) = get_types_from_msg(fields, 'a/msg/B').values()
+    assert fixed_reader(found[1], ('motor', 'servo')) is None
 
 
+@pytest.mark.skipif(not has_ros(), reason='compares with what ROS has installed')
 @pytest.mark.parametrize(('name', 'path'), sorted(shipped()))
 def test_definition_is_that_of_ros(name: str, path: Path) -> None:
     package, _, base = name.split('/')

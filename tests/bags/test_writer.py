@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from barc_sim.bags import records as bag_records
-from barc_sim.bags.metadata import Topic
+from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
 

@@ -14,7 +14,7 @@ from mcap.records import Message as Record
 
 from barc_sim.bags import file as bag_file
 from barc_sim.bags.messages import Message
-from barc_sim.bags.metadata import Topic
+from barc_sim.bags.recording import Topic
 from barc_sim.bags.records import records
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import SimulatedClock, WriterThread

@@ -12,7 +12,7 @@ from command_line import call
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from barc_sim.bags.cdr import leading_time
+from barc_sim.bags.messages import leading_time
 from barc_sim.bags.reader import info
 
 if TYPE_CHECKING:
