@@ -22,6 +22,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from rclpy.waitable import Waitable
 
+from barc_sim.errors import UserError
 from barc_sim.ros.executor.callback_groups import PolledCallbackGroup
 from barc_sim.ros.executor.descriptors import Descriptors, add_to, counter, retire
 from barc_sim.ros.executor.entities import (
@@ -57,13 +58,33 @@ _SHARED = 32
 _IDLE_USES = 8
 
 
-def _beginning(entity: Entity) -> Callable[[], bool]:
-    """Return what claims the entity's group, where that allows another callback."""
+def _claiming(entity: Entity) -> tuple[Callable[[], bool], Callable[[], None]]:
+    """Return what claims the entity's group, where that allows it, and what gives it back.
+
+    For rclpy's own groups the same as theirs, without their checks, which take 2 us.
+    """
     group = entity.callback_group
-    begin = partial(group.beginning_execution, entity)
-    if type(group) in (MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup):
-        return begin  # which says by itself what `can_execute` does
-    return lambda: group.can_execute(entity) and begin()
+    if type(group) is ReentrantCallbackGroup:
+        return lambda: True, lambda: None
+    if type(group) is not MutuallyExclusiveCallbackGroup:
+        begin = partial(group.beginning_execution, entity)
+        return (
+            lambda: group.can_execute(entity) and begin(),
+            partial(group.ending_execution, entity),
+        )
+    lock = group._lock
+
+    def claim() -> bool:
+        with lock:
+            if group._active_entity is None:
+                group._active_entity = entity
+                return True
+        return False
+
+    def give_back() -> None:
+        group._active_entity = None
+
+    return claim, give_back
 
 
 class Events:
@@ -200,9 +221,7 @@ class Events:
     def _add(self, entity: Entity, kind: str, node: Node) -> None:
         handle, take = handle_of(entity), take_of(entity)
         handle.__enter__()
-        group = entity.callback_group
-        end = partial(group.ending_execution, entity)
-        entry = Entry(entity, kind, node, handle, take, _beginning(entity), end)
+        entry = Entry(entity, kind, node, handle, take, *_claiming(entity))
         self._entries[entity] = entry
         if isinstance(entity, Timer):
             entry.on_taken = self._timers.schedule
@@ -261,8 +280,12 @@ class Events:
         entry.idle_uses -= 1
         if not entry.idle_uses:
             former = entry.descriptor
-            self._count_arrivals(entry)
-            self._leave(entry, former)
+            try:
+                self._count_arrivals(entry)
+            except UserError:  # no descriptor is left
+                entry.idle_uses = _IDLE_USES
+            else:
+                self._leave(entry, former)
 
     def _leave(self, entry: Entry, descriptor: int) -> None:
         """Count no arrivals of an entity in a descriptor any longer."""
@@ -297,7 +320,7 @@ class Events:
                 note_destruction(entity, None)
             self._leave(entry, entry.descriptor)
             entity._arrived = entry.pending
-        if entry.queued:
+        with suppress(ValueError):  # it waits for nothing
             self.ready.remove(entry)
         entry.pending = 0
         entry.kept = None

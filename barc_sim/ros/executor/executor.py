@@ -15,7 +15,7 @@ from functools import partial
 from inspect import iscoroutinefunction
 from math import inf
 from threading import Event, Lock, RLock, get_ident
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor, TimeoutObject
@@ -345,8 +345,11 @@ class QuickExecutor(MultiThreadedExecutor):
                 ready.append(entry)
             elif call := self._take(entry):
                 executed = True
-                if not self._run(partial(self._call, entry, call), entry.end, spin, entry):
-                    return None
+                if spin.in_place:
+                    if not self._run(self._call, entry, call):
+                        return None
+                else:
+                    self._hand_off(partial(self._call, entry, call), entry.end, entry)
                 if spin.once or events.woken:  # it may be over
                     break
         return executed
@@ -360,8 +363,11 @@ class QuickExecutor(MultiThreadedExecutor):
                 break
             stepper.begin(task)
             stepped = True
-            if not self._run(partial(stepper.step, task), partial(stepper.drop, task), spin):
-                return None
+            if spin.in_place:
+                if not self._run(stepper.step, None, task):
+                    return None
+            else:
+                self._hand_off(partial(stepper.step, task), partial(stepper.drop, task), None)
             if spin.once:
                 break
         return stepped
@@ -391,20 +397,11 @@ class QuickExecutor(MultiThreadedExecutor):
                 entry.queued = False
         return call
 
-    def _run(
-        self,
-        function: Callable[[], object],
-        drop: Callable[[], object],
-        spin: Spin,
-        entry: Entry | None = None,
-    ) -> bool:
-        """Have a function called; return whether this thread still leads."""
-        if not spin.in_place:
-            self._hand_off(function, drop, entry)
-            return True
+    def _run(self, call: Callable[..., object], entry: Entry | None, argument: Any) -> bool:  # noqa: ANN401
+        """Call a callback or step a task here; return whether this thread still leads."""
         lent = self._leadership.lend(lasting=entry is not None and entry.lasting)
         try:
-            function()
+            call(entry, argument) if entry else call(argument)
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._fail(error)
         if self._tasks:  # one may wait for this

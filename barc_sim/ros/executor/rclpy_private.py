@@ -72,6 +72,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     'rclpy.executors:MultiThreadedExecutor': (
         *('_executor', '_take_guard_condition', '_take_client', '_take_waitable'),
     ),
+    'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': ('_lock', '_active_entity'),
     'concurrent.futures:ThreadPoolExecutor': ('_max_workers',),
     'rclpy.task:Future': ('remove_done_callback',),  # since 7.1.4
     'rclpy.guard_condition:GuardCondition': (
