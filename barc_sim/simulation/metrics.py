@@ -211,11 +211,6 @@ class _Sums(NamedTuple):
         )
 
 
-def _first_known(values: Floats) -> float:
-    known = values[~np.isnan(values)]
-    return float(known[0]) if known.size else nan
-
-
 def summary(log: Log) -> Summary:
     """Return how well a run held its speed.
 
