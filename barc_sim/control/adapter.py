@@ -28,14 +28,6 @@ def as_controller(controller: Any) -> Controller:  # noqa: ANN401 (any object of
     ------
     UserError
         where it is no object with such a method.
-
-    Examples
-    --------
-    >>> class Proportional:
-    ...     def acc_calculate(self, speed_reference, speed_current):
-    ...         return 10.0 * (speed_reference - speed_current)
-    >>> as_controller(Proportional()).acc_calculate(8.0, 7.5, 0.02)
-    5.0
     """
     if isinstance(controller, type):
         raise UserError(
@@ -68,13 +60,6 @@ class Adapter:
 
     The terms are the object's attributes of these names, NaN where it has no such number;
     `saturated` is true where the output was cut here, or the object has it true.
-
-    Examples
-    --------
-    >>> adapter = Adapter(PID)
-    >>> adapter.output_max = 4.0
-    >>> adapter.acc_calculate(8.0, 0.0, 0.02), adapter.saturated
-    (4.0, True)
     """
 
     def __init__(

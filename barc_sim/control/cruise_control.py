@@ -53,14 +53,6 @@ class CruiseControl:
         Whether its terms are those of the PID.
     values
         The parameters by name.
-
-    Examples
-    --------
-    >>> def defaults(table):
-    ...     return {each.name: each.default for each in table}
-    >>> cruise = CruiseControl(None, defaults, refuse=print, warn=print)
-    >>> cruise.answer(stamp=0, speed=7.75)
-    Answer(reference=8.0, speed=7.75, acceleration=7.5)
     """
 
     def __init__(

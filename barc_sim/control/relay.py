@@ -63,14 +63,6 @@ class RelayControl:
         The parameters by name.
     speed
         [m/s] of the latest state.
-
-    Examples
-    --------
-    >>> relay = RelayControl(None, {each.name: each.default for each in PARAMETERS})
-    >>> relay.receive(DriverInput(forward=0.5))
-    True
-    >>> relay.command()
-    Command(motor=2.0, servo=0.0)
     """
 
     def __init__(self, driver: Driver | None, values: Mapping[str, Any]) -> None:

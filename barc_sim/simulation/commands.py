@@ -26,16 +26,6 @@ class Commands:
         Whether it is for the present state: it has the same stamp, or no stamp at all.
     timeout
         [s] Commands count as lost when none arrives for longer than this; inf: never.
-
-    Examples
-    --------
-    >>> from barc_sim.vehicle.bike_model import Command
-    >>> commands = Commands()
-    >>> commands.store(Command(motor=1.0), stamp=20, present=20, t=0.0)
-    >>> commands.answered
-    True
-    >>> commands.accepts(stamp=40, present=20)
-    False
     """
 
     def __init__(self, timeout: float = 0.0) -> None:
@@ -80,13 +70,7 @@ class Commands:
 
 
 def out_of_order(stamp: int, present: int) -> str:
-    """Return why a command with this `stamp` [ns] is not accepted in the state `present` [ns].
-
-    Examples
-    --------
-    >>> out_of_order(20_000_000, 40_000_000)
-    'a command stamped -0.02 s from the present state: a newer one or its answer holds'
-    """
+    """Return why a command with this `stamp` [ns] is not accepted in the state `present` [ns]."""
     away = (stamp - present) / _NANOSECONDS
     return f'a command stamped {away:+g} s from the present state: a newer one or its answer holds'
 

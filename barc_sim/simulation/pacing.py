@@ -15,13 +15,6 @@ class Pace:
     ----------
     slipped
         Periods by which simulated time has fallen behind the wall clock.
-
-    Examples
-    --------
-    >>> pace = Pace(0.02)
-    >>> pace.begin(now=0.0)
-    >>> pace.pass_deadline(now=0.0201)
-    True
     """
 
     def __init__(self, period: float) -> None:

@@ -22,14 +22,6 @@ class Progress:
     ----------
     failure
         What the car does, in a sentence, where the run is to end; empty otherwise.
-
-    Examples
-    --------
-    >>> progress = Progress(180.0)
-    >>> any(progress.add(0.02 * k, 0.0, 0.0, 8.0) for k in range(3000))
-    True
-    >>> print(progress.failure)
-    the car stands at 0.0 m: the commands do not move it; it got no further for 20 s
     """
 
     def __init__(self, distance: float) -> None:
