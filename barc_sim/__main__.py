@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -29,11 +30,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         _complete()
     name, *words = argv = [*(sys.argv[1:] if argv is None else argv)] or ['--help']
     if name in COMMANDS:
-        return call(f'barc {name}', lambda: _run(name, words))
+        return call(f'barc {name}', partial(run, name, words))
     return call('barc', lambda: _print_about(argv))
 
 
-def _run(name: str, words: Sequence[str]) -> int | None:
+def run(name: str, words: Sequence[str]) -> int | None:
+    """Run the command `name` with the arguments `words`, and return its exit code."""
     check_arguments(words)
     code: int | None = _command(name).run(parse(name, words))
     return code

@@ -14,7 +14,7 @@ import re
 import shlex
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,7 +57,8 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
     """
     try:
         _prepare()
-        return _print_all(main)
+        with _flushed():
+            return main() or 0
     except KeyboardInterrupt:
         return INTERRUPTED
     except Exception as error:
@@ -176,12 +177,13 @@ def _prepare() -> None:
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
 
 
-def _print_all(main: Callable[[], int | None]) -> int:
-    """Run `main`, with any text on stdout, and flush it here, where a failure can be caught."""
+@contextmanager
+def _flushed() -> Iterator[None]:
+    """Let any text be printed, and flush stdout at the end, where a failure can be caught."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors='replace')
     try:
-        return main() or 0
+        yield
     finally:
         sys.stdout.flush()
 

@@ -81,6 +81,7 @@ class CruiseController(Node):
         topic = names.PID_STATE if self._control.is_pid else names.CONTROLLER_STATE
         self._computed_type = PidState if self._control.is_pid else ControllerState
         self._computed_pub = self.create_publisher(self._computed_type, topic, names.QOS)
+        self._ecu = ECU()
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
@@ -116,7 +117,8 @@ class CruiseController(Node):
     def _publish(self, header: Header, answer: Answer | None) -> None:
         if answer is None:
             return
-        self._ecu_pub.publish(ECU(header=header, motor=answer.acceleration))
+        self._ecu.header, self._ecu.motor = header, answer.acceleration
+        self._ecu_pub.publish(self._ecu)
         if self._computed_pub.get_subscription_count():
             computed = self._control.computed(answer)
             self._computed_pub.publish(self._computed_type(header=header, **computed))

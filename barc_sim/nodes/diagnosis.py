@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 from barc_sim.simulation.pacing import TOLERATED
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from barc_sim.vehicle.sensor import NoiseLevels
 
 #: Share of the requested real-time factor below which a run is slow.
@@ -55,15 +53,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(facts: Facts, before: Facts, measured: Measured) -> list[Diagnosis]:
-    """Return the diagnoses; `before` has the facts of the last call.
-
-    Examples
-    --------
-    >>> now = Facts(missed=3, slipped=0, requested_factor=1.0)
-    >>> [timing] = diagnose(now, Facts(missed=1), Measured(factor=1.0))
-    >>> timing.level.name, timing.message
-    ('WARN', '2 commands missed their deadline')
-    """
+    """Return the diagnoses; `before` has the facts of the last call."""
     found = [_timing(facts, before, measured)]
     if measured.command_age is not None:
         age = measured.command_age
@@ -96,14 +86,14 @@ def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
         )
     else:
         level = Level.OK
-    values: dict[str, int | str | None] = {
+    values = {
         'missed deadlines': facts.missed,
         'slipped periods': facts.slipped,
         'real-time factor': None if measured.factor is None else f'{measured.factor:.3f}',
+        'behind the wall clock [s]': None if facts.stamp_lag is None else f'{facts.stamp_lag:.3f}',
     }
-    if facts.stamp_lag is not None:
-        values['behind the wall clock [s]'] = f'{facts.stamp_lag:.3f}'
-    return Diagnosis('timing', level, message, _known(values))
+    known = {name: str(value) for name, value in values.items() if value is not None}
+    return Diagnosis('timing', level, message, known)
 
 
 def _recording(facts: Facts) -> Diagnosis:
@@ -112,9 +102,5 @@ def _recording(facts: Facts) -> Diagnosis:
         level, message = Level.ERROR, facts.failure
     elif facts.lost:
         level, message = Level.WARN, f'{facts.lost} messages are lost'
-    values = {'recorded messages': facts.recorded, 'lost messages': facts.lost}
-    return Diagnosis('bag', level, message, _known(values))
-
-
-def _known(values: Mapping[str, int | str | None]) -> dict[str, str]:
-    return {name: str(value) for name, value in values.items() if value is not None}
+    values = {'recorded messages': str(facts.recorded), 'lost messages': str(facts.lost)}
+    return Diagnosis('bag', level, message, values)

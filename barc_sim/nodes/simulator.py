@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_header, to_nanoseconds, to_state_at_rest
+from barc_sim.ros.conversions import fill, to_header, to_nanoseconds, to_state_at_rest
 from barc_sim.ros.parameters import declare
 from barc_sim.ros.peers import claim
 from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
@@ -110,6 +110,7 @@ class VehicleSimulator(Node):
             self.begin_clock()
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
+        self._error, self._environment, self._state = EZDynBkMdl(), Environment(), ZDynBkMdl()
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
         self.create_subscription(
@@ -137,9 +138,9 @@ class VehicleSimulator(Node):
         self._seen, self._header = seen, to_header(stamp_ns)
         self._publish_clock()
         if self._environment_pub.get_subscription_count():
-            road = {'theta': seen.theta_deg, 'elevation': seen.elevation}
-            forces = seen.forces._asdict()
-            self._environment_pub.publish(Environment(header=self._header, **road, **forces))
+            message = fill(self._environment, self._header, seen.forces)
+            message.theta, message.elevation = seen.theta_deg, seen.elevation
+            self._environment_pub.publish(message)
         self._publish_state()
         if self._on_step:
             self._on_step(t, seen)
@@ -180,8 +181,8 @@ class VehicleSimulator(Node):
     def _publish_state(self) -> None:
         header, seen = self._header, self._seen
         if self._error_pub.get_subscription_count():
-            self._error_pub.publish(EZDynBkMdl(header=header, **seen.error._asdict()))
-        self._state_pub.publish(ZDynBkMdl(header=header, **seen.measured._asdict()))
+            self._error_pub.publish(fill(self._error, header, seen.error))
+        self._state_pub.publish(fill(self._state, header, seen.measured))
 
     def _on_command(self, command: ECU) -> None:
         why = self.stepper.take_command(

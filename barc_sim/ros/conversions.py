@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import atan2
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
@@ -22,6 +23,14 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     """Return a header stamped `stamp_ns` [ns]."""
     sec, nanosec = split_time(stamp_ns)
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def fill(message: Any, header: Header, record: Any) -> Any:  # noqa: ANN401 (of one's fields)
+    """Return `message` with `header` and the fields of a NamedTuple; a new one would cost more."""
+    message.header = header
+    for name, value in zip(record._fields, record, strict=True):
+        setattr(message, name, value)
+    return message
 
 
 def to_nanoseconds(stamp: Time) -> int:
