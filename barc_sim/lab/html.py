@@ -16,13 +16,7 @@ def render(page: str, **values: object) -> str:
 
 
 def data_url(kind: str, data: bytes) -> str:
-    """Return an image of the MIME type `kind` as a URL that contains it.
-
-    Examples
-    --------
-    >>> data_url('image/png', b'')
-    'data:image/png;base64,'
-    """
+    """Return an image of the MIME type `kind` as a URL that contains it."""
     return f'data:{kind};base64,{b64encode(data).decode()}'
 
 

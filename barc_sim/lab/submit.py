@@ -38,13 +38,7 @@ _TEXTS = ('.md', '.txt', '.rst', '.pdf')
 
 
 class Part(NamedTuple):
-    """One line of what is handed in.
-
-    Examples
-    --------
-    >>> print(Part('description', 'write what you did, and why, in description.md', missing=True))
-    description   missing: write what you did, and why, in description.md
-    """
+    """One line of what is handed in."""
 
     name: str
     text: str  #: what there is, or what is missing and how to make it
@@ -163,14 +157,7 @@ def _template(name: str) -> bytes:
 
 
 def chosen_gains(folder: Path) -> ChosenGains | None:
-    """Return the gains that the folder's controller chooses; none of its code is run.
-
-    Examples
-    --------
-    >>> _ = Path('controller.py').write_text('pid = PID(kp=10, ki=20, kd=0)', encoding='utf-8')
-    >>> print(chosen_gains(Path()))
-    kp 10, ki 20, kd 0 (controller.py, line 1)
-    """
+    """Return the gains that the folder's controller chooses; none of its code is run."""
     path = find_file(folder, 'controller')
     files = ([path] if path else []) + sorted(folder.glob('*.py'))
     trees = {file.name: tree for file in files if (tree := _tree(file))}

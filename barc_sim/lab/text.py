@@ -11,12 +11,6 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str, width: int = 400) -> str:
-    """Return `text` as one printable line of at most `width` characters.
-
-    Examples
-    --------
-    >>> one_line('a sentence   of many words', width=10)
-    'a sentenc…'
-    """
+    """Return `text` as one printable line of at most `width` characters."""
     line = ' '.join(printable(text).split())
     return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'

@@ -73,12 +73,6 @@ def load(rubric: str | Path = DEFAULT) -> Rubric:
     ------
     UserError
         if the file cannot be read or has an error; it names the line.
-
-    Examples
-    --------
-    >>> rubric = load('lab')
-    >>> sum(rubric.points.values())
-    120.0
     """
     name = str(rubric)
     try:
@@ -95,13 +89,7 @@ def load(rubric: str | Path = DEFAULT) -> Rubric:
 
 
 def path_of(rubric: str | Path) -> Path:
-    """Return the file of a rubric.
-
-    Examples
-    --------
-    >>> path_of('strict').name
-    'strict.yaml'
-    """
+    """Return the file of a rubric."""
     shipped = str(rubric) in SHIPPED
     return Path(__file__).parent / 'rubrics' / f'{rubric}.yaml' if shipped else Path(rubric)
 

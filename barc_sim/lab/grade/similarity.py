@@ -71,13 +71,7 @@ def alike(submissions: Mapping[str, Passages]) -> dict[str, list[tuple[str, floa
 
 
 def in_words(others: list[tuple[str, float]]) -> str:
-    """Return those that a submission is alike, with the share, in one line.
-
-    Examples
-    --------
-    >>> in_words([('bob', 0.96), ('eve', 0.71)])
-    'bob 96%, eve 71%'
-    """
+    """Return those that a submission is alike, with the share, in one line."""
     named = ', '.join(f'{name} {share:.0%}' for name, share in others[:_NAMED])
     more = len(others) - _NAMED
     return f'{named} and {more} more' if more > 0 else named

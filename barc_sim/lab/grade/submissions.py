@@ -206,13 +206,7 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
 
 
 def is_evidence(path: str) -> bool:
-    """Return whether a file is no part of the code, by its name.
-
-    Examples
-    --------
-    >>> is_evidence('bags/run.mcap'), is_evidence('controller.py')
-    (True, False)
-    """
+    """Return whether a file is no part of the code, by its name."""
     return path.lower().endswith(_EVIDENCE) or PurePosixPath(path).name == 'metadata.yaml'
 
 

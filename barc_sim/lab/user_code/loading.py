@@ -79,15 +79,6 @@ def load_folder(
     ------
     UserCodeError
         if there is no such folder, nothing in it, or a file that can't be used.
-
-    Examples
-    --------
-    >>> import shutil
-    >>> from barc_sim.vehicle import bike_model
-    >>> _ = shutil.copy(bike_model.__file__, '.')
-    >>> model = load_folder('.').model
-    >>> model(0.0, 0.0, 0.0, 8.0, 1.0, 0.0, 0.0, 2000.0, 0.0, 0.0, 0.02)
-    [0.16, 0.0, 0.0, 8.02]
     """
     files = find_files(folder, parts)
     return load_files(files, budget=budget, output=output, packages=packages)
@@ -123,11 +114,6 @@ def find_name(names: Collection[str], part: str) -> str | None:
     """Return the name of a part's file among `names`: its own, or the only one of a similar name.
 
     Similar are `Bike_Model.py`, `bike_model_final(1).py` and `my_bike_model.py`.
-
-    Examples
-    --------
-    >>> find_name(['notes.txt', 'bike_model_final(1).py'], 'model')
-    'bike_model_final(1).py'
     """
     if FILES[part] in names:
         return FILES[part]
