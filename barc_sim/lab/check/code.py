@@ -7,9 +7,10 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
+from barc_sim.lab.text import one_line
 from barc_sim.lab.user_code.gains import ChosenGains
 from barc_sim.lab.user_code.loading import Functions, UserCode, find_file
-from barc_sim.lab.user_code.relay_program import Command, TimedTwist
+from barc_sim.lab.user_code.relay_program import MOST_COMMANDS, Command, TimedTwist
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
@@ -36,6 +37,7 @@ class Row(NamedTuple):
 
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 _STATE = 4  # numbers
+_MAX_PHRASES = 20
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
@@ -77,14 +79,14 @@ class JudgedCode:
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
         found = self.call('relay', twists, duration, _relay_calls(twists, duration))
-        rows = len(found) if isinstance(found, list) else -1
+        rows = min(len(found), MOST_COMMANDS) if isinstance(found, list) else -1
         return [Command(*row) for row in _rows('relay', found, rows, len(Command._fields))]
 
     def chosen_gains(self) -> ChosenGains | None:
         """Return the gains that `controller.py` chooses; None if it has none."""
         try:
             kp, ki, kd, origin = self._notes()['gains']
-            gains = ChosenGains(float(kp), float(ki), float(kd), str(origin))
+            gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin), 100))
         except (KeyError, TypeError, ValueError, OverflowError):
             return None
         return gains if all(map(isfinite, gains[:3])) else None
@@ -92,7 +94,8 @@ class JudgedCode:
     def tolerated(self) -> tuple[str, ...]:
         """Return what was tolerated in the files that are loaded, a phrase each."""
         phrases = self._notes().get('tolerated')
-        return tuple(map(str, phrases)) if isinstance(phrases, list) else ()
+        known = phrases[:_MAX_PHRASES] if isinstance(phrases, list) else ()
+        return tuple(one_line(str(phrase)) for phrase in known)
 
     def _notes(self) -> dict[str, Any]:
         try:

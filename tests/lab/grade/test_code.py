@@ -146,3 +146,28 @@ def test_an_exception_that_cannot_be_printed_is_told_of(folder: Callable[..., Pa
         pytest.raises(UserError, match='cannot be printed'),
     ):
         code.bike_fe(ROWS[:1])
+
+
+@pytest.mark.parametrize(
+    'forged',
+    [
+        "notes = lambda self: {'gains': [1, 2, 3, 'x' * 10**6], 'tolerated': ['y' * 10**6] * 10}",
+        'notes = lambda self: 10**4000',
+        'relay = lambda self, *_: [[0.1, 0.2, 0.3]] * 10**5',
+        "relay = lambda self, *_: [[0, 'x', None]]",
+        "relay = lambda self, *_: {'x': 1}",
+    ],
+)
+def test_forged_answers_of_any_shape_and_size_are_sentences(
+    folder: Callable[..., Path], forged: str
+) -> None:
+    patch = f"import sys\nsys.modules['barc_sim.lab.user_code.loading'].Functions.{forged}\n"
+    text = f'{patch}def relay(x, z): return [x, z]\n'
+    with ConfinedCode(folder(relay=text, bike_model=patch + MODEL)) as code:
+        code.bike_fe(ROWS[:1])
+        if 'relay' in forged:
+            with pytest.raises(UserError, match='relay'):
+                code.relay_commands([], 1.0)
+
+        assert len(str(code.chosen_gains())) < 500
+        assert sum(map(len, code.tolerated())) < 10_000
