@@ -327,7 +327,12 @@ class BagFile:
         self._listed[data[0]] += 1
 
     def add(self, topic: Topic, data: bytes, received: int, published: int, sequence: int) -> bool:
-        """Append a message; return whether there is anything to commit."""
+        """Append a message; return whether there is anything to commit.
+
+        MCAP has no times before 1970, which a stranger's clock may show: they become zero.
+        """
+        if received < 0 or published < 0:
+            received, published = max(received, 0), max(published, 0)
         channel = self._channels.get(topic.name) or self._register(topic)
         self._chunk.add(channel, data, received, published, sequence & 0xFFFF_FFFF)
         self.span.add(received)

@@ -224,6 +224,14 @@ def test_sequence_numbers_wrap_at_32_bits(writer: BagWriter) -> None:
     assert read[2].sequence == 5
 
 
+def test_times_before_1970_become_zero(writer: BagWriter) -> None:
+    writer.write(VALUE, encoded(0.0), received=-5, published=-(10**18), sequence=1)
+    writer.close()
+    with writer.file.open('rb') as stream:
+        (read,) = SeekingReader(stream).iter_messages()
+    assert (read[2].log_time, read[2].publish_time) == (0, 0)
+
+
 def test_closing_again_changes_nothing(writer: BagWriter) -> None:
     writer.close()
     before = writer.file.read_bytes()
