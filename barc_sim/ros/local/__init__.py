@@ -36,8 +36,7 @@ _NAMES = {
         ParameterAlreadyDeclaredException ParameterException ParameterNotDeclaredException""",
     'rclpy.executors': """executor: Executor ExternalShutdownException MultiThreadedExecutor
         SingleThreadedExecutor""",
-    'rclpy.logging': """context: LoggingSeverity get_logger get_logger_level
-        set_logger_level""",
+    'rclpy.logging': 'context: LoggingSeverity get_logger',
     'rclpy.node': 'node: Node',
     'rclpy.parameter': 'parameters: Parameter parameter_value_to_python',
     'rclpy.publisher': 'node: Publisher',

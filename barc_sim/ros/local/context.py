@@ -263,13 +263,9 @@ qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST
 QOS_ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class LoggingSeverity(IntEnum):
-    UNSET = 0
-    DEBUG = 10
-    INFO = 20
-    WARN = 30
-    ERROR = 40
-    FATAL = 50
+LoggingSeverity = IntEnum(
+    'LoggingSeverity', {'UNSET': 0, 'DEBUG': 10, 'INFO': 20, 'WARN': 30, 'ERROR': 40, 'FATAL': 50}
+)
 
 
 class Logger:
@@ -347,11 +343,3 @@ class Logger:
 
 def get_logger(name: str) -> Logger:
     return Logger(name, current())
-
-
-def set_logger_level(name: str, level: int, **_: Any) -> None:
-    get_logger(name).set_level(level)
-
-
-def get_logger_level(name: str) -> LoggingSeverity:
-    return LoggingSeverity(current().log_levels.get(name, 0))

@@ -17,48 +17,33 @@ def _interface(name: str, kind: str = 'msg') -> Any:
 
 
 class ParameterException(Exception):
-    def __init__(self, error_msg: str, parameters: Any) -> None:
-        super().__init__(f'{error_msg}: {parameters}')
+    what = ''
+
+    def __init__(self, parameters: Any, what: str = '') -> None:
+        super().__init__(f'{what or self.what}: {parameters}')
 
 
 class ParameterNotDeclaredException(ParameterException):
-    def __init__(self, parameters: Any) -> None:
-        super().__init__('Invalid access to undeclared parameter(s)', parameters)
+    what = 'Invalid access to undeclared parameter(s)'
 
 
 class ParameterAlreadyDeclaredException(ParameterException):
-    def __init__(self, parameters: Any) -> None:
-        super().__init__('Parameter(s) already declared', parameters)
+    what = 'Parameter(s) already declared'
 
 
 class InvalidParameterTypeException(ParameterException):
-    def __init__(self, parameter: Parameter, expected_type: str) -> None:
-        super().__init__(
-            f"Trying to set parameter '{parameter.name}' to '{parameter.value}' of type "
-            f"'{parameter.type_.name}', expecting type '{expected_type}'",
-            parameter.name,
-        )
+    pass
 
 
 class InvalidParameterValueException(ParameterException):
-    def __init__(self, parameter: str, value: Any, reason: str) -> None:
-        what = f'Invalid parameter value ({value}) for parameter. Reason: {reason}'
-        super().__init__(what, parameter)
+    pass
 
 
 class Type(Enum):
     """The types of parameters; the value of each is ParameterType's."""
 
-    NOT_SET = 0
-    BOOL = 1
-    INTEGER = 2
-    DOUBLE = 3
-    STRING = 4
-    BYTE_ARRAY = 5
-    BOOL_ARRAY = 6
-    INTEGER_ARRAY = 7
-    DOUBLE_ARRAY = 8
-    STRING_ARRAY = 9
+    NOT_SET, BOOL, INTEGER, DOUBLE, STRING = range(5)
+    BYTE_ARRAY, BOOL_ARRAY, INTEGER_ARRAY, DOUBLE_ARRAY, STRING_ARRAY = range(5, 10)
 
     @property
     def field(self) -> str:
@@ -152,9 +137,12 @@ class Parameters:
         parameter = Parameter(name, value=value)
         result = self._set([parameter], {name: descriptor})
         if result.reason.startswith('Wrong parameter type'):
-            raise InvalidParameterTypeException(parameter, Type(descriptor.type).name)
+            given = f"Trying to set parameter '{name}' to '{value}' of type "
+            kinds = f"'{parameter.type_.name}', expecting type '{Type(descriptor.type).name}'"
+            raise InvalidParameterTypeException(name, given + kinds)
         if not result.successful:
-            raise InvalidParameterValueException(name, value, result.reason)
+            why = f'Invalid parameter value ({value}) for parameter. Reason: {result.reason}'
+            raise InvalidParameterValueException(name, why)
         return parameter
 
     def declare_parameters(self, namespace: str, parameters: Iterable[Any]) -> list[Parameter]:
