@@ -119,12 +119,20 @@ def field_types(type_name: str) -> Mapping[str, Any]:
     return dict(_types().fielddefs.get(type_name, ((), ()))[1])
 
 
-def topic(name: str, type_name: str) -> Topic:
-    """Return a bag's record of a topic that a run publishes without ROS."""
+def topic(name: str, type_name: str, store: Typestore | None = None) -> Topic:
+    """Return a bag's record of a topic that a run publishes without ROS.
+
+    What is neither installed nor shipped has its definition from `store`.
+    """
+    store = store or _types()
+    try:
+        text = definition(type_name)
+    except LookupError:
+        text, _ = store.generate_msgdef(type_name, ros_version=2)
     return Topic(
         name=name,
         type=type_name,
-        definition=definition(type_name),
-        type_hash=_types().hash_rihs01(type_name),
+        definition=text,
+        type_hash=store.hash_rihs01(type_name),
         offered_qos=[_OFFERED_QOS | _QOS_OF.get(name, {})],
     )

@@ -58,9 +58,9 @@ _SERVICES = {
 
 
 @cache
-def _store() -> Typestore:
+def store() -> Typestore:
     """Return the common interfaces of Jazzy, with the lab's messages and the services."""
-    store = get_typestore(Stores.ROS2_JAZZY)
+    made = get_typestore(Stores.ROS2_JAZZY)
     types: dict[str, Any] = {}
     for name, path in shipped():
         if name.startswith('barc_interfaces/'):
@@ -69,13 +69,13 @@ def _store() -> Typestore:
         package, _, short = name.partition('/')
         for part, text in zip(_PARTS, parts, strict=True):
             types |= get_types_from_msg(text, f'{package}/msg/{short}_{part}')
-    store.register(types)
-    return store
+    made.register(types)
+    return made
 
 
 def packages() -> list[str]:
     """Return the packages of all types with their kind, as in `std_msgs.msg` and `std_srvs.srv`."""
-    types = [name for name in _store().fielddefs if not name.endswith(_PARTS)]
+    types = [name for name in store().fielddefs if not name.endswith(_PARTS)]
     services = [name.replace('/', '/srv/') for name in _SERVICES]
     return sorted({name.rpartition('/')[0].replace('/', '.') for name in (*types, *services)})
 
@@ -93,7 +93,7 @@ def message_type(name: str) -> type[Any]:
     if kind == 'srv' and f'{package}/{short}' in _SERVICES:
         parts = {part: _message(f'{package}/msg/{short}_{part}') for part in _PARTS}
         return type(short, (), {**parts, '__module__': f'{package}.srv._{short.lower()}'})
-    if kind == 'msg' and name in _store().fielddefs:
+    if kind == 'msg' and name in store().fielddefs:
         return _message(name)
     raise LookupError(f'{name} has no definition here')
 
@@ -251,7 +251,7 @@ class {short}(Message):
 def _message(name: str) -> type[Any]:
     """Make the class of a message."""
     package, _, short = name.split('/')
-    constants, described = _store().fielddefs[name]
+    constants, described = store().fielddefs[name]
     fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
     scope: dict[str, Any] = {'Message': Message, 'new': object.__new__}
     scope['single'] = lambda v: _SINGLE.unpack(_SINGLE.pack(v))[0]
@@ -288,7 +288,7 @@ def _message(name: str) -> type[Any]:
     for constant, kind, value in constants:
         setattr(made, constant, bytes([int(value)]) if kind == 'byte' else value)
     # What rosbags deserializes becomes this class at once.
-    _store().types[name] = made.__from_wire__
+    store().types[name] = made.__from_wire__
     return made
 
 
@@ -303,9 +303,9 @@ def _to_wire(message: Any) -> Any:
 
 def serialize_message(message: Any) -> bytes:
     """Return a message in CDR, as rclpy does."""
-    return bytes(_store().serialize_cdr(_to_wire(message), message.__msgtype__))
+    return bytes(store().serialize_cdr(_to_wire(message), message.__msgtype__))
 
 
 def deserialize_message(data: bytes, kind: type[Any]) -> Any:
     """Return the message of the class `kind` in CDR, as rclpy does."""
-    return _store().deserialize_cdr(data, kind.__msgtype__)
+    return store().deserialize_cdr(data, kind.__msgtype__)

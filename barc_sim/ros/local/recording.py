@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import Message, topic
 from barc_sim.ros.local.context import QoSProfile, ReliabilityPolicy
-from barc_sim.ros.local.messages import message_type, serialize_message
+from barc_sim.ros.local.messages import message_type, serialize_message, store
 from barc_sim.ros.local.node import Subscription
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class _Tap(Subscription):
     def __init__(self, node: Node, name: str, kind: str, keep: Callable[[Message], object]) -> None:
         qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         super().__init__(keep, True, node, name, message_type(kind), qos)
-        self._topic = topic(name, kind)
+        self._topic = topic(name, kind, store())
         node.subscriptions.append(self)
         for publisher in node.context.all('publishers', name):
             publisher.match()

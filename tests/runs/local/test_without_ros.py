@@ -133,3 +133,30 @@ def test_parameters_come_from_a_file(tmp_path: Path) -> None:
     (bag,) = (tmp_path / 'bags').iterdir()
     text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
     assert 'distance: 2.0' in text
+
+
+RECORD = """
+from pathlib import Path
+from barc_sim.ros.local import install
+install()
+import rclpy
+from nav_msgs.msg import Odometry
+from std_msgs.msg import String
+from barc_sim.bags import reader
+from barc_sim.nodes.recorder import BagRecorder
+rclpy.init()
+recorder, node = BagRecorder(path=Path('bag')), rclpy.create_node('writer')
+publishers = [node.create_publisher(kind, kind.__name__.lower(), 1) for kind in (String, Odometry)]
+recorder.discover()
+publishers[0].publish(String(data='the road is wet'))
+publishers[1].publish(Odometry(child_frame_id='car'))
+recorder.destroy_node()
+counts = reader.counts(Path('bag'))
+print({name: counts[name] for name in ('string', 'odometry')})
+"""
+
+
+def test_topics_of_any_common_type_are_recorded(tmp_path: Path) -> None:
+    done = python(tmp_path, '-c', RECORD)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "{'string': 1, 'odometry': 1}\n"
