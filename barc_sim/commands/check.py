@@ -107,12 +107,12 @@ def _composition(folder: Path) -> bool:
 
 def _settings(settings: Settings, options: Namespace) -> Settings:
     """Return the rubric's settings, changed by the options."""
-    given = {
+    changes = {
         name: value
         for name in ('seed', 'kp', 'ki', 'kd', 'acceleration_limit')
         if (value := getattr(options, name)) is not None
     }
-    return replace(settings, **given)
+    return replace(settings, **changes)
 
 
 def _draw(report: Report, path: Path, title: str, settings: str) -> None:

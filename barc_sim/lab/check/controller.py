@@ -203,7 +203,7 @@ def _trials(
 
 def _outputs(code: JudgedCode, gains: SequenceOf[Gains], sequences: SequenceOf[Sequence]) -> Floats:
     pairs = zip(gains, sequences, strict=True)
-    return np.array([code.new_pid(*each).acc_sequence(given.rows) for each, given in pairs])
+    return np.array([code.new_pid(*each).acc_sequence(sequence.rows) for each, sequence in pairs])
 
 
 @np.errstate(all='ignore')
@@ -451,7 +451,7 @@ def _differ(one: list[float], other: list[float]) -> bool:
 _WINDING: Gains = (1.0, 2.0, 0.0)
 _PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
 _PUSHES, _PULLS = 300, 600  #: calls
-_GROWN = 0.5  #: [m/s²] The least growth that shows an integral.
+_GROWN = 0.5  #: [m/s²] The minimum growth that shows an integral.
 _ALLOWED = 25  #: calls until the output leaves the limit
 
 

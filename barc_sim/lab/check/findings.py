@@ -28,7 +28,7 @@ class Stretch(NamedTuple):
     start: float  #: [m]
     theta_deg: float
     rms_error: float  #: [m/s]
-    max_error: float  #: [m/s] greatest absolute error
+    max_error: float  #: [m/s] maximum absolute error
     remark: str  #: what the speed does
 
 

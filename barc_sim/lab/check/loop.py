@@ -158,7 +158,7 @@ class Drive:
 
     @property
     def errors(self) -> tuple[float, float]:
-        """The RMS and the greatest error [m/s] after the run-up."""
+        """The RMS and the maximum error [m/s] after the run-up."""
         result = summary(self.log)
         return round(result.rms_error_after_run_up, 6), round(result.max_error_after_run_up, 6)
 
@@ -206,7 +206,7 @@ class Drive:
         return stretches
 
     def worst_stretch(self) -> str:
-        """Return a sentence on the stretch with the greatest RMS error; empty at full marks."""
+        """Return a sentence on the stretch with the largest RMS error; empty at full marks."""
         if self.score == 1.0:
             return ''
         _, *later = stretches = self.stretches
@@ -217,7 +217,7 @@ class Drive:
 _HELD = 0.05  #: [m/s] An error up to this is negligible.
 _NEAR = 0.02  #: share of the reference within which it counts as reached
 _LONG_LIMIT = 0.1  #: [s] An output at its limit for a shorter time has no effect.
-# Shares of the greatest error on a stretch:
+# Shares of the maximum error on a stretch:
 _CARRIED = 0.6  #: that the stretch starts with
 _SWINGS, _SWING = 4, 0.3  #: that a swing reaches, and how many count
 _STEADY = 0.5  #: that is left at the end, or on the other side
@@ -230,7 +230,7 @@ def _of_start(log: Log, part: slice, limit: float) -> str:
     if not near.size:
         if speed.min() < -_HELD:
             return 'the car drives backwards: is the error speed_reference - speed_current?'
-        return f'{reference:g} m/s is not reached: the greatest speed is {speed.max():.2f} m/s'
+        return f'{reference:g} m/s is not reached: the maximum speed is {speed.max():.2f} m/s'
     text = f'{near[0] * TS:.2f} s to {reference:g} m/s'
     if isfinite(limit):
         text += f', where {limit:g} m/s² allow {reference / limit:.2f} s'

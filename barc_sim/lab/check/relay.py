@@ -23,7 +23,7 @@ _PERIOD = 0.05  #: [s] between the Twists of a held key
 _HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
 _LATER = 4.9  #: [s] 1.9 s after the release, or after the last Twist
 _LAST = 4.0  #: [s] Commands after this time follow a silence of 1 s.
-_LEAST = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad] Less is none.
+_NEGLIGIBLE = {'motor': 0.05, 'servo': 0.005}  #: [m/s²] and [rad]
 _TOLERANCE = 1e-6
 _SLOW, _FAST = 10.0, 200.0  #: [Hz] A rate between these is full marks.
 _LIMITS = Limits()
@@ -104,13 +104,13 @@ def _direction(
     faults, score, values = [], 0.0, []
     for key in keys:
         held = _at(drives[key], _HELD)._asdict()
-        value, (other,) = held[field], _LEAST.keys() - {field}
+        value, (other,) = held[field], _NEGLIGIBLE.keys() - {field}
         values.append(value)
-        if value * key.sign < -_LEAST[field]:
+        if value * key.sign < -_NEGLIGIBLE[field]:
             fault = 0
-        elif abs(value) <= _LEAST[field]:
+        elif abs(value) <= _NEGLIGIBLE[field]:
             fault = 1
-        elif abs(held[other]) > _LEAST[other]:
+        elif abs(held[other]) > _NEGLIGIBLE[other]:
             fault, score = 2, score + 0.25
         else:
             score += 0.5
@@ -119,9 +119,9 @@ def _direction(
     return score, '; '.join(faults) or sentences[3].format(*values)
 
 
-_GREATEST = max(_LIMITS.acceleration, _LIMITS.deceleration)
+_MAX_MOTOR = max(_LIMITS.acceleration, _LIMITS.deceleration)
 _Bounds = dict[str, tuple[float, str]]
-#: The greatest motor [m/s²] and servo [rad], with the sentence beyond: what the simulator refuses,
+#: The maximum motor [m/s²] and servo [rad], with the sentence beyond: what the simulator refuses,
 _REFUSED: _Bounds = {
     'servo': (
         _PARAMETERS['refuse_servo_above'],
@@ -137,15 +137,15 @@ _REFUSED: _Bounds = {
 }
 #: and what the car can do.
 _POSSIBLE: _Bounds = {
-    'motor': (_GREATEST, 'motor reaches {0:.3g} m/s²: the car gives {1:g} at most'),
+    'motor': (_MAX_MOTOR, 'motor reaches {0:.3g} m/s²: the car gives {1:g} at most'),
     'servo': (_LIMITS.steering, 'servo reaches {0:.3g} rad: the wheels turn by {1:g}'),
 }
 _UP_TO = 'motor up to {motor:.3g} m/s², servo up to {servo:.3g} rad'
-_WITHIN = f'within {_GREATEST:g} m/s² and {_LIMITS.steering:g} rad'
+_WITHIN = f'within {_MAX_MOTOR:g} m/s² and {_LIMITS.steering:g} rad'
 
 
 def _bounded(bounds: _Bounds, right: str, drives: Drives) -> tuple[float, str]:
-    """Judge the greatest values of the commands, either way."""
+    """Judge the maximum values of the commands, either way."""
     faults, reached = [], {}
     for field, (bound, sentence) in bounds.items():
         values = [abs(getattr(each, field)) for drive in drives.values() for each in drive]
@@ -158,15 +158,15 @@ def _bounded(bounds: _Bounds, right: str, drives: Drives) -> tuple[float, str]:
 def _release(drives: Drives) -> tuple[float, str]:
     faults = []
     _, motor, servo = _at(drives[_UP], _PRESSED - _PERIOD)
-    if abs(motor) > _LEAST['motor'] or abs(servo) > _LEAST['servo']:
+    if abs(motor) > _NEGLIGIBLE['motor'] or abs(servo) > _NEGLIGIBLE['servo']:
         faults.append(f'without a key it commands {motor:+.3g} m/s² and {servo:+.3g} rad')
     for key in (_UP, _DOWN):
         later = _at(drives[key], _LATER).motor
-        if later * key.sign > _LEAST['motor']:
+        if later * key.sign > _NEGLIGIBLE['motor']:
             faults.append(f'after the release of {key.name} it goes on with {later:+.3g} m/s²')
     for key in (_LEFT, _RIGHT):
         released, later = (abs(_at(drives[key], t).servo) for t in (_RELEASED, _LATER))
-        if later > released + _LEAST['servo']:
+        if later > released + _NEGLIGIBLE['servo']:
             faults.append(f'after the release of {key.name} the wheels go on turning')
     right = 'a released key neither drives on nor turns the wheels further'
     checks = 1 + len(drives)
@@ -177,7 +177,7 @@ def _silence(commands: Sequence[Command]) -> tuple[float, str]:
     _, motor, _ = _at(commands, _LATER)
     if commands[-1].t < _LAST:
         return 1.0, 'in silence it commands nothing, and the simulator brakes after 0.5 s'
-    if motor > _LEAST['motor']:
+    if motor > _NEGLIGIBLE['motor']:
         return 0.0, (
             f'{_LATER - _RELEASED:.1f} s after the last Twist it still commands {motor:+.3g} m/s²: '
             'a car whose driver is gone drives on. Keep the time of the last Twist'
