@@ -287,3 +287,13 @@ def test_nodes_of_one_name_make_a_whole_bag(tmp_path: Path) -> None:
     done = acc(tmp_path, *options)
     assert done.returncode == 0
     assert bag.info(tmp_path / done.stdout.strip())['road'] == 'lab'
+
+
+def test_two_runs_can_begin_together_in_a_new_folder(tmp_path: Path) -> None:
+    options = ('--distance', '1', '--realtime-factor', 'max', '--bag-dir', str(tmp_path / 'bags'))
+    with started('acc', '-q', *options) as one, started('acc', '-q', *options) as other:
+        errors = [run.communicate(timeout=60)[1] for run in (one, other)]
+    assert not any('Traceback' in error for error in errors)
+    assert 0 in (one.returncode, other.returncode)
+    bags = list((tmp_path / 'bags').iterdir())
+    assert len(bags) == [one.returncode, other.returncode].count(0)
