@@ -201,6 +201,7 @@ def test_what_is_kept_across_runs_is_named(
     findings = of_pid(lab(controller=f'{head}{reset}        "Start anew."\n{body}\n{acc}{rest}'))
     assert failed(findings) == {'pid.reset'}
     assert findings['pid.reset'].message == f'reset() does not clear {words}'
+    assert findings['pid.reset'].score == pytest.approx(2 / 3)
 
 
 def test_a_clock_is_told_from_what_is_kept_across_runs(lab: Lab, controller: str) -> None:
