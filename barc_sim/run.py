@@ -25,8 +25,8 @@ def main(argv: list[str] | None = None) -> int:
         return call(f'barc {argv[0]}', partial(run, argv[0], argv[1:]))
     if argv and argv[0] in ('-h', '--help'):
         return barc(['--help'])
-    given = f'not {argv[0]!r}' if argv else 'and nothing was given'
-    report('barc_sim.run', f'acc or teleop was expected, {given}: choose one')
+    reason = f'not {argv[0]!r}' if argv else 'and there is no argument'
+    report('barc_sim.run', f'acc or teleop was expected, {reason}: choose one')
     return USAGE_ERROR
 
 

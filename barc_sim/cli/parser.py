@@ -44,8 +44,8 @@ class Parser(argparse.ArgumentParser):
         options, unknown = self.parse_known_args(args, namespace)
         if unknown:
             name = unknown[0].partition('=')[0].removeprefix('--')
-            known = (each.removeprefix('--') for each in self._option_string_actions)
-            close = did_you_mean(name, known, '--')
+            names = (each.removeprefix('--') for each in self._option_string_actions)
+            close = did_you_mean(name, names, '--')
             self.error(f'unrecognized arguments: {" ".join(unknown)}{close}')
         return options
 
@@ -110,8 +110,8 @@ def whole(low: int, high: int | None = None) -> Callable[[str], int]:
     return convert
 
 
-def did_you_mean(name: str, known: Iterable[str], prefix: str = '') -> str:
-    """Return the end of a sentence with the names in `known` closest to `name`, or ''.
+def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
+    """Return the end of a sentence with the `names` closest to `name`, or ''.
 
     Each is printed behind `prefix`.
 
@@ -122,7 +122,7 @@ def did_you_mean(name: str, known: Iterable[str], prefix: str = '') -> str:
     """
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 
-    close = [prefix + each for each in get_close_matches(name, known)]
+    close = [prefix + each for each in get_close_matches(name, names)]
     return f': did you mean {" or ".join(close)}?' if close else ''
 
 

@@ -42,6 +42,7 @@ _HOW_ON_LINUX = (
     'start with ./scripts/run on x86-64; or, on Ubuntu 24.04, install ROS 2 Jazzy '
     '(sudo apt install ros-jazzy-ros-base) and source it; else use a container of ros:jazzy'
 )
+_OF_OUTPUT = (errno.EPIPE, errno.ENOSPC, errno.EFBIG, errno.EIO, errno.EBADF)
 _MIN_FILES = 128  #: open files; a run with one car has about 70
 _MIN_MEMORY = 512 << 20  #: [B] of addresses; NumPy ends a process that has less
 _MIN_MEMORY_OF_ROS = 1 << 30  #: [B] of addresses; ROS and its threads take about 900 MB
@@ -110,11 +111,11 @@ def check_limits() -> None:
     _check_memory('ROS', _MIN_MEMORY_OF_ROS)
     if not resource:
         return
-    files, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if files != most:  # many cars need more than the usual 1024
+    files, maximum = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if files != maximum:  # many cars need more than the usual 1024
         with suppress(ValueError, OSError):
-            resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-            files = most
+            resource.setrlimit(resource.RLIMIT_NOFILE, (maximum, maximum))
+            files = maximum
     if files != resource.RLIM_INFINITY and files < _MIN_FILES:
         raise UserError(
             f'this shell allows {files} open files, and ROS needs {_MIN_FILES}: raise the limit '
@@ -226,6 +227,8 @@ def _refused(error: OSError) -> str:
     if error.filename is not None:
         name = os.fsdecode(error.filename) if error.filename else ''
         return f'{name!r} cannot be used ({error.strerror}): name another'
+    if error.errno not in _OF_OUTPUT:
+        return f'the system refuses to continue: {error.strerror or error}'
     # Python flushes stdout once more at exit: redirect that to nowhere.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if isinstance(error, BrokenPipeError):

@@ -44,7 +44,7 @@ def add_arguments(parser: Parser) -> None:
         '--acceleration-limit',
         type=number(0.01, NO_LIMIT),
         metavar='M/S²',
-        help=f"of the controller's output ({ACCELERATION_LIMIT:g}; a user's own code: none)",
+        help=f"of the controller's output ({ACCELERATION_LIMIT:g}; user code: none)",
     )
     parser.add_argument(
         '--gain',
@@ -64,19 +64,19 @@ def add_arguments(parser: Parser) -> None:
         '--laps',
         type=whole(0, _MAX_LAPS),
         metavar='N',
-        help='the road begins anew so often, each time from standstill; 0: until Ctrl-C (1)',
+        help='number of laps, each from standstill; 0: until Ctrl-C (1)',
     )
     parser.add_argument(
         '--cars',
         type=whole(1, _MAX_CARS),
         default=1,
         metavar='N',
-        help='so many cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
+        help='number of cars, each with a controller and a road of its own, in /car1, /car2, … (1)',
     )
     parser.add_argument(
         '--no-controller',
         action='store_true',
-        help='leave ours out, and wait for another that publishes ecu',
+        help="start no controller of barc_sim's, and wait for another that publishes ecu",
     )
     run_options.add_arguments(parser, 'model', 'controller', road='lab', view='none')
     accept_ros_args(parser)

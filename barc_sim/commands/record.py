@@ -78,5 +78,5 @@ def report(recorder: BagRecorder) -> str:
 
     counts = recorder.counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
-    found = summary(counts, recorder.lost, recorder.left_out)
-    return '\n'.join([*lines, found, f'bag {recorder.path}'])
+    losses = summary(counts, recorder.lost, recorder.left_out)
+    return '\n'.join([*lines, losses, f'bag {recorder.path}'])

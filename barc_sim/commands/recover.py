@@ -22,27 +22,18 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
 
 
-def report(found: Recovered) -> Iterator[str]:
-    """Yield the lines of the summary: damages, kept files, messages by topic.
-
-    Examples
-    --------
-    >>> from barc_sim.bags.reader import newest
-    >>> from barc_sim.bags.recovery import recover
-    >>> lines = list(report(recover(newest('bags'))))
-    >>> lines[-1].strip()
-    '5760 messages in 23.020 s'
-    """
-    for name, damage in found.damages.items():
+def report(recovered: Recovered) -> Iterator[str]:
+    """Yield the lines of the summary: damages, kept files, messages by topic."""
+    for name, damage in recovered.damages.items():
         if damage.unreadable_chunks:
             yield f'{name}: {damage.unreadable_chunks} damaged chunks were left out'
         if damage.unfinished:
             yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
-    for path in found.kept:
+    for path in recovered.kept:
         yield f'kept as it was: {path}'
-    for name, count in sorted(found.counts.items()):
+    for name, count in sorted(recovered.counts.items()):
         yield f'{count:9} {name}'
-    span = found.span
+    span = recovered.span
     duration = (span.end - (span.start or 0)) / 1e9
     yield f'{span.count:9} messages in {duration:.3f} s'
 

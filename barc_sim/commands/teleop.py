@@ -29,7 +29,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         '--no-relay',
         action='store_true',
-        help='leave ours out, and wait for another that publishes ecu',
+        help="start no relay of barc_sim's, and wait for another that publishes ecu",
     )
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)

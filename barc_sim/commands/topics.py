@@ -62,8 +62,8 @@ def _chosen(observer: GraphObserver, options: Namespace) -> dict[str, list[str]]
     if options.topics:
         names = [observer.find_topic(name) for name in options.topics]
         observer.wait_until_stable(lambda: [_counts(observer, name) for name in names])
-        known = observer.topics(hidden=True)
-        return {name: known[name] for name in names}
+        types = observer.topics(hidden=True)
+        return {name: types[name] for name in names}
     hidden = options.include_hidden_topics
 
     def seen() -> list[object]:

@@ -59,7 +59,7 @@ def run(options: Namespace) -> None:
     goal(start[np.newaxis])  # a mistake in the controller is reported from here
     population, generations, points = _USER_CODE if options.controller else _BATCHED
     with _distributed(goal, options.scheduler) as cost, console.progress(generations) as show:
-        found = search.search(
+        best = search.search(
             cost,
             low,
             high,
@@ -69,21 +69,21 @@ def run(options: Namespace) -> None:
             generations=generations,
             on_generation=show,
         )
-        if not np.isfinite(found.cost):
+        if not np.isfinite(best.cost):
             raise UserError(
                 f'no gains in these ranges drive {options.distance:g} m within '
                 f'{goal.courses[0].max_duration:.0f} s on every road: widen the ranges, or choose '
                 'roads that the car can climb'
             )
         took = time.monotonic() - began
-        plane = search.surface(cost, low, high, start, found.gains, points) if path else None
+        plane = search.surface(cost, low, high, start, best.gains, points) if path else None
     for course in goal.courses:
-        console.print_scores(goal, course, {'start': start, 'found': found.gains})
-    print(f'{found.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
-    for command in tune_options.commands(options, found.gains.tolist()):
+        console.print_scores(goal, course, {'start': start, 'found': best.gains})
+    print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
+    for command in tune_options.commands(options, best.gains.tolist()):
         print(command)  # noqa: T201
     if path and plane:
-        _draw(path, plane, goal, (start, found.gains), tune_options.settings(options))
+        _draw(path, plane, goal, (start, best.gains), tune_options.settings(options))
         print(path)  # noqa: T201
 
 
@@ -101,13 +101,13 @@ def _draw(
 ) -> None:
     from barc_sim.figures.tuning_figure import Point, tuning_figure  # noqa: PLC0415
 
-    start, found = (Point(each, goal.log(goal.courses[0], each)) for each in gains)
+    start, best = (Point(each, goal.log(goal.courses[0], each)) for each in gains)
     figure = tuning_figure(
         plane,
         start,
-        found,
+        best,
         cost=goal.cost.label,
-        title=f'Gains for the least {goal.cost}',
+        title=f'Gains for the minimum {goal.cost}',
         settings=settings,
     )
     with saving(path) as part:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _OF_RUN = ('road', 'distance', 'laps')
 #: Parameters of `vehicle_simulator` that the page shows.
 OF_SIMULATOR = ('l_f', 'l_r', 'mass', *_OF_RUN, *CAR)
-#: Names of the sliders that are not called as their gain.
+#: Short names of the sliders, where they differ from the parameter's.
 _SHORT = {
     'speed_reference': 'speed',
     'acceleration_limit': 'limit',
@@ -34,7 +34,7 @@ _SHORT = {
     'motor_delay': 'delay',
     'motor_limit': 'limit',
 }
-#: The preset that shows windup: the motor has a limit that the controller does not know.
+#: The preset that shows windup: the motor's limit is below the controller's.
 _WINDUP = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0, 'acceleration_limit': 100.0, 'motor_limit': 6.0}
 
 
@@ -45,13 +45,13 @@ def facts(
     kind: type[Controller] = PID,
     road: Road | None = None,
 ) -> dict[str, Any]:
-    """Return the fields of the greeting; parameters that are not known yet are left out.
+    """Return the fields of the greeting; unknown parameters are left out.
 
     `kind` declares the controller's gains, a slider each, and the terms to draw. `road` replaces
     the one that the simulator's parameter names.
     """
     sliders = {**kind.gains, **OTHERS, **CAR}
-    known = {**simulator, **controller}
+    values = {**simulator, **controller}
     return {
         'mode': mode,
         'columns': COLUMNS,
@@ -73,9 +73,9 @@ def facts(
         },
         'presets': _presets(kind),
         'controller_type': next(
-            (name for name, known in TYPES.items() if known is kind), DEFAULT_TYPE
+            (name for name, type_ in TYPES.items() if type_ is kind), DEFAULT_TYPE
         ),
-        'tuning': {name: known[name] for name in sliders if name in known},
+        'tuning': {name: values[name] for name in sliders if name in values},
         'run': {name: simulator[name] for name in _OF_RUN if name in simulator},
     }
 
@@ -95,13 +95,7 @@ def _label(name: str, gain: Gain) -> str:
 
 
 def road_facts(road: Road) -> dict[str, list[float]]:
-    """Return where stretches begin [m] and their grades [deg].
-
-    Examples
-    --------
-    >>> road_facts(Road((0.0, 20.0), (0.0, 10.0)))
-    {'starts': [0.0, 20.0], 'grades_deg': [0.0, 10.0]}
-    """
+    """Return where stretches begin [m] and their grades [deg]."""
     return {'starts': list(road.starts), 'grades_deg': list(road.grades_deg)}
 
 
@@ -110,11 +104,11 @@ def driven_road(log: Log) -> Road | None:
 
     A change of grade lies somewhere between two states: in the middle, then.
     """
-    known = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(log.distance))
-    if not known.size:
+    recorded = np.flatnonzero(np.isfinite(log.theta_deg) & np.isfinite(log.distance))
+    if not recorded.size:
         return None
-    distance, first = np.unique(log.distance[known], return_index=True)
-    grade = log.theta_deg[known][first]
+    distance, first = np.unique(log.distance[recorded], return_index=True)
+    grade = log.theta_deg[recorded][first]
     change = np.flatnonzero(np.diff(grade))
     return Road(
         starts=(float(distance[0]), *((distance[change] + distance[change + 1]) / 2.0).tolist()),
@@ -123,7 +117,7 @@ def driven_road(log: Log) -> Road | None:
 
 
 def _road(name: str | None) -> dict[str, list[float]] | None:
-    """Return the road, or None where it isn't known: the page then shows what was driven."""
+    """Return the road, or None where it is unknown: the page then shows what was driven."""
     if name is None:
         return None
     try:
@@ -143,34 +137,25 @@ def lap_facts(laps: Laps) -> dict[str, Any]:
 
 
 def stretch_facts(lap: Lap) -> list[dict[str, Any]]:
-    """Return the table of a lap's stretches.
-
-    Examples
-    --------
-    >>> from barc_sim import simulate
-    >>> from barc_sim.simulation.metrics import laps_of
-    >>> laps, _ = laps_of(simulate())
-    >>> [row['theta_deg'] for row in stretch_facts(laps.current)]
-    [0.0, 10.0, 0.0, -10.0, 0.0, 30.0, 0.0, -30.0, 0.0]
-    """
-    return [_known(asdict(stretch)) for stretch in lap.summary.stretches]
+    """Return the table of a lap's stretches."""
+    return [_finite(asdict(stretch)) for stretch in lap.summary.stretches]
 
 
 def _lap(lap: Lap) -> dict[str, Any]:
     summary = lap.summary
-    return _known(
+    return _finite(
         {
             'number': lap.number,
             'start': lap.start,
             'end': lap.end,
             'rms': summary.rms_error_after_run_up,
-            'greatest': summary.max_error_after_run_up,
+            'maximum': summary.max_error_after_run_up,
             'overshoot': summary.overshoot,
             'settling': summary.settling_time,
         }
     )
 
 
-def _known(fields: dict[str, Any]) -> dict[str, Any]:
+def _finite(fields: dict[str, Any]) -> dict[str, Any]:
     """Return the fields with None for each number that is unknown."""
     return {name: value if isfinite(value) else None for name, value in fields.items()}

@@ -164,7 +164,7 @@ def is_valid(values: tuple[float, ...]) -> bool:
 def controller_values(value_of: Callable[[str], float]) -> tuple[float, ...]:
     """Return the values of `FIELDS['pid_state']`, NaN for those that are unknown or invalid.
 
-    `value_of` returns a value by name, NaN where it is not known.
+    `value_of` returns a value by name, NaN where it is unknown.
     """
     values = map(value_of, FIELDS[PID_STATE])
     return tuple(value if abs(value) <= _MAX_VALUE else nan for value in values)
@@ -172,17 +172,17 @@ def controller_values(value_of: Callable[[str], float]) -> tuple[float, ...]:
 
 def rows_of(log: Log) -> bytes:
     """Return a whole run's rows."""
-    known = use_measurement(log)
-    heading = known.psi - known.e_epsi
-    columns = known.columns() | {
-        't': known.t,
-        'x': known.distance,
-        'y': known.y - (known.e_s * np.sin(heading) + known.e_ey * np.cos(heading)),
+    completed = use_measurement(log)
+    heading = completed.psi - completed.e_epsi
+    columns = completed.columns() | {
+        't': completed.t,
+        'x': completed.distance,
+        'y': completed.y - (completed.e_s * np.sin(heading) + completed.e_ey * np.cos(heading)),
         'psi': heading,
-        'speed': known.speed,
-        'measured_speed': known.v_x,
-        'absolute_speed': np.hypot(known.speed, known.v_y - known.e_v_y),
-        'lap': np.array(laps_of(known)[1], dtype=float),
+        'speed': completed.speed,
+        'measured_speed': completed.v_x,
+        'absolute_speed': np.hypot(completed.speed, completed.v_y - completed.e_v_y),
+        'lap': np.array(laps_of(completed)[1], dtype=float),
     }
     absent = np.full(len(log), nan)
     rows = [columns.get(name, absent) for name in columns_in(log)]

@@ -1,7 +1,7 @@
 """The messages between the live page and its server.
 
 States go to the page in binary messages: rows of little-endian float64, one value per name in
-`COLUMNS`, NaN for what is not known. All else is JSON with a `type`.
+`COLUMNS`, NaN where a value is unknown. All else is JSON with a `type`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from barc_sim.simulation.log import COMMAND, ENVIRONMENT, PID_STATE, columns_of
 
 #: The topics whose columns a row has as they are.
 TOPICS = (ENVIRONMENT, COMMAND, PID_STATE)
-#: The terms of controllers that are no PID.
+#: The terms of controllers other than the PID.
 OTHER_TERMS = tuple(name for name in TERMS if name not in PID.terms)
 #: A row's values: the true state, where the measurement's error is known, then columns of the log.
 COLUMNS = (
@@ -47,16 +47,20 @@ CONTROLLER, SIMULATOR = 'controller', 'vehicle_simulator'
 TUNABLE = dict.fromkeys((*GAINS, *OTHERS), CONTROLLER) | dict.fromkeys(CAR, SIMULATOR)
 
 
+#: `compare` shows the run before, and `again` drives with the present values: after the end.
+BUTTONS = ('reset', 'reset_controller', 'finish', 'compare', 'again')
+
+
 class RequestError(ValueError):
-    """A message that no page of ours sends."""
+    """A message that our page does not send."""
 
 
 class Drive(NamedTuple):
     """Drive as `cmd_vel` does."""
 
-    linear: float = 0.0  #: share of the greatest acceleration, from -1 to 1
-    angular: float = 0.0  #: share of the greatest steering rate, from -1 to 1, left is positive
-    brake: float = 0.0  #: share of the greatest deceleration, from 0 to 1, down to a standstill
+    linear: float = 0.0  #: share of the maximum acceleration, from -1 to 1
+    angular: float = 0.0  #: share of the maximum steering rate, from -1 to 1, left is positive
+    brake: float = 0.0  #: share of the maximum deceleration, from 0 to 1, down to a standstill
 
 
 class Tune(NamedTuple):
@@ -66,40 +70,19 @@ class Tune(NamedTuple):
     value: float
 
 
-class Reset(NamedTuple):
-    """Put the car back to the start."""
+class Press(NamedTuple):
+    """Press one of `BUTTONS`."""
 
-
-class ResetController(NamedTuple):
-    """Make the controller forget its past, such as the integral."""
+    button: str
 
 
 class Pause(NamedTuple):
-    """Stop simulated time, or let it go on."""
+    """Pause simulated time, or resume it."""
 
     on: bool
 
 
-class Finish(NamedTuple):
-    """End the run."""
-
-
-class Compare(NamedTuple):
-    """Show the run before this one, after the end."""
-
-
-class Again(NamedTuple):
-    """Drive again with the present values, after the end."""
-
-
-Request = Drive | Tune | Reset | ResetController | Pause | Finish | Compare | Again
-_PLAIN: dict[str, Request] = {
-    'reset': Reset(),
-    'reset_controller': ResetController(),
-    'finish': Finish(),
-    'compare': Compare(),
-    'again': Again(),
-}
+Request = Drive | Tune | Press | Pause
 
 
 class File(NamedTuple):
@@ -111,21 +94,15 @@ class File(NamedTuple):
 
 
 class Status(NamedTuple):
-    """What is on no topic of a run; None where it is unknown."""
+    """What no topic of a run carries; None where it is unknown."""
 
-    missed: int | None = None  #: commands that were not there when they were due
+    missed: int | None = None  #: commands that missed their deadline
     slipped: int | None = None  #: periods by which time has fallen behind the wall clock
     paused: bool | None = None
 
 
 def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can hold)
-    """Return the message of a type to the page.
-
-    Examples
-    --------
-    >>> encode('driver', you=True)
-    '{"type":"driver","you":true}'
-    """
+    """Return the message of a type to the page."""
     return json.dumps({'type': kind, **fields}, separators=(',', ':'), allow_nan=False)
 
 
@@ -135,12 +112,7 @@ def parse(message: str | bytes) -> Request:
     Raises
     ------
     RequestError
-        where it is nothing that a page can ask for.
-
-    Examples
-    --------
-    >>> parse('{"type": "tune", "name": "kp", "value": 10.0}')
-    Tune(name='kp', value=10.0)
+        It is no request of a page.
     """
     if not isinstance(message, str):
         raise RequestError('a page sends text, not binary data')
@@ -158,8 +130,8 @@ def parse(message: str | bytes) -> Request:
         return drive
     if kind == 'tune' and set(fields) == {'name', 'value'} and fields['name'] in [*TUNABLE]:
         return Tune(fields['name'], _number(fields['value'], 1e9))
-    if kind in [*_PLAIN] and not fields:
-        return _PLAIN[kind]
+    if kind in [*BUTTONS] and not fields:
+        return Press(kind)
     if kind == 'pause' and set(fields) == {'on'} and isinstance(fields['on'], bool):
         return Pause(fields['on'])
     raise RequestError('unknown request')

@@ -15,13 +15,9 @@ from barc_sim.page.protocol import (
     OTHERS,
     SIMULATOR,
     TUNABLE,
-    Again,
-    Compare,
     Drive,
-    Finish,
     Pause,
-    Reset,
-    ResetController,
+    Press,
     Status,
     Tune,
     encode,
@@ -162,7 +158,7 @@ class RunPage:
     Attributes
     ----------
     url
-        The page's address, for the user alone: it gives the right to drive.
+        The page's address, with its token: whoever has it can drive.
     """
 
     def __init__(
@@ -192,7 +188,7 @@ class RunPage:
         self._offer: Offer | None = None  # after the end
         self._arbiter = DriverArbiter()
         self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
-        self._kind: type[Controller] | None = None  # of the controller, once it is known
+        self._kind: type[Controller] | None = None  # of the controller, None until it is received
         self._retry_at: dict[str, float] = {}
         self._paused = False
         self._ended: str | None = None  # the message of the end
@@ -273,43 +269,47 @@ class RunPage:
 
     def _facts(self) -> dict[str, Any]:
         kind, (simulator, controller) = self._kind or PID, self._parameters.values()
-        known = facts(self._mode, simulator, controller, kind, self._road)
-        return known | {'can_finish': self._finish is not None}
+        fields = facts(self._mode, simulator, controller, kind, self._road)
+        return fields | {'can_finish': self._finish is not None}
 
     def receive(self, page: Page, request: Request) -> None:
         """Handle a page's request."""
         if self._ended is not None:
             self._receive_after_end(page, request)
-        elif isinstance(request, Finish):
-            if self._finish:
+            return
+        match request:
+            case Drive():
+                self._request_drive(page, request)
+            case Tune(name, value):
+                on_done = partial(self._on_done, page, name)
+                self._clients.tune(TUNABLE[name], name, value, on_done)
+            case Pause(on):
+                self._clients.pause(on, partial(self._on_paused, page, on))
+            case Press('reset'):
+                self._clients.reset(partial(self._on_done, page, 'reset'))
+            case Press('reset_controller'):
+                on_done = partial(self._on_done, page, 'reset the controller')
+                self._clients.reset_controller(on_done)
+            case Press('finish') if self._finish:
                 self._finish()
-        elif isinstance(request, Drive):
-            now = time.monotonic()
-            if self._arbiter.request(page, request, now):
-                self._publish(now)
-            else:
-                page.send(encode('refused', what='drive', why='another page is driving'))
-        elif isinstance(request, Tune):
-            on_done = partial(self._on_done, page, request.name)
-            self._clients.tune(TUNABLE[request.name], *request, on_done=on_done)
-        elif isinstance(request, Pause):
-            on_done = partial(self._on_paused, page, request)
-            self._clients.pause(request.on, on_done=on_done)
-        elif isinstance(request, Reset):
-            self._clients.reset(on_done=partial(self._on_done, page, 'reset'))
-        elif isinstance(request, ResetController):
-            on_done = partial(self._on_done, page, 'reset the controller')
-            self._clients.reset_controller(on_done=on_done)
+
+    def _request_drive(self, page: Page, request: Drive) -> None:
+        now = time.monotonic()
+        if self._arbiter.request(page, request, now):
+            self._publish(now)
+        else:
+            page.send(encode('refused', what='drive', why='another page is driving'))
 
     def _receive_after_end(self, page: Page, request: Request) -> None:
-        if isinstance(request, Tune):  # for the next run
-            self._on_parameters(TUNABLE[request.name], {request.name: request.value})
-        elif self._offer and isinstance(request, Compare):
-            for message in self._offer.compare():
-                page.send(message)
-        elif self._offer and isinstance(request, Again):
-            values: dict[str, float] = self._facts()['tuning'] if self._mode == 'acc' else {}
-            self._server.send(encode('again', address=self._offer.again(values)))
+        match request:
+            case Tune(name, value):  # for the next run
+                self._on_parameters(TUNABLE[name], {name: value})
+            case Press('compare') if self._offer:
+                for message in self._offer.compare():
+                    page.send(message)
+            case Press('again') if self._offer:
+                values: dict[str, float] = self._facts()['tuning'] if self._mode == 'acc' else {}
+                self._server.send(encode('again', address=self._offer.again(values)))
 
     def leave(self, page: Page) -> None:
         """Release the keys of a page that has closed."""
@@ -391,9 +391,9 @@ class RunPage:
         if not done:
             page.send(encode('refused', what=what, why=why))
 
-    def _on_paused(self, page: Page, request: Pause, done: bool, why: str) -> None:
+    def _on_paused(self, page: Page, on: bool, done: bool, why: str) -> None:
         if done:
-            self._paused = request.on
+            self._paused = on
             self._send_status()
         self._on_done(page, 'pause', done, why)
 

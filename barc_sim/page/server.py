@@ -52,9 +52,9 @@ _HEADERS = {
     'X-Content-Type-Options': 'nosniff',
 }
 _MAX_PAGES = 16
-_MAX_GUESTS = 128  #: connections that have shown no token yet; the oldest makes room for a new one
+_MAX_GUESTS = 128  #: connections that have shown no token yet; a new one replaces the oldest
 _MAX_GUESTS_OF_ADDRESS = 64  #: so that one address leaves room for others
-_ACCEPTED_AT_ONCE = 8  #: connections; those before show their token before they are too many
+_ACCEPTED_AT_ONCE = 8  #: so few connections that each can show its token before it is replaced
 _HANDSHAKE = 2.0  #: [s] for a connection to show its token
 _MAX_MESSAGE = 256  #: [byte] from a page
 _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
@@ -119,9 +119,8 @@ class Host(Protocol):
 class _Connection(ServerConnection):
     """A connection, which is a guest until it shows the token.
 
-    Guests beyond a limit cost the oldest guest its connection, not the newest, and those with the
-    token are no guests: whoever holds many silent connections keeps no page out, even from the same
-    address, as behind a router. A page shows its token at once.
+    Above a limit, a new guest replaces the oldest one. So many silent connections keep no page out,
+    even from the same address, as behind a router: a page shows its token at once.
     """
 
     def __init__(self, guests: dict[_Connection, str], *arguments: Any, **options: Any) -> None:  # noqa: ANN401
@@ -143,7 +142,7 @@ class _Connection(ServerConnection):
         super().connection_lost(exc)
 
     def admit(self) -> None:
-        """Count it as a guest no more."""
+        """Stop counting it as a guest."""
         self._guests.pop(self, None)
 
     def drop(self) -> None:
@@ -159,7 +158,7 @@ class ViewServer:
     ----------
     url
         The page's address. Its first part is the token, the same for each run of this checkout
-        on a given port; a new one where the port is any.
+        on a given port; a new one for port 0.
     """
 
     def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
@@ -177,9 +176,8 @@ class ViewServer:
         self._run_id = token_hex(8)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:
             warn(
-                'the address of the live page travels through the network as plain text: whoever '
-                'reads along can use the page; in a network that you do not trust, use --view-host '
-                '127.0.0.1 and a tunnel (ssh -L)'
+                'the link to the live page, with its token, travels through the network as plain '
+                'text: in a network that you do not trust, use --view-host 127.0.0.1 and ssh -L'
             )
         name = _reachable(address)
         name = f'[{name}]' if ':' in name else name
@@ -359,12 +357,6 @@ def kept_token(port: int, state: Path | None = None) -> str | None:
 
     It derives from a secret that only the user can read, in `state`: by default the user's
     directory for state.
-
-    Examples
-    --------
-    >>> token = kept_token(8080, Path('state'))
-    >>> token == kept_token(8080, Path('state'))
-    True
     """
     secret = _secret(state or _state_directory())
     if secret is None:

@@ -44,11 +44,11 @@ def progress(generations: int) -> Iterator[Callable[[int, float], None]]:
         task = shown.add_task('searching', total=generations)
 
         def show(generation: int, cost: float) -> None:
-            least = f'least cost {cost:.4g}' if isfinite(cost) else 'none arrives yet'
+            minimum = f'minimum cost {cost:.4g}' if isfinite(cost) else 'none arrives yet'
             shown.update(
                 task,
                 completed=generation,
-                description=f'generation {generation} of at most {generations}, {least}',
+                description=f'generation {generation} of at most {generations}, {minimum}',
             )
 
         yield show

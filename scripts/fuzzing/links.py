@@ -133,7 +133,7 @@ def _try(number: int, command: str, name: str, kind: str, place: Place) -> Trial
     after = _content(place.outside)
     harm = {each for each, what in before.items() if after.get(each) != what}
     # A folder that the user names, or has at home, may be a link.
-    if name not in (*words, 'bags', 'out', 'home/.local', 'home/.local/state'):
+    if name not in (*words, 'bags', 'out') and not name.startswith('home/'):
         harm |= after.keys() - before.keys()
     if harm:
         outcome, why = ESCAPE, f'{title}: changed {sorted(harm)} outside'

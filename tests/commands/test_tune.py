@@ -165,7 +165,7 @@ def test_ctrl_c_in_a_terminal_ends_the_search_without_a_traceback(
     )
     os.close(theirs)
     seen = b''
-    while b'least cost' not in seen:
+    while b'minimum cost' not in seen:
         seen += os.read(ours, 4096)
     # To all processes of the group, as a terminal does.
     os.killpg(process.pid, signal.SIGINT)

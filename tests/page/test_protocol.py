@@ -11,13 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barc_sim.page.protocol import (
-    Again,
-    Compare,
     Drive,
-    Finish,
     Pause,
+    Press,
     RequestError,
-    Reset,
     Tune,
     encode,
     parse,
@@ -62,11 +59,11 @@ MALFORMED = [
         ('{"type":"drive","linear":0,"angular":0,"brake":1}', Drive(brake=1.0)),
         ('{"type":"tune","name":"kp","value":3}', Tune('kp', 3.0)),
         ('{"type":"tune","name":"motor_delay","value":0.1}', Tune('motor_delay', 0.1)),
-        ('{"type":"finish"}', Finish()),
-        ('{"type":"compare"}', Compare()),
-        ('{"type":"again"}', Again()),
+        ('{"type":"finish"}', Press('finish')),
+        ('{"type":"compare"}', Press('compare')),
+        ('{"type":"again"}', Press('again')),
         ('{"type":"tune","name":"speed_reference","value":-2.5}', Tune('speed_reference', -2.5)),
-        ('{"type":"reset"}', Reset()),
+        ('{"type":"reset"}', Press('reset')),
         ('{"type":"pause","on":false}', Pause(on=False)),
     ],
 )
@@ -105,7 +102,7 @@ def test_whatever_arrives_is_a_request_within_limits_or_refused(message: str | b
     elif isinstance(found, Tune):
         assert math.isfinite(found.value)
     else:
-        assert isinstance(found, (Reset, Pause))
+        assert isinstance(found, (Press, Pause))
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))

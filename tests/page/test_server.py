@@ -20,7 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
-from barc_sim.page.protocol import Drive, File, Reset, encode
+from barc_sim.page.protocol import Drive, File, Press, encode
 from barc_sim.page.server import ViewServer
 
 if TYPE_CHECKING:
@@ -247,7 +247,7 @@ def test_thousands_of_malformed_messages_leave_it_running(server: ViewServer, ho
                 sent += 1
     with page(server) as client:
         client.send(encode('reset'))
-        wait_for(lambda: host.received == [Reset()])
+        wait_for(lambda: host.received == [Press('reset')])
 
 
 def test_flood_closes_the_connection(server: ViewServer, host: Host) -> None:

@@ -262,7 +262,7 @@ def test_each_lap_has_the_figures_of_a_run_of_its_own() -> None:
         found = summary(log)
         assert facts[name]['number'] == number
         assert facts[name]['rms'] == pytest.approx(found.rms_error_after_run_up)
-        assert facts[name]['greatest'] == pytest.approx(found.max_error_after_run_up)
+        assert facts[name]['maximum'] == pytest.approx(found.max_error_after_run_up)
         assert facts[name]['overshoot'] == pytest.approx(found.overshoot)
     assert [stretch['theta_deg'] for stretch in stretch_facts(laps.current)][:2] == [0.0, 10.0]
 

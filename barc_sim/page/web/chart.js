@@ -11,7 +11,7 @@ const SAMPLES = 4096; // rows that the limits are taken from
 export class Chart {
   /**
    * `lines`: {column, colour, width, dash, hidden, leads}, the first one at the bottom; the limits
-   * follow those that lead. `span`: the least difference of the limits; `widest`: the widest.
+   * follow those that lead. `span`: the minimum difference of the limits; `widest`: the maximum.
    */
   constructor(surface, lines, span, widest) {
     this.surface = surface;

@@ -90,7 +90,7 @@ export class Goal {
     if (stands && state.t - attempt.inBox >= STANDS) this.#finish(attempt);
   }
 
-  /** End an attempt; the best has the fewest faults, and then the least time. */
+  /** End an attempt; the best has the fewest faults, and then the shortest time. */
   #finish(attempt) {
     attempt.end = attempt.inBox;
     const faults = attempt.touched.size + attempt.missed.size;

@@ -96,7 +96,7 @@ export class Lesson {
   end({ reason, bag, laps, stretches }, command) {
     const score = laps?.best ?? laps?.current ?? {};
     const figures = [
-      ['RMS error', score.rms, 3, 'm/s'], ['Greatest error', score.greatest, 3, 'm/s'],
+      ['RMS error', score.rms, 3, 'm/s'], ['Maximum error', score.maximum, 3, 'm/s'],
       ['Overshoot', score.overshoot == null ? null : 100 * score.overshoot, 1, '%'],
       ['Settling time', score.settling, 2, 's'],
     ];

@@ -146,7 +146,7 @@ class PlainLines(Display):
 class LiveLine(Display):
     """Draws a line in place, with a bar if the run has a distance.
 
-    The caller's thread draws it, right after a step, when there is most time until the next: a
+    The caller's thread draws it, right after a step, when the next is furthest away: a
     thread of its own would hold the interpreter's lock when a step is due. If the terminal is
     gone, nothing is drawn: its signal ends the run.
     """
