@@ -184,17 +184,7 @@ def add_mirror_options(parser: argparse.ArgumentParser) -> None:
 
 
 def wanted_mirrors(options: argparse.Namespace) -> frozenset[str]:
-    """Return the mirrors named on the command line; without names, all for Foxglove, else none.
-
-    Examples
-    --------
-    >>> parser = argparse.ArgumentParser()
-    >>> add_mirror_options(parser)
-    >>> sorted(wanted_mirrors(parser.parse_args(['--mirrors', 'odom,path'])))
-    ['odom', 'path']
-    >>> len(wanted_mirrors(parser.parse_args(['--foxglove'])))
-    7
-    """
+    """Return the mirrors named on the command line; without names, all for Foxglove, else none."""
     chosen = getattr(options, 'mirrors', None)
     if chosen is None:
         return frozenset(() if getattr(options, 'foxglove', None) is None else MIRRORS)

@@ -53,7 +53,7 @@ class Summary:
     >>> from barc_sim import simulate, summary
     >>> found = summary(simulate(kp=10.0, ki=20.0, kd=0.0))
     >>> print(f'{found.overshoot:.1%}, steepest: {found.stretches[5].max_error:.3f} m/s')
-    1.0%, steepest: 0.540 m/s
+    1.0%, steepest: 0.380 m/s
     """
 
     rms_error: float  #: [m/s] over all states

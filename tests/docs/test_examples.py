@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
-    'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'page', 'lab',
+    'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'lab',
     'commands', 'ros', 'nodes', 'runs',
 )  # fmt: skip
 NEED_ROS = ('ros', 'nodes', 'runs')
