@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.cli.process import has_ros, needs_ros
+from barc_sim.cli.process import check_clock, has_ros, needs_ros
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -73,8 +73,9 @@ def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
     Raises
     ------
     UserError
-        The arguments after `--ros-args` cannot be used.
+        The arguments after `--ros-args` cannot be used, or no message can hold the clock's time.
     """
+    check_clock()
     quiet = ['--ros-args', '--log-level', 'warn'] if options.quiet else []
     arguments = [*quiet, *options.ros_args]
     if options.engine == 'ros':

@@ -11,6 +11,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from barc_sim.cli.files import read_regular
 from barc_sim.ros.local.executor import SECOND, World, current
 from barc_sim.ros.local.messages import message_type
 
@@ -25,6 +26,7 @@ _TAKES = {
     '--params-file': 'file',
     '--log-level': 'level',
 }
+_MAX_PARAMETERS = 1 << 20  #: bytes of a file
 
 
 class NotInitializedException(Exception):
@@ -108,7 +110,8 @@ def _of_file(file: Path) -> Iterator[_Rule]:
     import yaml
 
     try:
-        for path, value in _flat(yaml.safe_load(file.read_text(encoding='utf-8')), ''):
+        text = read_regular(file, _MAX_PARAMETERS).decode()
+        for path, value in _flat(yaml.safe_load(text), ''):
             node, _, name = path.partition('/ros__parameters/')
             yield _Rule(node, name.replace('/', '.'), value)
     except (OSError, ValueError, AttributeError, yaml.YAMLError) as error:
