@@ -50,8 +50,9 @@ _STATE_VALUES: Callable[[Any], tuple[float, ...]] = attrgetter(*STATE_FIELDS)
 _VALUES: dict[str, Callable[[Any], tuple[float, ...]]] = {
     topic: attrgetter(*fields) for topic, fields in FIELDS.items()
 }
-#: Messages of a topic that wait for the server's thread: more than come between two polls.
-_DEPTH = 16
+#: Messages of a topic that wait for the server's thread, which a busy machine can hold up: those of
+#: a third of a second at a real-time factor of 6. In lock-step the newest ones are shown.
+_DEPTH = 100
 _SERVICES = {
     names.RESET_SIMULATOR: Trigger,
     names.RESET_CONTROLLER: Trigger,
