@@ -39,6 +39,7 @@ MAX_LINKS = 3000
 MAX_NAME = 300  #: characters
 MAX_GAP = 86_400.0  #: [s] between the stamps of two states
 MAX_DURATION = 172_800.0  #: [s]
+MAX_DISTANCE = 1e9  #: [m] from the start, either way
 _MAX_DEPTH = 20  # of nested YAML
 _MAX_DIGITS = 20
 
@@ -162,7 +163,7 @@ def check_attachments(path: Path, attached: dict[str, bytes]) -> None:
 
 
 def check_log(path: Path, log: Log) -> Log:
-    """Return the log; UserError: its stamps or grades are none of a run."""
+    """Return the log; UserError: its stamps, places or grades are none of a run."""
     gaps = np.diff(log.t, prepend=0.0)
     k = int(np.argmax(gaps))
     if gaps[k] > MAX_GAP or log.t[-1] > MAX_DURATION:
@@ -170,6 +171,12 @@ def check_log(path: Path, log: Log) -> Log:
             f'{str(path)!r} has states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of '
             f'them, where a run has at most {MAX_DURATION:g} s and {MAX_GAP:g} s: '
             'name the bag of a run'
+        )
+    far = float(np.fmax.reduce(np.abs([log.distance, log.y]), axis=None, initial=0.0))
+    if far > MAX_DISTANCE:
+        raise UserError(
+            f'{str(path)!r} has a state {far:.6g} m from the start, where a run has at most '
+            f'{MAX_DISTANCE:g} m: name the bag of a run'
         )
     steep = np.abs(log.theta_deg) >= 90.0  # noqa: PLR2004 (upright)
     if steep.any():

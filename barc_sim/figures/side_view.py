@@ -73,6 +73,7 @@ GLASS, LAMP, RIM = '#DCEBF4', '#F0E442', '#D5D5D5'
 
 VIEW_WIDTH = 30.0  #: [m] of the map, visible at once
 POST_SPACING = 10.0  #: [m] along the road
+_MAX_POSTS = 100_000  # that are drawn
 POSTS = 12  #: more than are visible
 LABEL_WIDTH = 2.0  #: [m] of the map, at most
 DEPTH = 100.0  #: [m] of earth below the road, beyond the visible part
@@ -275,9 +276,10 @@ def _earth(terrain: Terrain, ground: Transform) -> Polygon:
 
 
 def _posts(terrain: Terrain, ground: Transform) -> Line2D:
-    """Return marks below the road at the multiples of `POST_SPACING`, as one broken line."""
+    """Return a mark below the road at each of the first multiples of `POST_SPACING`, as a line."""
     first = np.ceil(terrain.distance[0] / POST_SPACING) * POST_SPACING
-    x, y = terrain.at(np.arange(first, terrain.distance[-1], POST_SPACING))
+    last = min(terrain.distance[-1], first + _MAX_POSTS * POST_SPACING)
+    x, y = terrain.at(np.arange(first, last, POST_SPACING))
     heights = np.column_stack([y, y - 0.5, np.full_like(y, np.nan)]).ravel()
     return Line2D(np.repeat(x, 3), heights, color=SURFACE, lw=1.2, transform=ground)
 

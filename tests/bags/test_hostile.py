@@ -11,6 +11,7 @@ import tracemalloc
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 import zstandard
 from made_bags import GRAPH, PERIOD, encoded, fill, make, parameters
@@ -68,6 +69,11 @@ def one_stamp_far_off(path: Path) -> None:
     far = bytearray(encoded(LOG, 1, STATE))
     far[4:8] = struct.pack('<i', 2_000_000_000)
     file_of(path, [(0, encoded(LOG, 0, STATE)), (PERIOD, bytes(far))])
+
+
+def far_away(path: Path) -> None:
+    """Write states that a wrong error of measurement puts 1e200 m from the start."""
+    make(path, replace(LOG, e_s=np.full(len(LOG), 1e200)))
 
 
 def chunk_of(path: Path, content: bytes, size: int, compression: str = 'zstd') -> None:
@@ -186,6 +192,7 @@ CHAIN = {
 HOSTILE: dict[str, tuple[Callable[[Path], None], str]] = {
     'YAML aliases': (alias_bomb, ''),
     'a stamp far off': (one_stamp_far_off, 'between two of them, where a run has at most'),
+    'a car far off': (far_away, 'm from the start, where a run has at most'),
     'zstd bomb': (zstd_bomb, 'has no states'),
     'many messages': (many_messages, 'unpacks to more than a recording of its size can hold'),
     'a schema of 20,000 fields': (many_fields, 'has no states'),
