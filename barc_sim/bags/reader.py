@@ -117,7 +117,7 @@ def read(path: Path | str, namespace: str | None = None) -> Log:
 
 @dataclass
 class Bag:
-    """The content of a bag that tells of a run."""
+    """What a bag holds of a run."""
 
     path: Path
     info: dict[str, str] = field(default_factory=dict)  #: the run's metadata

@@ -1,7 +1,7 @@
 """Judges a user's model, controller and relay by the criteria of a rubric.
 
-`judge` calls the code where it is told to; `judge_folder` in a separate process, so that the code
-cannot hang or end the command.
+`judge` calls the code through the object that it gets; `judge_folder` does so in a separate
+process, where the code cannot hang or end the command.
 """
 
 from __future__ import annotations

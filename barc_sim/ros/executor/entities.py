@@ -105,7 +105,7 @@ def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
 
 
 def take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
-    """Take a request; unlike rclpy's way, this tells whether there was one."""
+    """Take a request; unlike rclpy's way, this returns whether there was one."""
     service = entry.entity
     if entry.destroyed:
         raise InvalidHandle
