@@ -129,6 +129,7 @@ class MirrorNode(Node):
         self._last: ZDynBkMdl | None = None
         self._poses: list[PoseStamped] = []
         self._spacing = _MIN_SPACING
+        self.latest = 0  #: [ns] the stamp of the newest state
         self._state: tuple[int, int] | None = None  # stamp and reception [ns] of the newest
         self._last_state: tuple[int, int] | None = None  # those at the last diagnosis
         self._command_received: int | None = None  # [ns]
@@ -162,11 +163,12 @@ class MirrorNode(Node):
             self._servo = command.servo
 
     def _on_state(self, state: ZDynBkMdl) -> None:
+        self.latest = to_nanoseconds(state.header.stamp)
         if not all(map(isfinite, (state.x, state.y, state.psi, state.v_x, state.v_y))):
             return
         header = Header(stamp=state.header.stamp, frame_id=self._odom)
         pose = to_pose(state, self._road)
-        self._state = to_nanoseconds(state.header.stamp), time.time_ns()
+        self._state = self.latest, time.time_ns()
         self._extend_path(state, PoseStamped(header=header, pose=pose))
         if pub := self._pubs.get('odom'):
             pub.publish(self._odometry(state, header, pose))

@@ -138,13 +138,18 @@ class ViewNode(Node):
         self._is_page_released = False
         self.url = page.url
         self._cmd_vel_pub = self.create_publisher(Twist, names.CMD_VEL, names.QOS)
-        clients, feed = NodeClients(self, page.call), StateFeed(self)
+        clients, self._feed = NodeClients(self, page.call), StateFeed(self)
         self._events: deque[ParameterEvent] = deque(maxlen=_DEPTH)
         self.create_subscription(
             ParameterEvent, '/parameter_events', _keep_in(self._events), _DEPTH
         )
-        page.start(feed, clients, self._drive, self._changes)
+        page.start(self._feed, clients, self._drive, self._changes)
         self.get_logger().debug(f'a page of the mode {values["mode"]!r} is served')
+
+    @property
+    def latest(self) -> int:
+        """The stamp [ns] of the newest state."""
+        return self._feed.latest
 
     def release_page(self) -> RunPage:
         """Return the page, which has ended, so that it outlives the node."""
@@ -215,6 +220,7 @@ class StateFeed(Feed):
     def __init__(self, node: Node) -> None:
         """Subscribe with `node`."""
         super().__init__()
+        self.latest = 0
         self._states_arrived: deque[tuple[int, ZDynBkMdl]] = deque(maxlen=_DEPTH)
         self._arrived: dict[str, deque[Any]] = {topic: deque(maxlen=_DEPTH) for topic in _TYPES}
         node.create_subscription(ZDynBkMdl, names.STATE, self._on_state, _DEPTH)
@@ -223,6 +229,7 @@ class StateFeed(Feed):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         self._states_arrived.append((time.time_ns(), state))
+        self.latest = to_nanoseconds(state.header.stamp)
 
     def _others(self) -> dict[str, list[Sample]]:
         others: dict[str, list[Sample]] = {topic: [] for topic in FIELDS}

@@ -18,7 +18,6 @@ _ROS_OPTIONS = {
     'no_controller': False,
     'no_relay': False,
     'foxglove': None,
-    'mirrors': None,
     'network': False,
 }
 

@@ -6,6 +6,7 @@ import gc
 import shlex
 import shutil
 import sys
+import time
 from contextlib import suppress
 from functools import partial
 from platform import platform, python_version
@@ -41,10 +42,12 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import TracebackType
 
+    from rclpy.executors import Executor
     from rclpy.node import Node
     from typing_extensions import Self
 
     from barc_sim.cli.signals import StopSignals
+    from barc_sim.nodes.mirror import MirrorNode
     from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.terminal.display import Display
@@ -52,6 +55,8 @@ if TYPE_CHECKING:
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.
 _SWITCH_INTERVAL = 1e-4
+#: [s] for mirrors and pages to read the last states.
+_READING_TIMEOUT = 2.0
 _ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
 
 
@@ -90,7 +95,7 @@ class Run:
     Attributes
     ----------
     nodes
-        To be added to the executor; the recorder is the first.
+        Those that `spin` adds to the executor; the recorder is the first.
     finished
         Done when every simulator has finished; `finish` ends the run at once.
     """
@@ -111,6 +116,7 @@ class Run:
         self.recorder: BagRecorder | None = None
         self._display: Display | None = None
         self._views: list[ViewNode] = []
+        self._readers: list[tuple[MirrorNode | ViewNode, VehicleSimulator]] = []
         self._page: RunPage | None = None
         self._relay: Program | None = None
         self._death = ''  # of its process, in a sentence
@@ -163,6 +169,22 @@ class Run:
         for simulator in self.simulators:
             simulator.finish()
 
+    def spin(self, executor: Executor) -> None:
+        """Spin until `finished`, and then until mirrors and pages have the last state.
+
+        In lock-step they may be behind: a simulator does not wait for them.
+        """
+        for node in self.nodes:
+            executor.add_node(node)
+        executor.spin_until_future_complete(self.finished)
+        for simulator in self.simulators:
+            executor.remove_node(simulator)
+        end = time.monotonic() + _READING_TIMEOUT
+        while any(reader.latest < simulator.stepper.stamp for reader, simulator in self._readers):
+            if time.monotonic() > end:
+                return
+            executor.spin_once(timeout_sec=0.1)
+
     def show(self, display: Display) -> None:
         """Add what shows the run, describe it in the bag, and prepare to spin: call it last."""
         options = self.options
@@ -187,7 +209,9 @@ class Run:
 
     def _add_mirrors(self) -> None:
         if mirrors := wanted_mirrors(self.options):
-            self.nodes += [_mirror(each, mirrors, self.recorder) for each in self.simulators]
+            for simulator in self.simulators:
+                self.nodes.append(_mirror(simulator, mirrors, self.recorder))
+                self._readers.append((self.nodes[-1], simulator))
         if self.options.foxglove is not None:
             from barc_sim.nodes.foxglove import FoxgloveServer  # noqa: PLC0415
 
@@ -211,6 +235,7 @@ class Run:
         )
         self.nodes.append(view)
         self._views.append(view)
+        self._readers.append((view, simulator))
         self._print(f'live page  {view.url}')
         open_page(view.url)
 
@@ -305,7 +330,7 @@ def _engine(options: Namespace) -> dict[str, str]:
 
 def _mirror(
     simulator: VehicleSimulator, mirrors: frozenset[str], recorder: BagRecorder | None
-) -> Node:
+) -> MirrorNode:
     """Return the mirror of a simulator, with these `mirrors` on."""
     from barc_sim.nodes.diagnosis import Facts  # noqa: PLC0415 (only if wanted)
     from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415

@@ -52,9 +52,7 @@ def drive(options: Namespace, stop: StopSignals) -> int:
         run.show(cars[0].display)
 
         with new_executor() as executor:
-            for node in run.nodes:
-                executor.add_node(node)
-            executor.spin_until_future_complete(run.finished)
+            run.spin(executor)
 
         if failures := [failure for car in cars if (failure := car.failure)]:
             run.fail(f'{"; ".join(failures)}: the run has ended')

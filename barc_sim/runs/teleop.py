@@ -84,9 +84,7 @@ def teleop(options: Namespace, stop: StopSignals) -> int:
         if program:
             run.start_relay(program)
         with new_executor() as executor:
-            for node in run.nodes:
-                executor.add_node(node)
-            executor.spin_until_future_complete(run.finished)
+            run.spin(executor)
         run.check_relay()
     return run.end(lambda: _print_result(run))
 

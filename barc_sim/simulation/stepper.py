@@ -163,6 +163,8 @@ class Stepper:
         States published.
     missed
         Commands that had not arrived when they were due.
+    stamp
+        Time [ns] with which the latest state is stamped; 0 before the first.
     stamp_lag
         Time [s] by which the latest stamp in real time was behind the wall clock; 0 at other paces.
     laps
@@ -195,7 +197,7 @@ class Stepper:
         self.states = self.missed = self.laps = 0
         self.stamp_lag = 0.0
         self._warned = False  # that stamps are behind, since the start or the latest reset
-        self._first_state = self._stamp = 0
+        self._first_state = self.stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
         self._place: State | None = None
@@ -215,9 +217,9 @@ class Stepper:
     def start(self) -> None:
         """Publish the first state, and let time run unless it is paused."""
         self.phase = Phase.PAUSED if self.paused else Phase.RUNNING
-        self._stamp = self._stamp + self._period_ns if self._stamp else self._wall_clock()
+        self.stamp = self.stamp + self._period_ns if self.stamp else self._wall_clock()
         if self._settings.realtime_factor == 1.0:
-            self._stamp = max(self._stamp, self._wall_clock())
+            self.stamp = max(self.stamp, self._wall_clock())
         self._warned = False
         self._commands.start_timeout(self._clock())
         self._publish()
@@ -229,15 +231,15 @@ class Stepper:
         Return why it is refused, if it is.
         """
         limit = self._settings.max_command
-        if not self._commands.accepts(stamp, self._stamp):
-            return out_of_order(stamp, self._stamp)
+        if not self._commands.accepts(stamp, self.stamp):
+            return out_of_order(stamp, self.stamp)
         # Written so that NaN is out of range, too.
         if not (abs(command.motor) <= limit.motor and abs(command.servo) <= limit.servo):
             return (
                 f'a command beyond ±{limit.motor:g} m/s² or ±{limit.servo:g} rad: '
                 f'{command.motor}, {command.servo}'
             )
-        self._commands.store(command, stamp, self._stamp, self._clock())
+        self._commands.store(command, stamp, self.stamp, self._clock())
         lock_step = self.phase is Phase.RUNNING and not self._pace
         if self._commands.answered and (lock_step or self._request):
             self._step()
@@ -359,7 +361,7 @@ class Stepper:
         else:
             plant.advance(self._commands.latest)
         self._commands.next_step()
-        self._stamp += self._period_ns
+        self.stamp += self._period_ns
         self._publish()
 
     def _end_lap(self) -> None:
@@ -375,12 +377,12 @@ class Stepper:
 
     def _publish(self) -> None:
         if self._settings.realtime_factor == 1.0:
-            self.stamp_lag = max((self._wall_clock() - self._stamp) / _NANOSECONDS, 0.0)
+            self.stamp_lag = max((self._wall_clock() - self.stamp) / _NANOSECONDS, 0.0)
             if self.stamp_lag > TOLERATED and not self._warned:
                 self._warned = True
                 self._warn_of_lag()
         t = (self.states - self._first_state) * self._plant.ts
-        self._outputs.publish_state(t, self._plant.observe(), self._stamp)
+        self._outputs.publish_state(t, self._plant.observe(), self.stamp)
         self.states += 1
 
     def _warn_of_lag(self) -> None:

@@ -54,9 +54,7 @@ class TimedRun(Display):
         stop.then(self.run.finish)
         executor = executor or QuickExecutor(num_threads=NUM_THREADS)
         with self.run:
-            for node in self.run.nodes:
-                executor.add_node(node)
-            executor.spin_until_future_complete(self.run.finished)
+            self.run.spin(executor)
             executor.shutdown()
 
     def timing(self) -> dict[str, float]:

@@ -71,7 +71,6 @@ for words in json.loads(sys.argv[1]):
 def test_what_needs_ros_says_what_to_install(tmp_path: Path) -> None:
     lines = {
         'acc --foxglove': '--foxglove',
-        'acc --mirrors odom': '--mirrors',
         'acc --no-controller': '--no-controller',
         'acc --engine ros': '--engine ros',
         'record': 'barc record',
