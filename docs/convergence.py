@@ -16,9 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREY, INK, MUTED, STYLE, VERMILLION
-from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle
+from barc_sim.vehicle.bicycles import INTEGRATORS, DynamicBicycle, KinematicBicycle
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, slip_angle
-from barc_sim.vehicle.integrators import INTEGRATORS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

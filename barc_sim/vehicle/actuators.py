@@ -53,19 +53,14 @@ class ActuatorState:
     Commands wait in a queue, one per step. A delay that is no multiple of the step is kept to
     exactly: the older of two commands acts for the first part of a step, the newer for the rest
     (Åström and Wittenmark, "Computer-Controlled Systems", 3rd ed., section 2.3).
-
-    Attributes
-    ----------
-    value
-        Where the actuator is now.
-    early
-        Share of a step for which the older command still acts.
     """
+
+    early: float  #: share of a step for which the older command still acts
 
     def __init__(self, actuator: Actuator, ts: float) -> None:
         """Begin at zero, in steps of `ts` seconds, with only zeros commanded before."""
         self._ts = ts
-        self.value = 0.0
+        self.value = 0.0  #: where the actuator is now
         self._queue = deque([0.0, 0.0])
         self.replace(actuator)
 
@@ -114,23 +109,13 @@ class ActuatorState:
 
 
 class Actuators:
-    """Motor and servo: from the commanded to the actual acceleration and steering.
-
-    Attributes
-    ----------
-    motor, servo
-        Delay, lag and limits at work, unless `is_ideal`.
-    now
-        Acceleration and steering at this instant.
-    is_ideal
-        Whether each command takes effect at once.
-    """
+    """Motor and servo: from the commanded to the actual acceleration and steering."""
 
     def __init__(self, motor: Actuator, servo: Actuator, ts: float) -> None:
         """Begin at rest, in steps of `ts` seconds."""
         self.motor, self.servo = ActuatorState(motor, ts), ActuatorState(servo, ts)
-        self.is_ideal = motor == servo == Actuator()
-        self.now = Command()
+        self.is_ideal = motor == servo == Actuator()  #: each command takes effect at once
+        self.now = Command()  #: acceleration and steering at this instant
 
     def advance(self, command: Command) -> Command:
         """Go one step after `command`; return the mean acceleration and steering over it."""

@@ -15,6 +15,9 @@ their rates grow with 1/v_x. Slower than `LateralParameters.dynamic_above`, and 
 is the kinematic bicycle, as in the single-track model of Althoff et al., "CommonRoad: Composable
 benchmarks for motion planning on roads", IV 2017. On the way up v_y and ψ' begin at the values of
 the kinematic bicycle; on the way down they take these values in one step.
+
+The integrators are after Hairer, Nørsett and Wanner, "Solving Ordinary Differential Equations I",
+ch. II.1.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from __future__ import annotations
 from cmath import sqrt as complex_sqrt
 from collections.abc import Callable
 from math import atan2, copysign, cos, hypot, sin
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import (
@@ -37,16 +40,56 @@ from barc_sim.vehicle.bike_model import (
     resistance,
     slip_angle,
     step,
-    step_by,
 )
-from barc_sim.vehicle.integrators import integrator as named
-
-if TYPE_CHECKING:
-    from barc_sim.vehicle.integrators import Vector
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]
+Vector = tuple[float, ...]
+#: The derivative of a state by time, where nothing but the state changes in a step.
+Rates = Callable[[Vector], Vector]
 _Matrix = tuple[tuple[float, float], tuple[float, float]]
+
+
+def euler(rates: Rates, state: Vector, ts: float) -> Vector:
+    """Return the state `ts` seconds later, by forward Euler."""
+    return _shifted(state, rates(state), ts)
+
+
+def rk4(rates: Rates, state: Vector, ts: float) -> Vector:
+    """Return the state `ts` seconds later, by the classical Runge-Kutta method."""
+    k1 = rates(state)
+    k2 = rates(_shifted(state, k1, 0.5 * ts))
+    k3 = rates(_shifted(state, k2, 0.5 * ts))
+    k4 = rates(_shifted(state, k3, ts))
+    return tuple(
+        value + ts / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        for value, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True)
+    )
+
+
+def _shifted(state: Vector, rate: Vector, ts: float) -> Vector:
+    return tuple(value + ts * slope for value, slope in zip(state, rate, strict=True))
+
+
+class Integrator(NamedTuple):
+    """A method; `order` is that of its error over a given time."""
+
+    step: Callable[[Rates, Vector, float], Vector]
+    order: int
+
+    def amplification(self, z: complex) -> float:
+        """Return by how much a step of `ts` multiplies a solution of rate `z / ts` [1/s].
+
+        More than 1 where the true one decays is the method's instability.
+        """
+        term, total = 1.0 + 0.0j, 1.0 + 0.0j
+        for k in range(1, self.order + 1):
+            term *= z / k
+            total += term
+        return abs(total)
+
+
+INTEGRATORS = {'euler': Integrator(euler, 1), 'rk4': Integrator(rk4, 4)}
 
 
 class LateralParameters(NamedTuple):
@@ -84,14 +127,10 @@ class KinematicBicycle:
     """Steps a state by `bikeFE` or a model called like it, or by `rk4`."""
 
     def __init__(self, integrator: str = 'euler', model: Model = bikeFE) -> None:
-        """Take an integrator by its name.
-
-        Raises
-        ------
-        UserError
-            where there is none of that name, or `model` comes with another than 'euler'.
-        """
-        self._integrator = named(integrator)
+        """Take an integrator by its name: 'euler', or 'rk4', which goes with `bikeFE` alone."""
+        if integrator not in INTEGRATORS:
+            raise UserError(f"integrator {integrator!r} must be 'euler' or 'rk4'")
+        self.integrator = INTEGRATORS[integrator]
         self._model = model if integrator == 'euler' else None
         if not self._model and model is not bikeFE:
             raise UserError(
@@ -109,11 +148,14 @@ class KinematicBicycle:
         if self.is_lab:
             return step(state, held, grade(state.x), vehicle, ts)
         if self._model:
-            return step_by(self._model, state, held, grade(state.x), vehicle, ts)
+            mass, air_drag_coeff, friction, l_f, l_r, gravity = vehicle
+            numbers = *state, *held, air_drag_coeff, mass, friction, grade(state.x), ts
+            x, y, psi, v = self._model(*numbers, l_f=l_f, l_r=l_r, g=gravity)
+            return State(x, y, psi, v)
 
         def after(direction: float) -> State:
-            rates = _rates(held, grade, vehicle, direction)
-            return State(*self._integrator.step(rates, state, ts))
+            rates = _kinematic_rates(held, grade, vehicle, direction)
+            return State(*self.integrator.step(rates, state, ts))
 
         stepped = after(direction_of(state.v))
         return stepped._replace(v=with_static_resistance(state.v, stepped.v, lambda: after(0.0).v))
@@ -125,9 +167,7 @@ class KinematicBicycle:
     motion = staticmethod(motion)
 
 
-def _rates(
-    held: Command, grade: Grade, vehicle: Vehicle, direction: float
-) -> Callable[[Vector], Vector]:
+def _kinematic_rates(held: Command, grade: Grade, vehicle: Vehicle, direction: float) -> Rates:
     """Return the derivative of (x, y, psi, v): the equations of which `bikeFE` is a step."""
     beta = slip_angle(held.servo, vehicle.l_f, vehicle.l_r)
     turn = sin(beta) / vehicle.l_r
@@ -150,16 +190,10 @@ class DynamicBicycle:
     is_lab = False
 
     def __init__(self, lateral: LateralParameters | None = None, integrator: str = 'euler') -> None:
-        """Begin without slip and yaw rate.
-
-        Raises
-        ------
-        UserError
-            where there is no integrator of that name.
-        """
+        """Begin without slip and yaw rate."""
         self.lateral = lateral or LateralParameters()
-        self._integrator = named(integrator)
         self._kinematic = KinematicBicycle(integrator)
+        self._integrator = self._kinematic.integrator
         self._beta = self._psi_dot = 0.0
 
     def check(self, vehicle: Vehicle, ts: float) -> None:
@@ -227,7 +261,7 @@ def rates(
     vehicle: Vehicle,
     lateral: LateralParameters,
     direction: float = 1.0,
-) -> Callable[[Vector], Vector]:
+) -> Rates:
     """Return the derivative by time of a `Motion`, with acceleration and steering `held`.
 
     `direction` is the sign of the motion that the resistance opposes; 0: there is none.
@@ -274,12 +308,3 @@ def eigenvalues(vehicle: Vehicle, lateral: LateralParameters, v: float) -> tuple
     (a, b), (c, d) = lateral_matrix(vehicle, lateral, v)
     mean, root = 0.5 * (a + d), complex_sqrt(0.25 * (a - d) ** 2 + b * c)
     return mean + root, mean - root
-
-
-def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
-    """Return K [rad s²/m]: on a circle of radius R the steering is (l_f + l_r)/R + K v²/R.
-
-    It is positive where the car understeers, zero where it is neutral.
-    """
-    load = vehicle.mass / (vehicle.l_f + vehicle.l_r)
-    return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)

@@ -107,12 +107,8 @@ def clamped_at_zero(before: float, after: float, without_resistance: float) -> f
 def next_speed(v: float, a: float, gravity_force: float, vehicle: Vehicle, ts: float) -> float:
     """Return the speed [m/s] one forward-Euler step of `ts` seconds after `v`.
 
-    Parameters
-    ----------
-    v, a
-        [m/s], [m/s²] speed and commanded acceleration.
-    gravity_force
-        [N] along the road, positive forwards.
+    `a` [m/s²] is the commanded acceleration, and `gravity_force` [N] acts along the road, positive
+    forwards.
     """
     opposing = resistance(v, vehicle)
     if v <= 0.0:
@@ -194,25 +190,6 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
         psi + ts * v / vehicle.l_r * sin(beta),
         next_speed(v, command.motor, gravity_force, vehicle, ts),
     )
-
-
-def step_by(
-    model: Model, state: State, command: Command, theta: float, vehicle: Vehicle, ts: float
-) -> State:
-    """Return the state that `model`, a function like `bikeFE`, gives in the place of `step`."""
-    x, y, psi, v = model(
-        *state,
-        *command,
-        vehicle.air_drag_coeff,
-        vehicle.mass,
-        vehicle.friction,
-        theta,
-        ts,
-        l_f=vehicle.l_f,
-        l_r=vehicle.l_r,
-        g=vehicle.gravity,
-    )
-    return State(x, y, psi, v)
 
 
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:

@@ -119,10 +119,7 @@ def period_ns(values: Mapping[str, Any]) -> int:
 def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = None) -> Plant:
     """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
 
-    Raises
-    ------
-    UserError
-        where the road cannot be read, or the values contradict one another.
+    UserError: the road cannot be read, or the values contradict one another.
     """
     return Plant(
         road=road or Road.named(values['road']),

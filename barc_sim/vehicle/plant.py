@@ -59,22 +59,8 @@ class Plant:
     ) -> None:
         """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds.
 
-        Parameters
-        ----------
-        model
-            Makes a step in the place of `bikeFE`.
-        motor, servo
-            Delay, lag and limits of the actuators.
-        integrator
-            'euler' or 'rk4'. Over a step acceleration and steering are held: at the mean of what
-            the actuators do in it.
-        dynamics
-            'kinematic', or 'dynamic' for the bicycle with tyres of this `lateral`.
-
-        Raises
-        ------
-        UserError
-            where one of them is unknown, they do not go together, or the step is too long.
+        Over a step acceleration and steering are held: at the mean of what the actuators do in it.
+        UserError: the names are unknown, do not go together, or the step is too long.
         """
         self.road = road or Road.lab()
         self.vehicle = vehicle or Vehicle()

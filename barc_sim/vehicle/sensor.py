@@ -57,11 +57,6 @@ class Sensor:
     The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
     every measurement draws six numbers: the noise of one signal does not depend on whether another
     has any.
-
-    Attributes
-    ----------
-    noise
-        The standard deviations.
     """
 
     def __init__(self, noise: NoiseLevels | None = None, seed: int = 0) -> None:
@@ -76,7 +71,7 @@ class Sensor:
 
     def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
         """Return the motion as measured, and its error: measured minus true."""
-        if not any(self.noise):
+        if not self.is_noisy:
             return true, _NO_ERROR
         gauss = self._random.gauss
         error = MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])

@@ -16,7 +16,7 @@ from convergence import (
     studies,
 )
 
-from barc_sim.vehicle.integrators import INTEGRATORS
+from barc_sim.vehicle.bicycles import INTEGRATORS
 
 
 @pytest.fixture(scope='module')

@@ -1,9 +1,9 @@
-"""Both bicycles: against closed forms, and where the dynamic one is the kinematic one."""
+"""Integrators and both bicycles: against closed forms, and against one another."""
 
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, atanh, cos, cosh, exp, isfinite, log, pi, radians, sin, sqrt, tanh
+from math import atan2, atanh, cos, cosh, exp, isfinite, log, log2, pi, radians, sin, sqrt, tanh
 
 import numpy as np
 import pytest
@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bicycles import (
+    INTEGRATORS,
     DynamicBicycle,
     KinematicBicycle,
     LateralParameters,
     eigenvalues,
     lateral_matrix,
     rates,
-    understeer_gradient,
+    rk4,
 )
-from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion, slip_angle, step
-from barc_sim.vehicle.integrators import rk4
+from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
 
 LAB_TS = 0.02
 ODD_VEHICLE = Vehicle(mass=1700.0, air_drag_coeff=0.7, friction=90.0, l_f=1.1, l_r=1.9, gravity=3.7)
@@ -35,25 +35,6 @@ def drive(state: State, held: Command, vehicle: Vehicle, steps: int, theta: floa
     for _ in range(steps):
         state = bicycle.step(state, held, lambda _: theta, vehicle, LAB_TS)
     return state
-
-
-@properties
-@given(v=speeds, motor=st.floats(-8.0, 8.0), servo=st.floats(-0.6, 0.6))
-def test_euler_is_the_labs_step_to_the_last_bit(v: float, motor: float, servo: float) -> None:
-    state, held = State(3.0, -1.0, 0.4, v), Command(motor, servo)
-    found = KinematicBicycle().step(state, held, lambda x: 0.1 * x, ODD_VEHICLE, LAB_TS)
-    assert found == step(state, held, 0.1 * 3.0, ODD_VEHICLE, LAB_TS)
-
-
-def test_rk4_takes_a_circle_round() -> None:
-    radius = 1.5 / sin(slip_angle(0.3))
-    angle = 8.0 * 2.0 / radius
-    beta = slip_angle(0.3)
-    state = drive(State(v=8.0), Command(0.0, 0.3), FREE, 100)
-    assert state.psi == pytest.approx(angle)
-    centre = (-radius * sin(beta), radius * sqrt(1.0 - sin(beta) ** 2))
-    distance = sqrt((state.x - centre[0]) ** 2 + (state.y - centre[1]) ** 2)
-    assert distance == pytest.approx(radius, abs=1e-7)
 
 
 def test_rk4_rolls_downhill_against_drag_as_the_closed_form_has_it() -> None:
@@ -86,6 +67,43 @@ def test_rk4_resistance_alone_never_reverses_the_car(v: float, friction: float, 
     assert 0.0 <= found <= v or v <= found <= 0.0
 
 
+# The integrators
+
+
+def turned(name: str, steps: int) -> float:
+    """Return the error of an oscillation after 2 s."""
+    state: tuple[float, ...] = (1.0, 0.0)
+    for _ in range(steps):
+        state = INTEGRATORS[name].step(lambda at: (at[1], -at[0]), state, 2.0 / steps)
+    return abs(complex(*state) - complex(cos(2.0), -sin(2.0)))
+
+
+@pytest.mark.parametrize('name', INTEGRATORS)
+def test_error_falls_with_the_declared_order(name: str) -> None:
+    order = log2(turned(name, 256) / turned(name, 512))
+    assert order == pytest.approx(INTEGRATORS[name].order, abs=0.02)
+
+
+def test_euler_takes_the_slope_at_the_beginning() -> None:
+    assert INTEGRATORS['euler'].step(lambda at: (at[1], 5.0), (1.0, 2.0), 0.5) == (2.0, 4.5)
+
+
+@pytest.mark.parametrize('name', ['euler', 'rk4'])
+@pytest.mark.parametrize('rate', [-3.0, -40.0, 2.0])
+def test_amplification_is_what_a_step_does(name: str, rate: float) -> None:
+    method = INTEGRATORS[name]
+    (after,) = method.step(lambda at: (rate * at[0],), (1.0,), 0.05)
+    assert method.amplification(rate * 0.05) == pytest.approx(abs(after))
+
+
+@pytest.mark.parametrize(('name', 'limit'), [('euler', 2.0), ('rk4', 2.785)])
+def test_decay_becomes_growth_at_the_methods_limit(name: str, limit: float) -> None:
+    method = INTEGRATORS[name]
+    assert method.amplification(-0.999 * limit) < 1.0 < method.amplification(-1.001 * limit)
+
+
+# The dynamic bicycle
+
 TS = 0.005
 CAR = Vehicle(air_drag_coeff=0.0, friction=0.0)
 ODD = Vehicle(mass=1573.0, air_drag_coeff=0.0, friction=0.0, l_f=1.1, l_r=1.58)
@@ -97,6 +115,12 @@ SMALL = 1e-4
 
 def flat(_: float) -> float:
     return 0.0
+
+
+def understeer_gradient(vehicle: Vehicle, lateral: LateralParameters) -> float:
+    """Return K [rad s²/m] of Rajamani, section 3.3: steering (l_f + l_r)/R + K v²/R on a circle."""
+    load = vehicle.mass / (vehicle.l_f + vehicle.l_r)
+    return load * (vehicle.l_r / lateral.front_stiffness - vehicle.l_f / lateral.rear_stiffness)
 
 
 def critical_speed() -> float:
@@ -197,21 +221,6 @@ def test_straight_car_is_the_kinematic_one() -> None:
 @given(
     v=st.floats(4.0, 30.0),
     v_y=st.floats(-1.0, 1.0),
-    psi_dot=st.floats(-1.0, 1.0),
-    servo=st.floats(-0.3, 0.3),
-)
-def test_left_is_the_mirror_of_right(v: float, v_y: float, psi_dot: float, servo: float) -> None:
-    left = rates(Command(1.0, servo), flat, ODD, OVERSTEERING)((0.0, 0.0, 0.3, v, v_y, psi_dot))
-    right = rates(Command(1.0, -servo), flat, ODD, OVERSTEERING)(
-        (0.0, 0.0, -0.3, v, -v_y, -psi_dot)
-    )
-    assert right == (left[0], -left[1], -left[2], left[3], -left[4], -left[5])
-
-
-@properties
-@given(
-    v=st.floats(4.0, 30.0),
-    v_y=st.floats(-1.0, 1.0),
     psi_dot=st.floats(-0.5, 0.5),
     servo=st.floats(-0.3, 0.3),
 )
@@ -297,13 +306,6 @@ def test_car_that_slows_down_ends_at_rest() -> None:
     assert bicycle.motion(state, 0.1, vehicle)[3:] == (0.0, 0.0, 0.0)
 
 
-def test_switch_between_the_two_is_small_at_the_default_speed() -> None:
-    dynamic = at_speed(DynamicBicycle(), CAR, 3.01, 0.1, 2.0)
-    kinematic = motion(State(v=3.0), 0.1, CAR)
-    assert dynamic.psi_dot == pytest.approx(kinematic.psi_dot, rel=0.02)
-    assert dynamic.v_y == pytest.approx(kinematic.v_y, rel=0.06)
-
-
 # Steps that are too long
 
 
@@ -319,28 +321,3 @@ def test_steps_that_would_swing_up_are_refused(integrator: str, ts: float) -> No
 def test_car_that_is_unstable_itself_is_not_refused() -> None:
     v = 1.2 * critical_speed()
     DynamicBicycle(OVERSTEERING._replace(dynamic_above=v)).check(CAR, 0.02)
-
-
-#: Rajamani's passenger car, 80,000 N/rad to a tyre.
-BOOK = Vehicle(mass=1573.0, l_f=1.1, l_r=1.58)
-BOOK_HANDLING = LateralParameters(2873.0, 160e3, 160e3)
-
-
-def test_defaults_understeer_and_equal_axles_are_neutral() -> None:
-    assert understeer_gradient(Vehicle(), LateralParameters()) > 0.0
-    assert understeer_gradient(Vehicle(), LateralParameters(4000.0, 140e3, 140e3)) == 0.0
-
-
-def test_textbook_car_has_the_gradient_of_the_textbooks_formula() -> None:
-    front, rear = 1573.0 * 1.58 / 2.68, 1573.0 * 1.1 / 2.68  # [kg] on each axle
-    expected = front / (2.0 * 80e3) - rear / (2.0 * 80e3)
-    assert understeer_gradient(BOOK, BOOK_HANDLING) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize('v', [3.0, 15.0, 40.0])
-def test_eigenvalues_have_the_matrixs_trace_and_determinant(v: float) -> None:
-    (a, b), (c, d) = lateral_matrix(BOOK, BOOK_HANDLING, v)
-    first, second = eigenvalues(BOOK, BOOK_HANDLING, v)
-    assert first + second == pytest.approx(a + d)
-    assert first * second == pytest.approx(a * d - b * c)
-    assert first.real >= second.real

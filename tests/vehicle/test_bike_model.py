@@ -74,10 +74,6 @@ def test_straight_line_at_constant_acceleration_is_eulers_closed_form() -> None:
     assert state.psi == 0.0
 
 
-def test_position_moves_with_the_speed_before_the_step() -> None:
-    assert bikeFE(5.0, 6.0, 0.0, 2.0, 1.0, 0.0, theta=0.0, ts=0.5, **FREE) == [6.0, 6.0, 0.0, 2.5]
-
-
 # Hills and resistance
 
 
@@ -197,30 +193,6 @@ def test_reverse_is_the_mirror_of_forward(v: float, a: float, d_f: float, theta:
     forward = step(State(v=v), Command(a, d_f), theta, ODD_VEHICLE, TS)
     reverse = step(State(v=-v), Command(-a, d_f), -theta, ODD_VEHICLE, TS)
     assert reverse == State(*(-value for value in forward))
-
-
-@properties
-@given(x=positions, y=positions, psi=headings, v=speeds, a=accelerations, d_f=steerings)
-def test_motion_does_not_depend_on_place(
-    x: float, y: float, psi: float, v: float, a: float, d_f: float
-) -> None:
-    here = step(State(0.0, 0.0, psi, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
-    there = step(State(x, y, psi, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
-    assert (there.x - x, there.y - y) == pytest.approx((here.x, here.y), abs=1e-9)
-    assert (there.psi, there.v) == (here.psi, here.v)
-
-
-@properties
-@given(turn=headings, psi=headings, v=speeds, a=accelerations, d_f=steerings)
-def test_motion_turns_with_the_heading(
-    turn: float, psi: float, v: float, a: float, d_f: float
-) -> None:
-    before = step(State(0.0, 0.0, psi, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
-    after = step(State(0.0, 0.0, psi + turn, v), Command(a, d_f), 0.1, ODD_VEHICLE, TS)
-    assert after.x == pytest.approx(before.x * cos(turn) - before.y * sin(turn), abs=1e-9)
-    assert after.y == pytest.approx(before.x * sin(turn) + before.y * cos(turn), abs=1e-9)
-    assert after.psi == pytest.approx(before.psi + turn, abs=1e-9)
-    assert after.v == before.v
 
 
 # The records over the same arithmetic

@@ -173,18 +173,6 @@ def test_brake_stops_the_car_whatever_is_on(on: dict[str, Any], x: float, v: flo
     assert plant.state == pytest.approx(still, abs=1e-12)
 
 
-@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
-def test_brake_waits_for_no_actuator(integrator: str) -> None:
-    slow = Plant(road=HILL, motor=SLOW, integrator=integrator)
-    quick = Plant(road=HILL, integrator=integrator)
-    slow.state = quick.state = State(v=12.0)
-    for _ in range(10):
-        slow.brake(8.0)
-        quick.brake(8.0)
-        assert slow.state == quick.state
-        assert slow.observe().acting.motor == -8.0
-
-
 def test_brake_keeps_the_wheel_on_its_way() -> None:
     plant = Plant(road=Road.flat(), servo=Actuator(rate=1.0))
     plant.state = State(v=12.0)

@@ -40,13 +40,6 @@ def test_lab_road_has_the_labs_grades_and_each_stretch_owns_its_left_end(
         assert Road.lab().grade_deg(s) == Road.lab().at(s)[0] == grade_deg
 
 
-def test_lab_road_goes_on_level_at_both_ends() -> None:
-    road = Road.lab()
-    assert road.grade_deg(-5.0) == road.grade_deg(1e6) == 0.0
-    assert road.elevation(-5.0) == 0.0
-    assert road.elevation(1e6) == road.elevation(160.0)
-
-
 def test_lab_road_rises_by_the_sine_of_its_grade() -> None:
     top = 20.0 * sin(radians(10.0))
     found = [Road.lab().elevation(s) for s in (20.0, 40.0, 60.0, 80.0, 110.0, 120.0, 150.0, 180.0)]
@@ -102,12 +95,6 @@ def test_road_that_makes_no_sense_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         Road(starts, grades_deg)
-
-
-def test_road_is_a_value() -> None:
-    assert Road.flat() == Road(starts=(0.0,), grades_deg=(0.0,), name='flat')
-    assert Road.lab() != Road.flat()
-    assert len({Road.lab(), Road.lab(), Road.flat()}) == 2
 
 
 # By name

@@ -61,10 +61,6 @@ def test_error_is_measured_minus_true_in_the_true_vehicles_frame(psi: float, see
     )
 
 
-def test_other_seed_gives_other_errors() -> None:
-    assert errors(Sensor(NOISY, 5), 1) != errors(Sensor(NOISY, 6), 1)
-
-
 def test_errors_are_the_same_on_every_python() -> None:
     unit = NoiseLevels(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     assert errors(Sensor(unit, 1), 2)[-1] == pytest.approx(PINNED, rel=1e-12)
@@ -85,12 +81,3 @@ def test_errors_have_zero_mean_and_the_given_deviations_and_are_white() -> None:
         assert stdev(values) == pytest.approx(sigma, rel=5.0 / (2 * n) ** 0.5)
         lagged = fmean(a * b for a, b in pairwise(values)) / sigma**2
         assert abs(lagged) < 5.0 / n**0.5
-
-
-def test_errors_of_two_signals_are_independent() -> None:
-    n = 20_000
-    series = list(zip(*errors(Sensor(NOISY, 2), n), strict=True))
-    for i, first in enumerate(series):
-        for j, second in enumerate(series[:i]):
-            covariance = fmean(a * b for a, b in zip(first, second, strict=True))
-            assert abs(covariance) / (NOISY[i] * NOISY[j]) < 5.0 / n**0.5
