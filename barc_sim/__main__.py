@@ -9,13 +9,12 @@ import argparse
 import os
 import sys
 from functools import partial
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from barc_sim import __version__
 from barc_sim.cli.parser import ROS_ARGS, Parser, did_you_mean
 from barc_sim.cli.process import call, check_arguments
-from barc_sim.commands import COMMANDS, GROUPS, NODES
+from barc_sim.commands import COMMANDS, GROUPS, NODES, functions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,8 +36,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def run(name: str, words: Sequence[str]) -> int | None:
     """Run the command `name` with the arguments `words`, and return its exit code."""
     check_arguments(words)
-    code: int | None = _command(name).run(parse(name, words))
-    return code
+    _, run_command = functions(name)
+    return run_command(parse(name, words))
 
 
 def parse(name: str, words: Sequence[str]) -> argparse.Namespace:
@@ -47,16 +46,13 @@ def parse(name: str, words: Sequence[str]) -> argparse.Namespace:
     Of a command that accepts `--ros-args`, they and what follows are `ros_args`.
     """
     parser = Parser(prog=f'barc {name}')
-    _command(name).add_arguments(parser)
+    add_arguments, _ = functions(name)
+    add_arguments(parser)
     end = len(words)
     if parser.get_default('ros_args') is not None and ROS_ARGS in words:
         end = words.index(ROS_ARGS)
         parser.set_defaults(ros_args=[*words[end:]])
     return parser.parse_args(words[:end], argparse.Namespace(argv=[name, *words]))
-
-
-def _command(name: str) -> Any:  # noqa: ANN401 (a module)
-    return import_module(f'barc_sim.commands.{name}')
 
 
 def _print_about(argv: Sequence[str]) -> None:
@@ -94,7 +90,8 @@ def _complete() -> None:
     for name, text in COMMANDS.items():
         command = commands.add_parser(name, help=text)
         if name in chosen:
-            _command(name).add_arguments(command)
+            add_arguments, _ = functions(name)
+            add_arguments(command)
     argcomplete.autocomplete(parser)
 
 

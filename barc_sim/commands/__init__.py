@@ -1,8 +1,20 @@
-"""One thin module for each command of `barc`, listed here; what it does lives in the other rooms.
+"""The commands of `barc`, listed here; what they do lives in the other rooms.
 
-A module has `add_arguments(parser)`, which describes the command and its options, and
-`run(options)`, which returns the exit code (None: 0) and raises UserError.
+A command is a module of its name with two functions: `add_arguments(parser)` describes the command
+and its options, and `run(options)` returns the exit code (None: 0) and raises UserError. Where
+commands share a module, the functions have the command's name behind theirs, as in `run_acc`.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+    from collections.abc import Callable
+
+    from barc_sim.cli.parser import Parser
 
 #: By group, in the order of `barc --help`: the commands, and what each does.
 GROUPS = {
@@ -36,6 +48,10 @@ GROUPS = {
     },
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
+#: The modules that several commands share, by command.
+_SHARED = dict.fromkeys(('acc', 'teleop'), 'drive')
+_SHARED |= dict.fromkeys(('record', 'recover'), 'bags')
+_SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.
 NODES = {
     'bag_recorder': ('recorder', 'BagRecorder'),
@@ -47,3 +63,12 @@ NODES = {
     'vehicle_simulator': ('simulator', 'VehicleSimulator'),
     'view': ('view', 'announced'),
 }
+
+
+def functions(
+    name: str,
+) -> tuple[Callable[[Parser], None], Callable[[Namespace], int | None]]:
+    """Import the module of a command; return its `add_arguments` and its `run`."""
+    module = import_module(f'barc_sim.commands.{_SHARED.get(name, name)}')
+    suffix = f'_{name}' if name in _SHARED else ''
+    return getattr(module, f'add_arguments{suffix}'), getattr(module, f'run{suffix}')

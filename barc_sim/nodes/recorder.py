@@ -23,10 +23,9 @@ from barc_sim.bags.recording import (
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.errors import UserError
-from barc_sim.ros.graph_observer import observe
 from barc_sim.ros.names import QOS
 from barc_sim.ros.parameters import declare
-from barc_sim.ros.peers import has_dds
+from barc_sim.ros.peers import has_dds, node_graph
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -138,7 +137,7 @@ class BagRecorder(Node):
         size = len(self.get_node_names()) + len(self.get_topic_names_and_types())
         if size > self._graph_size:
             self._graph_size = size
-            self._thread.add_metadata({'graph': observe(self).to_json()})
+            self._thread.add_metadata({'graph': node_graph(self).to_json()})
 
     def _subscribe(self) -> None:
         self._topics = _subscriptions(self, self._recording)
@@ -257,9 +256,9 @@ class BagRecorder(Node):
                 why = self._topics.unknown[name]
                 self.get_logger().warning(f'{name} is not recorded: {why}')
 
-        from barc_sim.ros.type_lookup import request_definition  # noqa: PLC0415 (rare)
+        from barc_sim.ros.topics import request_definition  # noqa: PLC0415 (not over ros/local)
 
-        request_definition(self, publishers, on_answer)
+        request_definition(self, publishers[0], on_answer)
 
     def close(self) -> None:
         """Record the waiting messages and finish the bag; a second call does nothing."""

@@ -1,4 +1,4 @@
-"""Who takes part: living publishers, a simulator's claim to its topic, a domain of one's own."""
+"""The nodes that take part: their graph, living publishers, a claim to a topic, a free domain."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -27,6 +28,33 @@ _HALF = 1 << 16
 #: Above 101, Linux hands the ports of a domain out to others; 0 is everybody's.
 _DOMAINS = range(1, 102)
 _FIRST_RESERVATION = 22119
+
+
+def node_graph(node: Node) -> NodeGraph:
+    """Return the present graph of all visible nodes and topics, through `node`."""
+    nodes: list[str] = []
+    topics: dict[str, str] = {}
+    publications: set[tuple[str, str]] = set()
+    subscriptions: set[tuple[str, str]] = set()
+    for name, namespace in set(node.get_node_names_and_namespaces()):
+        if name.startswith('_'):
+            continue
+        full = f'{namespace.rstrip("/")}/{name}'
+        nodes.append(full)
+        for find, links in (
+            (node.get_publisher_names_and_types_by_node, publications),
+            (node.get_subscriber_names_and_types_by_node, subscriptions),
+        ):
+            for topic, types in find(name, namespace):
+                if '/_' not in topic:
+                    topics[topic] = types[0]
+                    links.add((full, topic))
+    return NodeGraph(
+        nodes=tuple(sorted(nodes)),
+        topics=dict(sorted(topics.items())),
+        publications=tuple(sorted(publications)),
+        subscriptions=tuple(sorted((topic, name) for name, topic in subscriptions)),
+    )
 
 
 def has_dds() -> bool:

@@ -13,11 +13,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros import offered_qos
 from barc_sim.ros.executor import PolledCallbackGroup
-from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.peers import types_here
 from barc_sim.ros.polled import Arrivals, Taker, polled
+from barc_sim.ros.topics import describe, matches, message_class, request, same_strength
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -51,8 +50,7 @@ class RecordedTopic:
     def matches(self, publisher: TopicEndpointInfo) -> bool:
         """Return whether one of the subscriptions matches the publisher's QoS."""
         return any(
-            offered_qos.matches(publisher, subscription.qos_profile)
-            for subscription in self.subscriptions
+            matches(publisher, subscription.qos_profile) for subscription in self.subscriptions
         )
 
     @property
@@ -143,7 +141,7 @@ class TopicSubscriptions:
     def _follow(self, name: str, subscribers: Sequence[TopicEndpointInfo]) -> None:
         """Subscribe to a topic as its subscribers do."""
         if subscribers:
-            qos = offered_qos.request(subscribers, self._depth)
+            qos = request(subscribers, self._depth)
             try:
                 self._begin(name, message_class(subscribers[0].topic_type), qos)
             # Not installed, without a definition, or of another type in this participant.
@@ -161,7 +159,7 @@ class TopicSubscriptions:
         subscription = self._create(name, message_type, qos)
         try:
             ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
-            topic = offered_qos.describe(name, ends, self._definitions)
+            topic = describe(name, ends, self._definitions)
         except LookupError:
             self._node.destroy_subscription(subscription)
             raise
@@ -232,12 +230,12 @@ class TopicSubscriptions:
             The definition of its type is not installed.
         """
         if not recorded:
-            recorded = RecordedTopic(offered_qos.describe(name, publishers, self._definitions))
+            recorded = RecordedTopic(describe(name, publishers, self._definitions))
         elif not recorded.begun:
             recorded = self._complete(recorded, publishers)
         unmatched = [each for each in publishers if not recorded.matches(each)]
         if unmatched:
-            qos = offered_qos.request(unmatched, self._depth)
+            qos = request(unmatched, self._depth)
             subscription = self._create(name, message_class(recorded.topic.type), qos)
             with self._lock:
                 recorded.subscriptions.append(subscription)
@@ -254,14 +252,14 @@ class TopicSubscriptions:
 
         The subscription remains, as messages may wait in it; another requests what it did not.
         """
-        topic, qos = early.topic, offered_qos.request(publishers, self._depth)
+        topic, qos = early.topic, request(publishers, self._depth)
         subscriptions = [*early.subscriptions]
-        if not offered_qos.same_strength(qos, subscriptions[0].qos_profile):
+        if not same_strength(qos, subscriptions[0].qos_profile):
             subscriptions.append(self._create(topic.name, message_class(topic.type), qos))
             self.wake()
         return replace(
             early,
-            topic=offered_qos.describe(topic.name, publishers, self._definitions),
+            topic=describe(topic.name, publishers, self._definitions),
             subscriptions=subscriptions,
             since=time.monotonic(),
         )

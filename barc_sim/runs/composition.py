@@ -29,7 +29,7 @@ from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros.graph_observer import observe
+from barc_sim.ros.peers import node_graph
 from barc_sim.runs.options import recording, wanted_mirrors, wants_page
 from barc_sim.runs.program import Program
 from barc_sim.runs.terminal.user_output import UserOutput
@@ -200,7 +200,7 @@ class Run:
         if self.recorder:
             self.recorder.discover()
             self.recorder.add_metadata(_description(options.argv, self.nodes))
-            self.recorder.add_metadata({'graph': observe(self.recorder).to_json()})
+            self.recorder.add_metadata({'graph': node_graph(self.recorder).to_json()})
         # A full garbage collection takes half a step: exclude what lives as long as the run.
         gc.collect()
         gc.freeze()
@@ -280,7 +280,7 @@ class Run:
             self.fail(str(error))
         if self.recorder and keeps_bag:
             self.recorder.add_metadata(_results(self.simulators))
-            self.recorder.add_metadata({'graph': observe(self.recorder).to_json()})
+            self.recorder.add_metadata({'graph': node_graph(self.recorder).to_json()})
         bag = str(self.recorder.path) if self.recorder else ''
         for view in self._views:
             view.page.end('The run has ended.', bag)

@@ -24,6 +24,7 @@ from sphinx.util.docutils import SphinxDirective
 
 import barc_sim
 from barc_sim.cli.parser import Parser
+from barc_sim.commands import functions
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
@@ -85,8 +86,9 @@ class Options(Generated):
         """Yield the usage and the options of the command, and of each verb that it has."""
         name = self.arguments[0]
         parser = Parser(prog=f'barc {name}')
-        import_module(f'barc_sim.commands.{name}').add_arguments(parser)
-        self.env.note_dependency(import_module(f'barc_sim.commands.{name}').__file__)
+        add_arguments, _ = functions(name)
+        add_arguments(parser)
+        self.env.note_dependency(add_arguments.__code__.co_filename)
         if parser.description:
             yield from (escaped(parser.description), '')
         yield from _usage(parser)

@@ -14,7 +14,6 @@ import sys
 import tempfile
 import time
 from functools import cache, partial
-from importlib import import_module
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
@@ -25,6 +24,7 @@ from links import made, original
 
 import barc_sim
 from barc_sim.cli.parser import Parser
+from barc_sim.commands import functions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -131,7 +131,8 @@ def _options(name: str, chance: Random) -> list[str]:
 @cache
 def _actions(name: str) -> list[argparse.Action]:
     parser = Parser(prog='fuzz')
-    import_module(f'barc_sim.commands.{name}').add_arguments(parser)
+    add_arguments, _ = functions(name)
+    add_arguments(parser)
     found: list[argparse.Action] = []
     for action in parser._actions:  # noqa: SLF001 (argparse has no other list)
         if not isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):  # noqa: SLF001

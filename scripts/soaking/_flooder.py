@@ -15,8 +15,8 @@ from barc_interfaces.msg import ZDynBkMdl
 from rclpy.serialization import serialize_message
 
 from barc_sim.ros import names
-from barc_sim.ros.introspection.messages import message_class
 from barc_sim.ros.process import ros
+from barc_sim.ros.topics import message_class
 
 #: By mode what a node of the run other than the recorder listens to, and its type.
 TOPICS = {

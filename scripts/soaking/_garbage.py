@@ -6,7 +6,7 @@ import re
 from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.ros.introspection.messages import message_class
+from barc_sim.ros.topics import message_class
 
 if TYPE_CHECKING:
     import random

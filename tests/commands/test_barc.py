@@ -16,7 +16,7 @@ import pytest
 from command_line import barc
 
 import barc_sim
-from barc_sim.commands import COMMANDS, GROUPS, NODES
+from barc_sim.commands import COMMANDS, GROUPS, NODES, functions
 
 PACKAGE = Path(barc_sim.__file__).parent
 SYSTEM_PROGRAMS = Path(__file__).parents[1] / 'data' / 'system_programs.txt'
@@ -41,9 +41,10 @@ def test_every_command_is_listed_in_its_group(argv: list[str]) -> None:
         assert listed == list(commands)
 
 
-def test_every_module_of_a_command_is_listed() -> None:
-    modules = {path.stem for path in (PACKAGE / 'commands').glob('*.py')}
-    assert modules - {'__init__'} == set(COMMANDS)
+def test_every_command_has_a_module_and_every_module_a_command() -> None:
+    modules = {path.stem for path in (PACKAGE / 'commands').glob('*.py')} - {'__init__'}
+    used = {Path(functions(name)[1].__code__.co_filename).stem for name in COMMANDS}
+    assert modules == used
 
 
 @pytest.mark.parametrize(

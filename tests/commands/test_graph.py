@@ -19,7 +19,7 @@ from std_msgs.msg import String
 from barc_sim.bags import reader as bag
 from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.figures.graph_figure import GraphDrawing, lines
-from barc_sim.ros.graph_observer import observe
+from barc_sim.ros.peers import node_graph
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -42,7 +42,7 @@ def test_links_are_seen_as_they_are(ros: Context) -> None:
     talker.create_publisher(String, '_hidden', 10)
     listener.create_subscription(String, '/chatter', lambda _: None, 10)
     try:
-        graph = observe(talker)
+        graph = node_graph(talker)
     finally:
         talker.destroy_node()
         listener.destroy_node()

@@ -203,8 +203,8 @@ def test_names_a_topic_whose_type_has_no_definition(
     def definition(type_name: str, *_: object) -> str:
         raise LookupError(f'no definition of {type_name}')
 
-    monkeypatch.setattr('barc_sim.ros.offered_qos.definition', definition)
-    monkeypatch.setattr('barc_sim.ros.type_lookup.definition_of', definition)
+    monkeypatch.setattr('barc_sim.ros.topics.definition', definition)
+    monkeypatch.setattr('barc_sim.ros.topics.definition_of', definition)
     talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
     executor.add_node(talker)
     talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
@@ -226,7 +226,7 @@ def test_missing_definition_is_requested_from_the_publisher(
     def definition(type_name: str) -> str:
         raise LookupError(f'no definition of {type_name}')
 
-    monkeypatch.setattr('barc_sim.ros.offered_qos.definition', definition)
+    monkeypatch.setattr('barc_sim.ros.topics.definition', definition)
     executor.add_node(talker)
     talker.create_publisher(ColorRGBA, 'color', LATCHED).publish(ColorRGBA(r=1.0))
     spin_until(executor, lambda: recorder.counts.get('/color') == 1)

@@ -10,34 +10,22 @@ from barc_interfaces.msg import ECU
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 from barc_sim.errors import UserError
-from barc_sim.ros.introspection.messages import describe_rate
-from barc_sim.ros.introspection.text import Style, field_of, to_csv, to_yaml
+from barc_sim.ros.echo import describe_rate, field_of, to_yaml
 
 LONG = Float64MultiArray(data=[float(i) for i in range(200)])
 
 
 def test_field_order_is_that_of_the_definition() -> None:
-    assert to_yaml(ECU(motor=1e-7, servo=float('nan')), Style()) == (
+    assert to_yaml(ECU(motor=1e-7, servo=float('nan'))) == (
         "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: ''\n"
         'motor: 1.0e-07\nservo: .nan\n'
     )
 
 
 def test_long_arrays_and_strings_are_cut_unless_asked_otherwise() -> None:
-    assert to_yaml(LONG, Style()).count('\n- ') == 129
-    assert to_yaml(LONG, Style(truncate=None)).count('\n- ') == 200
-    assert to_yaml(String(data='x' * 200), Style(truncate=3)) == 'data: xxx...\n'
-    assert to_csv(LONG, Style(truncate=2)).endswith('0.0,1.0,...')
-
-
-def test_arrays_and_strings_may_be_left_out() -> None:
-    style = Style(arrays=False, strings=False)
-    assert "data: '<sequence type: double, length: 200>'" in to_yaml(LONG, style)
-    assert to_csv(String(data='four'), style) == '<string length: <4>>'
-
-
-def test_empty_string_keeps_its_column() -> None:
-    assert to_csv(MultiArrayDimension(size=2, stride=3), Style()) == ',2,3'
+    assert to_yaml(LONG).count('\n- ') == 129
+    assert to_yaml(LONG, None).count('\n- ') == 200
+    assert to_yaml(String(data='x' * 200), 3) == 'data: xxx...\n'
 
 
 def test_field_may_be_an_element() -> None:
@@ -53,12 +41,9 @@ def test_same_as_rosidl_runtime_py() -> None:
     fixtures = pytest.importorskip('test_msgs.message_fixtures')
     for name in ('Arrays', 'BasicTypes', 'BoundedSequences', 'MultiNested', 'WStrings'):
         for message in fixtures.get_test_msg(name):
-            for style in (Style(), Style(2), Style(None), Style(arrays=False, strings=False)):
-                assert to_yaml(message, style) == theirs.message_to_yaml(
-                    message,
-                    truncate_length=style.truncate,
-                    no_arr=not style.arrays,
-                    no_str=not style.strings,
+            for length in (128, 2, None):
+                assert to_yaml(message, length) == theirs.message_to_yaml(
+                    message, truncate_length=length
                 )
 
 

@@ -1,4 +1,4 @@
-"""Records any ROS 2 system into a bag, until Ctrl-C."""
+"""`record` and `recover`: writes the bag of any ROS 2 system, and repairs one of a killed run."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args
+from barc_sim.errors import escaped
 from barc_sim.runs.options import add_recording_options, recording
 
 if TYPE_CHECKING:
     from argparse import Namespace
+    from collections.abc import Iterator
 
     from rclpy.node import Node
 
+    from barc_sim.bags.recovery import Recovered
     from barc_sim.cli.parser import Parser
     from barc_sim.nodes.recorder import BagRecorder
 
@@ -23,7 +26,7 @@ _EPILOG = (
 )
 
 
-def add_arguments(parser: Parser) -> None:
+def add_arguments_record(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
     parser.epilog = _EPILOG
@@ -43,7 +46,7 @@ def add_arguments(parser: Parser) -> None:
     accept_ros_args(parser)
 
 
-def run(options: Namespace) -> int:
+def run_record(options: Namespace) -> int:
     """Record until a signal or a service stops it; return the exit code.
 
     Raises
@@ -68,11 +71,11 @@ def run(options: Namespace) -> int:
         return made[0]
 
     code = spin(create, options.ros_args)
-    print(report(made[0]))  # noqa: T201
+    print(_recorded(made[0]))  # noqa: T201
     return code
 
 
-def report(recorder: BagRecorder) -> str:
+def _recorded(recorder: BagRecorder) -> str:
     """Return the messages recorded by topic, those lost, and the path of the bag."""
     from barc_sim.bags.recording import summary  # noqa: PLC0415
 
@@ -80,3 +83,40 @@ def report(recorder: BagRecorder) -> str:
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
     losses = summary(counts, recorder.lost, recorder.left_out)
     return '\n'.join([*lines, losses, f'bag {recorder.path}'])
+
+
+def add_arguments_recover(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Rebuild index, summary and metadata.yaml of a bag whose run was killed.'
+    parser.epilog = 'A file damaged before its last chunk is also kept, as FILE.damaged.'
+    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag')
+
+
+def run_recover(options: Namespace) -> None:
+    """Repair the bag and print what it holds.
+
+    Raises
+    ------
+    UserError
+        where there is no bag, or it cannot be written.
+    """
+    from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
+
+    for line in _recovered(recover(options.bag)):
+        print(escaped(line))  # noqa: T201
+
+
+def _recovered(recovered: Recovered) -> Iterator[str]:
+    """Yield the lines of the summary: damages, kept files, messages by topic."""
+    for name, damage in recovered.damages.items():
+        if damage.unreadable_chunks:
+            yield f'{name}: {damage.unreadable_chunks} damaged chunks were left out'
+        if damage.unfinished:
+            yield f'{name}: was unfinished; {damage.unread} bytes at its end could not be read'
+    for path in recovered.kept:
+        yield f'kept as it was: {path}'
+    for name, count in sorted(recovered.counts.items()):
+        yield f'{count:9} {name}'
+    span = recovered.span
+    duration = (span.end - (span.start or 0)) / 1e9
+    yield f'{span.count:9} messages in {duration:.3f} s'

@@ -1,4 +1,4 @@
-"""Drives with the cruise control until the end of the road."""
+"""`acc` and `teleop`: a run with the cruise control, and one by hand."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.signals import StopSignals
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
+from barc_sim.control.relay import INPUTS, PEDAL
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
 from barc_sim.runs.carrier import choose_carrier
@@ -23,7 +24,7 @@ _MAX_CARS = 100
 _MAX_LAPS = 10**6
 
 
-def add_arguments(parser: Parser) -> None:
+def add_arguments_acc(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Simulator, PID cruise controller and recorder, until the end of the road.'
     parser.set_defaults(mode='acc')
@@ -82,7 +83,7 @@ def add_arguments(parser: Parser) -> None:
     accept_ros_args(parser)
 
 
-def run(options: Namespace) -> int:
+def run_acc(options: Namespace) -> int:
     """Drive, and return the exit code.
 
     Raises
@@ -95,6 +96,40 @@ def run(options: Namespace) -> int:
         from barc_sim.runs.cruise_control import drive  # noqa: PLC0415 (slow; after the choice)
 
         return drive(options, stop)
+
+
+def add_arguments_teleop(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Simulator, relay, keyboard and recorder, until q or Ctrl-C.'
+    parser.set_defaults(mode='teleop')
+    parser.add_argument(
+        '--input',
+        choices=tuple(INPUTS),
+        help='what a Twist on cmd_vel means: shares of the limits (pedal), or m/s and rad/s as in '
+        f'REP-103, for Nav2 and teleop_twist_keyboard (velocity) ({PEDAL})',
+    )
+    parser.add_argument(
+        '--no-relay',
+        action='store_true',
+        help="start no relay of barc_sim's, and wait for another that publishes ecu",
+    )
+    run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
+    accept_ros_args(parser)
+
+
+def run_teleop(options: Namespace) -> int:
+    """Drive, and return the exit code.
+
+    Raises
+    ------
+    UserError
+        where an option or a ROS argument cannot be used.
+    """
+    with StopSignals() as stop:
+        choose_carrier(options)
+        from barc_sim.runs.teleop import teleop  # noqa: PLC0415
+
+        return teleop(options, stop)
 
 
 def _gain(text: str) -> tuple[str, float]:

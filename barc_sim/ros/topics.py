@@ -1,7 +1,8 @@
-"""The QoS that publishers offer: what a subscription requests, and what a bag records of it."""
+"""A topic as its publishers offer it: the class and definition of its messages, and the QoS."""
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import (
@@ -14,13 +15,34 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
 from barc_sim.bags.recording import Topic
-from barc_sim.bags.schemas import definition
+from barc_sim.bags.schemas import definition, definition_of
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rclpy.duration import Duration
+    from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+_RESPONSE_TIMEOUT = 5.0  #: [s]
+
+
+def message_class(type_name: str) -> type[Any]:
+    """Return the class of a type such as `std_msgs/msg/String`.
+
+    Raises
+    ------
+    UserError
+        where its package is not installed.
+    """
+    package, module, base = type_name.split('/')
+    try:
+        return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError):
+        raise UserError(
+            f'the type {type_name} is not installed here: source the workspace of {package}'
+        ) from None
 
 
 def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
@@ -90,3 +112,55 @@ def _as_metadata(profile: QoSProfile) -> dict[str, Any]:
 def _seconds(duration: Duration) -> dict[str, int]:
     sec, nsec = divmod(duration.nanoseconds, 10**9)
     return {'sec': sec, 'nsec': nsec}
+
+
+def request_definition(
+    node: Node, publisher: TopicEndpointInfo, on_response: Callable[[str | None], None]
+) -> None:
+    """Request the definition of a topic's type from its publisher, through `node`, which spins.
+
+    `on_response` is called once, with the `ros2msg` schema, or None where there is none.
+    """
+    from type_description_interfaces.srv import GetTypeDescription  # noqa: PLC0415 (rare)
+
+    namespace = publisher.node_namespace.rstrip('/')
+    client = node.create_client(
+        GetTypeDescription, f'{namespace}/{publisher.node_name}/get_type_description'
+    )
+    response = client.call_async(
+        GetTypeDescription.Request(
+            type_name=publisher.topic_type,
+            type_hash=str(publisher.topic_type_hash),
+            include_type_sources=False,
+        )
+    )
+
+    def finish() -> None:
+        timer.cancel()
+        node.destroy_timer(timer)
+        node.destroy_client(client)
+        received = response.result() if response.done() else None
+        on_response(_definition(publisher.topic_type, received))
+
+    timer = node.create_timer(_RESPONSE_TIMEOUT, finish)
+    response.add_done_callback(lambda _: finish() if not timer.is_canceled() else None)
+
+
+def _definition(name: str, response: Any) -> str | None:  # noqa: ANN401 (a generated class)
+    if not response or not response.successful:
+        return None
+    about = response.type_description
+    types = [about.type_description, *about.referenced_type_descriptions]
+    try:
+        return definition_of(name, map(_as_json, types))
+    except LookupError:
+        return None
+
+
+def _as_json(about: Any) -> dict[str, Any]:  # noqa: ANN401 (a generated class)
+    names = ('type_id', 'capacity', 'string_capacity', 'nested_type_name')
+    fields = [
+        {'name': field.name, 'type': {name: getattr(field.type, name) for name in names}}
+        for field in about.fields
+    ]
+    return {'type_name': about.type_name, 'fields': fields}

@@ -153,6 +153,10 @@ class GraphObserver:
             raise UserError(f'there is no node {full}{self._alternatives(full, self.nodes())}')
         return full
 
+    def no_node(self, hint: str = '') -> UserError:
+        """Return the error that no node is running."""
+        return UserError(f'no node is running in ROS domain {self.domain}: start a run first{hint}')
+
     def request(self, send: Callable[[], Future], node: str) -> Any:  # noqa: ANN401 (a service's own)
         """Send a request to `node` and return its response.
 

@@ -1,0 +1,248 @@
+"""`topics`, `echo`, `param`, `graph`, `show` and `node`: what `ros2` does, without it."""
+
+from __future__ import annotations
+
+from argparse import REMAINDER
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barc_sim.cli.files import saving, target
+from barc_sim.cli.parser import ROS_ARGS, number, whole
+from barc_sim.cli.process import call
+from barc_sim.commands import NODES
+from barc_sim.errors import UserError, escaped
+
+if TYPE_CHECKING:
+    from argparse import Namespace
+
+    from barc_sim.bags.node_graph import NodeGraph
+    from barc_sim.cli.parser import Parser
+
+_WINDOW = 2.0  #: [s] over which rates are measured
+_TRUNCATE = 128
+_FORMATS = ('svg', 'png', 'pdf')
+
+
+def add_arguments_topics(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'List topics with their types, publishers and subscribers, as `ros2 topic list` and '
+        '`ros2 topic info` do.'
+    )
+    parser.add_argument('topics', nargs='*', metavar='TOPIC', help='these only (all)')
+    parser.add_argument(
+        '-v', '--verbose', action='store_true', help='also the nodes and their quality of service'
+    )
+    parser.add_argument(
+        '--hz',
+        nargs='?',
+        type=number(0.001, 3600.0),
+        const=_WINDOW,
+        metavar='SECONDS',
+        help=f'also measure the rate of messages for this long ({_WINDOW:g})',
+    )
+    parser.add_argument(
+        '--include-hidden-topics', action='store_true', help='also hidden topics: those with _'
+    )
+
+
+def run_topics(options: Namespace) -> None:
+    """Print the topics."""
+    from barc_sim.ros.echo import print_topics  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.ros.observer import observe  # noqa: PLC0415
+
+    with observe('topics') as observer:
+        hidden, full = options.include_hidden_topics, options.verbose
+        print_topics(observer, options.topics, options.hz, full=full, hidden=hidden)
+
+
+def add_arguments_echo(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Print the messages of a topic, until Ctrl-C, as `ros2 topic echo` does.'
+    parser.add_argument('topic', metavar='TOPIC', help='such as z_vhcl or /car2/z_vhcl')
+    count = parser.add_mutually_exclusive_group()
+    count.add_argument(
+        '--once', dest='count', action='store_const', const=1, help='print one message'
+    )
+    count.add_argument('-n', dest='count', type=whole(1), metavar='N', help='print N messages')
+    parser.add_argument(
+        '--field', metavar='FIELD', help='print only this field, such as header.stamp'
+    )
+    parser.add_argument(
+        '-f',
+        '--full-length',
+        action='store_true',
+        help=f'print more than {_TRUNCATE} elements of arrays and characters of strings',
+    )
+
+
+def run_echo(options: Namespace) -> None:
+    """Print messages up to the requested number, or until a signal."""
+    from barc_sim.ros.echo import print_messages  # noqa: PLC0415
+    from barc_sim.ros.observer import observe  # noqa: PLC0415
+
+    with observe('echo') as observer:
+        truncate = None if options.full_length else _TRUNCATE
+        print_messages(observer, options.topic, options.field, options.count, truncate)
+
+
+def add_arguments_param(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'List, read and set parameters of running nodes, as `ros2 param` does.'
+    verbs = parser.add_subparsers(dest='verb', required=True, metavar='VERB')
+    node_help = 'such as controller or /car2/controller'
+
+    def add_verb(name: str, about: str) -> Parser:
+        verb: Parser = verbs.add_parser(name, help=about)
+        if name == 'list':
+            verb.add_argument('node', nargs='?', metavar='NODE', help='of this node only (all)')
+        else:
+            verb.add_argument('node', metavar='NODE', help=node_help)
+        return verb
+
+    add_verb('list', 'print the names of the parameters')
+    add_verb('get', 'print the value of a parameter').add_argument('name', metavar='NAME')
+    verb = add_verb('set', 'set a parameter')
+    verb.add_argument('name', metavar='NAME')
+    verb.add_argument('value', metavar='VALUE', help='in YAML, as in 20.0')
+    verb = add_verb('describe', 'print type, meaning and bounds of parameters')
+    verb.add_argument('names', nargs='*', metavar='NAME', help='these only (all)')
+    add_verb('dump', 'print all parameters of a node as a parameter file')
+    verb = add_verb('load', 'set the parameters in a file')
+    verb.add_argument('file', type=Path, metavar='FILE', help='as `dump` prints it')
+
+
+def run_param(options: Namespace) -> int:
+    """Run the verb, and return the exit code."""
+    from barc_sim.ros import parameter_client as client  # noqa: PLC0415
+    from barc_sim.ros.observer import observe  # noqa: PLC0415
+
+    with observe('param') as observer:
+        if options.verb == 'list':
+            client.print_names(observer, options.node)
+            return 0
+        parameters = client.Parameters(observer, options.node)
+        match options.verb:
+            case 'get':
+                client.print_value(parameters, options.name)
+            case 'set':
+                client.set_value(parameters, options.name, options.value)
+            case 'describe':
+                client.print_descriptions(parameters, options.names)
+            case 'dump':
+                client.print_file(parameters)
+            case 'load':
+                return client.load(parameters, options.file)
+    return 0
+
+
+def add_arguments_graph(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Draw the nodes and topics of the running system.'
+    parser.add_argument(
+        '--save',
+        metavar='FILE',
+        help='save as .svg, .png or .pdf; default: a window, or graph.svg without a display',
+    )
+    parser.add_argument('--bag', type=Path, metavar='BAG', help='draw this recorded run instead')
+
+
+def run_graph(options: Namespace) -> None:
+    """Print the table, and draw it to a file or a window."""
+    from barc_sim.figures import output  # noqa: PLC0415
+    from barc_sim.figures.graph_figure import GraphDrawing, lines  # noqa: PLC0415
+
+    path = target(options.save, _FORMATS) if options.save is not None else None
+    graph, title = _graph_of_bag(options.bag) if options.bag else _graph_of_system()
+    print(escaped('\n'.join(lines(graph))))  # noqa: T201
+    drawing = GraphDrawing(graph, title)
+    window = None if path else output.window(drawing.size, title)
+    if window:
+        drawing.draw(window)
+        output.show()
+        return
+    path = path or Path('graph.svg')
+    with saving(path) as part:
+        drawing.save(part)
+    print(path)  # noqa: T201
+
+
+def _graph_of_bag(path: Path) -> tuple[NodeGraph, str]:
+    from barc_sim.bags import reader  # noqa: PLC0415
+    from barc_sim.bags.node_graph import NodeGraph  # noqa: PLC0415
+
+    text = reader.info(path).get('graph')
+    if text is None:
+        raise UserError(f'{str(path)!r} holds no graph: name the bag of a run of barc_sim')
+    try:
+        return NodeGraph.from_json(text), path.resolve().name
+    except ValueError as error:
+        raise UserError(
+            f'the graph in {str(path)!r} cannot be drawn ({error}): name the bag of a run'
+        ) from None
+
+
+def _graph_of_system() -> tuple[NodeGraph, str]:
+    """Return the running graph once it is stable, and its title."""
+    from barc_sim.ros.observer import observe  # noqa: PLC0415
+    from barc_sim.ros.peers import node_graph  # noqa: PLC0415
+
+    with observe('graph') as observer:
+
+        def read() -> NodeGraph | None:
+            graph = node_graph(observer.node)
+            return graph if graph.nodes else None
+
+        graph = observer.wait_until_stable(read)
+        if not graph:
+            raise observer.no_node(', or name a bag (--bag)')
+        return graph, f'ROS domain {observer.domain}'
+
+
+def add_arguments_show(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Print the definition of a message or service, as `ros2 interface show` does; it needs '
+        'neither ROS nor a run.'
+    )
+    parser.add_argument(
+        'type', metavar='TYPE', help='such as ECU, std_msgs/Header or barc_interfaces/msg/ECU'
+    )
+
+
+def run_show(options: Namespace) -> None:
+    """Print the definition."""
+    from barc_sim.bags import schemas  # noqa: PLC0415
+
+    for line in schemas.definition_lines(schemas.find_type(options.type)):
+        print(line)  # noqa: T201
+
+
+def add_arguments_node(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Run one node alone in this process, until Ctrl-C.'
+    parser.add_argument('name', choices=NODES, metavar='NAME', help=', '.join(NODES))
+    parser.add_argument(
+        'arguments', nargs=REMAINDER, metavar='...', help='of ROS, such as --ros-args -p kp:=20.0'
+    )
+
+
+def run_node(options: Namespace) -> int:
+    """Run the node, and return the exit code.
+
+    Raises
+    ------
+    UserError
+        where an argument is not ROS's.
+    """
+    if options.arguments and options.arguments[0] != ROS_ARGS:
+        raise UserError(
+            f'a node takes no {options.arguments[0]!r}: give its parameters to ROS, as in '
+            f'{ROS_ARGS} -p kp:=20.0'
+        )
+    module, create = NODES[options.name]
+    node = getattr(import_module(f'barc_sim.nodes.{module}'), create)
+    from barc_sim.ros.process import spin  # noqa: PLC0415
+
+    return call(options.name, lambda: spin(node, options.arguments))

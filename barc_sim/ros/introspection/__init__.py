@@ -1,1 +1,0 @@
-"""Reads a running ROS graph from outside: its topics, messages and parameters."""
