@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.signals import StopSignals
+from barc_sim.control.driver import INPUTS, PEDAL
 from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.relay import INPUTS, PEDAL
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
 from barc_sim.runs.carrier import choose_carrier

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.control.adapter import as_controller
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
-from barc_sim.control.types import DEFAULT_TYPE, TYPES
+from barc_sim.control.types import DEFAULT_TYPE, TYPES, as_controller
 from barc_sim.errors import UserError
 from barc_sim.vehicle.parameters import Parameter
 

@@ -16,9 +16,13 @@ from math import atan2, copysign, inf, isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.pid import PID
+from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R, Command
+from barc_sim.vehicle.parameters import PARAMETERS as CAR
+from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from typing import Any
 
 RATE = 20.0  #: [Hz] commands per second; the lab's template has dt = 0.05
@@ -37,11 +41,6 @@ class DriverInput(NamedTuple):
     forward: float = 0.0  #: `linear.x`, of acceleration or deceleration
     turn: float = 0.0  #: `angular.z`, of the steering rate, positive to the left
     brake: float = 0.0  #: `linear.z` where negative, its opposite: from 0 to 1
-
-    @property
-    def usable(self) -> bool:
-        """Whether all shares are finite."""
-        return all(map(isfinite, self))
 
 
 COAST = DriverInput()
@@ -66,6 +65,8 @@ class Driver:
     ----------
     limits
         May be replaced at any time.
+    linear_scale, angular_scale
+        Factors of a request, before its limits.
     request
         The input that the latest command follows.
     servo
@@ -93,30 +94,51 @@ class Driver:
         self.limits = limits or Limits()
         self.dt = dt
         self.stale_after = stale_after
+        self.linear_scale = self.angular_scale = 1.0
         self.reset()
+
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Set some of the parameters in `PARAMETERS`."""
+        limits = {name: value for name, value in values.items() if name in Limits._fields}
+        self.limits = self.limits._replace(**limits)
+        for name in ('linear_scale', 'angular_scale', 'stale_after'):
+            setattr(self, name, values.get(name, getattr(self, name)))
 
     def reset(self) -> None:
         """Forget the input, and put the wheel straight."""
         self._latest = self.request = COAST
         self._received = -inf
+        self._speed = 0.0
         self.servo = 0.0
         self._braking = 0.0  # sign of the request that brakes the car, until it is released
 
-    def receive(self, request: DriverInput, t: float) -> None:
-        """Store a usable `request`, received at `t` [s]; shares are limited to -1 and 1."""
-        self._latest = DriverInput(
+    def receive(self, request: DriverInput, t: float) -> bool:
+        """Store a `request`, received at `t` [s]; return False if it is not finite, and refused."""
+        scaled = DriverInput(
+            request.forward * self.linear_scale,
+            request.turn * self.angular_scale,
+            request.brake * self.linear_scale,
+        )
+        if not all(map(isfinite, scaled)):
+            return False
+        self._latest = self._within_limits(scaled)
+        self._received = t
+        return True
+
+    def _within_limits(self, request: DriverInput) -> DriverInput:
+        return DriverInput(
             limited(request.forward, 1.0),
             limited(request.turn, 1.0),
             limited(max(request.brake, 0.0), 1.0),
         )
-        self._received = t
 
     def command(self, t: float, speed: float) -> Command:
-        """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
+        """Return the command from `t` [s] on, at `speed` [m/s]; the last finite one counts."""
+        self._speed = speed if isfinite(speed) else self._speed
         stale = t - self._received > self.stale_after
         self.request = request = COAST if stale and not self._latest.brake else self._latest
         self._steer(request)
-        return Command(motor=self._acceleration(request, speed), servo=self.servo)
+        return Command(motor=self._acceleration(request, self._speed), servo=self.servo)
 
     def _steer(self, request: DriverInput) -> None:
         limits, turned = self.limits, self.limits.steering_rate * self.dt
@@ -184,13 +206,17 @@ class VelocityDriver(Driver):
         super().reset()
         self._pi.reset()
 
-    def receive(self, request: DriverInput, t: float) -> None:
-        """Store a usable `request` [m/s, rad/s], received at `t` [s]; the speed is limited."""
-        self._latest = request._replace(
+    def configure(self, values: Mapping[str, Any]) -> None:
+        """Set some of the parameters in `PARAMETERS`."""
+        super().configure(values)
+        if {'l_f', 'l_r'} <= values.keys():
+            self.wheelbase = values['l_f'] + values['l_r']
+
+    def _within_limits(self, request: DriverInput) -> DriverInput:
+        return request._replace(
             forward=limited(request.forward, self.limits.speed),
             brake=limited(max(request.brake, 0.0), 1.0),
         )
-        self._received = t
 
     def _steer(self, request: DriverInput) -> None:
         limits = self.limits
@@ -215,6 +241,66 @@ class VelocityDriver(Driver):
             pi.output_min, pi.output_max = -limits.acceleration, limits.deceleration
         steady = pi.previous is not None and abs(speed - pi.previous) < _STEADY * self.dt
         return pi.acc_calculate(request.forward, speed, self.dt if steady else 0.0)
+
+
+#: What a Twist means, by the value of the parameter `input`.
+INPUTS: dict[str, type[Driver]] = {'pedal': Driver, 'velocity': VelocityDriver}
+PEDAL = 'pedal'
+_LIMITS = Limits()
+#: The parameters of the node `relay`.
+PARAMETERS = [
+    Parameter(
+        'input',
+        PEDAL,
+        "what a Twist means: 'pedal', shares of the limits below, from -1 to 1; or 'velocity', the "
+        'speed linear.x [m/s] and the yaw rate angular.z [rad/s], as in REP-103',
+        read_only=True,
+    ),
+    Parameter('acceleration', _LIMITS.acceleration, 'maximum acceleration [m/s²]', (0.0, 100.0)),
+    Parameter('deceleration', _LIMITS.deceleration, 'maximum deceleration [m/s²]', (0.0, 100.0)),
+    Parameter('speed', _LIMITS.speed, 'maximum speed, either way [m/s]', (0.0, 100.0)),
+    Parameter('steering', _LIMITS.steering, 'maximum front angle, either way [rad]', (0.0, 1.5)),
+    Parameter(
+        'steering_rate',
+        _LIMITS.steering_rate,
+        'maximum change of the front angle [rad/s]',
+        (0.0, 100.0),
+    ),
+    Parameter(
+        'self_centring',
+        _LIMITS.self_centring,
+        'whether the wheel returns to straight when released; if not, left and right change its '
+        'angle, and it stays',
+    ),
+    Parameter('linear_scale', 1.0, 'factor of a linear, before its limit', (-100.0, 100.0)),
+    Parameter('angular_scale', 1.0, 'factor of an angular, before its limit', (-100.0, 100.0)),
+    Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),
+    # The car's geometry, from which the velocity's steering follows.
+    *(each for each in CAR if each.name in ('l_f', 'l_r')),
+]
+
+
+def make_driver(values: Mapping[str, Any], driver: Driver | None = None) -> Driver:
+    """Return `driver`, or barc_sim's own for the parameter `input`, with all of `PARAMETERS` set.
+
+    Raises
+    ------
+    UserError
+        if `input` is none of `INPUTS`, or none that `driver` has.
+    """
+    meaning = values['input']
+    if meaning not in INPUTS:
+        raise UserError(
+            f'parameter input of relay is {meaning!r}: expected one of {", ".join(INPUTS)}'
+        )
+    if driver and meaning != PEDAL:
+        raise UserError(
+            f'parameter input of relay is {meaning!r}, which is for the relay of barc_sim: a '
+            "relay of one's own gets each Twist as shares of the limits"
+        )
+    driver = driver or INPUTS[meaning]()
+    driver.configure(values)
+    return driver
 
 
 def limited(value: float, limit: float) -> float:

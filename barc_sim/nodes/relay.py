@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
@@ -10,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from barc_sim.control.relay import PARAMETERS, RelayControl
+from barc_sim.control.driver import PARAMETERS, make_driver
 from barc_sim.ros import names
 from barc_sim.ros.conversions import to_driver_input
 from barc_sim.ros.parameters import declare
@@ -45,7 +46,6 @@ class Relay(Node):
     """
 
     description = "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz"
-    #: The topics that it subscribes to.
     inputs: ClassVar = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}
 
     def __init__(self, *, driver: Driver | None = None, **options: Any) -> None:  # noqa: ANN401
@@ -57,8 +57,8 @@ class Relay(Node):
             if a parameter is out of range.
         """
         super().__init__('relay', **options)
-        self._control = RelayControl(driver, declare(self, PARAMETERS))
-        self.driver = self._control.driver
+        self.driver = make_driver(declare(self, PARAMETERS), driver)
+        self._speed = 0.0
         self.add_post_set_parameters_callback(self._on_parameters)
         self.refused = RefusedInput(self)
 
@@ -70,20 +70,21 @@ class Relay(Node):
         self.create_timer(self.driver.dt, self._on_timer, clock=steady)
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
-        self._control.configure({parameter.name: parameter.value for parameter in parameters})
+        self.driver.configure({parameter.name: parameter.value for parameter in parameters})
 
     def _on_state(self, state: ZDynBkMdl) -> None:
-        self._control.take_speed(state.v_x)
+        self._speed = state.v_x
 
     def _on_twist(self, twist: Twist) -> None:
-        if not self._control.receive(to_driver_input(twist)):
+        if not self.driver.receive(to_driver_input(twist), time.monotonic()):
             self.refused.add(lambda: f'a Twist that is not finite: {twist.linear}, {twist.angular}')
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._control.reset()
+        self.driver.reset()
+        self._speed = 0.0
         response.success, response.message = True, 'as at the start'
         return response
 
     def _on_timer(self) -> None:
-        command = self._control.command()
+        command = self.driver.command(time.monotonic(), self._speed)
         self._ecu_pub.publish(ECU(motor=command.motor, servo=command.servo))

@@ -7,8 +7,8 @@ from contextlib import nullcontext
 from functools import partial
 from typing import TYPE_CHECKING
 
+from barc_sim.control.driver import PEDAL
 from barc_sim.control.keyboard import open_terminal
-from barc_sim.control.relay import PEDAL
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.lab.user_code.relay_program import ROS_2, RelayProgram

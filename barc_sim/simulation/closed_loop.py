@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.adapter import as_controller
 from barc_sim.control.driver import Driver
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
@@ -23,6 +22,7 @@ from barc_sim.control.pid import (
     SPEED_REFERENCE,
     speed_controller,
 )
+from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import Log, recordable
 from barc_sim.simulation.pid_loop import pid_log

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from barc_sim.control.adapter import as_controller
 from barc_sim.control.controller import Gain
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import PID
+from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop
 

@@ -152,10 +152,12 @@ def test_reset_clears_request_and_wheel() -> None:
 
 
 @pytest.mark.parametrize('value', [nan, inf, -inf])
-def test_a_share_that_is_not_finite_is_not_usable(value: float) -> None:
-    assert DriverInput(1.0, -1.0, 1e300).usable
+def test_a_share_that_is_not_finite_is_refused(value: float) -> None:
+    driver = Driver()
+    assert driver.receive(DriverInput(1.0, -1.0, 0.0), 0.0)
     for request in (DriverInput(forward=value), DriverInput(turn=value), DriverInput(brake=value)):
-        assert not request.usable
+        assert not driver.receive(request, 0.0)
+    assert driver.command(0.0, 0.0).motor == LIMITS.acceleration
 
 
 @given(st.lists(st.tuples(SHARE, SHARE, SHARE, st.floats(0.0, 1.0), st.floats(-50.0, 50.0))))

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from math import atan, inf, tan
+from math import atan, tan
 from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput, Limits, VelocityDriver
-from barc_sim.control.relay import PARAMETERS, RelayControl
+from barc_sim.control.driver import (
+    COAST,
+    FULL_BRAKE,
+    PARAMETERS,
+    DriverInput,
+    Limits,
+    VelocityDriver,
+    make_driver,
+)
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Plant
@@ -130,21 +137,17 @@ def values(**changed: float | str) -> dict[str, float | str | bool]:
 
 
 def test_parameter_names_what_a_twist_means() -> None:
-    control = RelayControl(None, values(input='velocity', l_f=1.0, l_r=1.5, linear_scale=2.0))
-    assert isinstance(control.driver, VelocityDriver)
-    assert control.driver.wheelbase == 2.5
-    control.receive(DriverInput(forward=3.0, turn=0.3))
-    control.command()
-    assert control.driver.request == (6.0, 0.3, 0.0)
-    assert not control.receive(DriverInput(forward=inf))
-    assert not isinstance(RelayControl(None, values()).driver, VelocityDriver)
+    driver = make_driver(values(input='velocity', l_f=1.0, l_r=1.5, linear_scale=2.0))
+    assert isinstance(driver, VelocityDriver)
+    assert driver.wheelbase == 2.5
+    assert driver.receive(DriverInput(forward=3.0, turn=0.3), 0.0)
+    driver.command(0.0, 0.0)
+    assert driver.request == (6.0, 0.3, 0.0)
+    assert not isinstance(make_driver(values()), VelocityDriver)
 
 
 def test_other_meaning_is_refused_in_a_sentence() -> None:
     with pytest.raises(UserError, match=r"input of relay is 'pedals': expected one of pedal, vel"):
-        RelayControl(None, values(input='pedals'))
-
-
-def test_own_relay_has_no_velocity() -> None:
+        make_driver(values(input='pedals'))
     with pytest.raises(UserError, match="a relay of one's own gets each Twist as shares"):
-        RelayControl(VelocityDriver(), values(input='velocity'))
+        make_driver(values(input='velocity'), VelocityDriver())

@@ -9,9 +9,9 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from barc_sim.control.adapter import Adapter
 from barc_sim.control.driver import Driver
 from barc_sim.control.pid import PID
+from barc_sim.control.types import Adapter
 from barc_sim.lab.user_code.loading import load_files
 from barc_sim.vehicle.bike_model import Command
 
