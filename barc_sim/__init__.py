@@ -92,10 +92,6 @@ def __getattr__(name: str) -> object:
     """Import what is exported under `name`."""
     if name not in _EXPORTS:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from barc_sim.simulation.log import Log  # noqa: PLC0415 (see above)
-
-    # `Log.plot` draws with figures, which lie behind the room of `Log`: connected here, above both.
-    Log.draw = _draw
     module, attribute = _EXPORTS[name]
     value = getattr(import_module(f'{__name__}.{module}'), attribute)
     globals()[name] = value
@@ -105,9 +101,3 @@ def __getattr__(name: str) -> object:
 def __dir__() -> list[str]:
     """Return the names of what is exported."""
     return [*globals(), *(name for name in __all__ if name not in globals())]
-
-
-def _draw(log: Log) -> object:
-    from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (see above)
-
-    return plot(log)

@@ -1,20 +1,17 @@
 """The closed loop of vehicle and controller without ROS: the nodes' trajectory bit for bit.
 
-`simulate` takes what a user has in mind, `closed_loop` a plant and a controller, and
-`drive_by_hand` the requests of a driver.
+`simulate` takes what a user has in mind, `closed_loop` a plant and a controller.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections import deque
 from math import nan
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from barc_sim.control.driver import Driver
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -33,13 +30,12 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
     from os import PathLike
 
     from numpy.typing import NDArray
 
     from barc_sim.control.controller import Controller
-    from barc_sim.control.driver import DriverInput
     from barc_sim.simulation.progress import Progress
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model, Vehicle
@@ -99,8 +95,10 @@ def simulate(
         Of the noise.
     acceleration_limit
         [m/s²] limit of the command either way.
-    integrator, dynamics, lateral, ts
-        As in `Plant`.
+    integrator, ts
+        'euler' or 'rk4', in steps of `ts` [s].
+    dynamics, lateral
+        'kinematic', or 'dynamic': the bicycle with tyres of this `lateral`.
 
     Raises
     ------
@@ -182,45 +180,10 @@ def closed_loop(
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    return _log(rows, plant.period_ns, speed_reference, terms)
+    return log_of(rows, plant.period_ns, speed_reference, terms)
 
 
-def drive_by_hand(
-    requests: Iterable[tuple[float, DriverInput]],
-    duration: float,
-    *,
-    plant: Plant | None = None,
-    driver: Driver | None = None,
-) -> Log:
-    """Drive by hand for `duration` [s]: `requests`, each at its time [s], are the driver's inputs.
-
-    A recorded `cmd_vel` gives the same trajectory each time, bit for bit: a command is made at
-    every multiple of the driver's `dt`, of the requests up to then, and acts from the state on
-    in whose period it is made. `plant`, on the flat, and `driver`, those of a run unless given,
-    are left as the run left them.
-    """
-    plant = plant or Plant(road=Road.flat())
-    driver = driver or Driver()
-    waiting = deque(sorted(requests, key=lambda request: request[0]))
-    rows: list[_Row] = []
-    command = Command()
-    period_ns, dt_ns = plant.period_ns, round(driver.dt * 1e9)
-    due_ns = 0
-    for k in range(round(duration / plant.ts) + 1):
-        seen = plant.observe()
-        while due_ns < (k + 1) * period_ns:
-            t = due_ns / 1e9
-            while waiting and waiting[0][0] <= t:
-                received, request = waiting.popleft()
-                driver.receive(request, received)
-            command = driver.command(t, seen.measured.v_x)
-            due_ns += dt_ns
-        rows.append((seen, command, (False,)))
-        plant.advance(command)
-    return _log(rows, period_ns)
-
-
-def _log(
+def log_of(
     rows: Sequence[_Row], period_ns: int, speed_reference: float = nan, terms: Sequence[str] = ()
 ) -> Log:
     """Return a log of steps of `period_ns`; its columns are the records' fields, and `terms`."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping  # noqa: TC003 (get_type_hints reads it)
+from collections.abc import Mapping  # noqa: TC003 (get_type_hints reads it)
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     import pandas as pd
     from matplotlib.figure import Figure
@@ -100,9 +100,6 @@ class Log:
     #: The terms of a controller that is no PID [m/s²], by name, each of shape `(n,)`.
     own_terms: Mapping[str, Floats] = field(default_factory=dict)
 
-    #: Draws a log. Figures lie behind this room, so that `barc_sim` sets it with what it exports.
-    draw: ClassVar[Callable[..., Any] | None] = None
-
     def __post_init__(self) -> None:
         """Raise ValueError unless every array has one dimension and as many elements as `t`."""
         expected = (np.size(self.t),)
@@ -177,16 +174,10 @@ class Log:
         return frame
 
     def plot(self) -> Figure:
-        """Return the figure of speed, grade and command over the position: `barc_sim.plot`.
+        """Return the figure of speed, grade and command over the position: `barc_sim.plot`."""
+        import barc_sim  # noqa: PLC0415 (what a user imports lies above all rooms)
 
-        Raises
-        ------
-        UserError
-            where nothing was taken from `barc_sim` itself yet.
-        """
-        if Log.draw is None:
-            raise UserError('plot needs the figures, which are not loaded: call barc_sim.plot(log)')
-        return Log.draw(self)  # type: ignore[no-any-return]
+        return barc_sim.plot(self)
 
     def __repr__(self) -> str:
         """Return the run in a line."""

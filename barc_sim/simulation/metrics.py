@@ -16,14 +16,13 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]
-    Flags = NDArray[np.bool_]
 
 #: [m] the run-up from standstill, which no controller within its limits can avoid.
 RUN_UP = 10.0
 #: The band around the reference in which a step response counts as settled (Åström and Murray,
 #: "Feedback Systems", 6.3).
 SETTLING_BAND = 0.02
-_BUFFER = 512  # states that wait to be added to the sums
+_BLOCK = 2048  # states that are added to the sums at once
 _JUMP = 0.5  #: [m] beyond what its speed allows: the car was put somewhere else
 _WHOLE = 0.9  #: share of the longest lap from which a lap can be the best
 _MAX_LAPS = 10_000  #: that are kept: those of three days
@@ -70,14 +69,17 @@ class _Errors(NamedTuple):
     """The absolute errors [m/s] over some states; those that are NaN do not count."""
 
     number: int = 0
-    squares: float = 0.0  #: their sum, in the order of the states
+    squares: float = 0.0  #: their sum
     maximum: float = 0.0
 
-    def plus(self, known: Flags, errors: Floats) -> _Errors:
-        """Return these and more `errors`, 0 where not `known`."""
-        squares = np.add.accumulate(np.concatenate([[self.squares], errors * errors]))
-        maximum = max(self.maximum, float(errors.max()))
-        return _Errors(self.number + int(np.count_nonzero(known)), float(squares[-1]), maximum)
+    @classmethod
+    def of(cls, errors: Floats) -> _Errors:
+        known = errors[~np.isnan(errors)]
+        return cls(len(known), float(known @ known), float(known.max(initial=0.0)))
+
+    def plus(self, other: _Errors) -> _Errors:
+        maximum = max(self.maximum, other.maximum)
+        return _Errors(self.number + other.number, self.squares + other.squares, maximum)
 
     @property
     def figures(self) -> tuple[float, float]:
@@ -93,8 +95,14 @@ class _Segment(NamedTuple):
     end: float
     errors: _Errors
 
-    def is_on(self, theta_deg: float) -> bool:
-        return self.theta_deg == theta_deg or (isnan(self.theta_deg) and isnan(theta_deg))
+    def goes_on_in(self, other: _Segment) -> bool:
+        """Return whether `other`, the next, has the same grade, or both are unknown."""
+        grades = self.theta_deg, other.theta_deg
+        return grades[0] == grades[1] or all(map(isnan, grades))
+
+    def plus(self, other: _Segment) -> _Segment:
+        start = other.start if isnan(self.start) else self.start
+        return _Segment(self.theta_deg, start, other.end, self.errors.plus(other.errors))
 
 
 class _Sums(NamedTuple):
@@ -119,66 +127,22 @@ class _Sums(NamedTuple):
         if not len(t):
             return self
         errors = np.abs(reference - speed)
-        known = ~np.isnan(errors)
-        errors[~known] = 0.0
-        after = distance >= RUN_UP
         unknown = np.isnan(theta_deg)
         changes = (theta_deg[1:] != theta_deg[:-1]) & ~(unknown[1:] & unknown[:-1])
         starts = np.concatenate([[0], np.flatnonzero(changes) + 1])
+        before, new = [*self.segments], _segments(starts, distance, theta_deg, errors)
+        if before and before[-1].goes_on_in(new[0]):
+            new[0] = before.pop().plus(new[0])
         sums = _Sums(
-            self.all.plus(known, errors),
-            self.after_run_up.plus(known & after, errors * after),
-            self._segments_with(starts, distance, theta_deg, known, errors),
+            self.all.plus(_Errors.of(errors)),
+            self.after_run_up.plus(_Errors.of(errors[distance >= RUN_UP])),
+            (*before, *new),
             *self[3:],
         )
-        if not self.segments or (len(self.segments) == 1 and self.segments[0].is_on(theta_deg[0])):
+        if not before:
             first = slice(starts[1] if len(starts) > 1 else None)
             sums = sums._with_step_response(t[first], speed[first], reference[first])
         return sums
-
-    def _segments_with(
-        self,
-        starts: NDArray[np.intp],
-        distance: Floats,
-        theta_deg: Floats,
-        known: Flags,
-        errors: Floats,
-    ) -> tuple[_Segment, ...]:
-        """Return the segments with those that begin at the states `starts`."""
-        before = [*self.segments]
-        goes_on = bool(before) and before[-1].is_on(theta_deg[0])
-        old = before.pop() if goes_on else _Segment(float(theta_deg[0]), nan, nan, _Errors())
-        lengths = np.diff(starts, append=len(errors))
-        squares = errors * errors
-        squares[0] += old.errors.squares
-        # The first distance that is known; the NaN at the end where none is.
-        indices = np.where(np.isnan(distance), len(errors), np.arange(len(errors)))
-        first_known = np.append(distance, nan)[np.minimum.reduceat(indices, starts)]
-        # bincount adds the weights one by one, in their order.
-        columns = (
-            theta_deg[starts],
-            first_known,
-            distance[starts + lengths - 1],
-            np.add.reduceat(known, starts, dtype=np.intp),
-            np.bincount(np.repeat(np.arange(len(starts)), lengths), squares),
-            np.maximum.reduceat(errors, starts),
-        )
-        segments = [
-            _Segment(grade, start, end, _Errors(*sums))
-            for grade, start, end, *sums in zip(*(each.tolist() for each in columns), strict=True)
-        ]
-        first = segments[0]
-        segments[0] = _Segment(
-            old.theta_deg,
-            first.start if isnan(old.start) else old.start,
-            first.end,
-            _Errors(
-                old.errors.number + first.errors.number,
-                first.errors.squares,
-                max(old.errors.maximum, first.errors.maximum),
-            ),
-        )
-        return (*before, *segments)
 
     def _with_step_response(self, t: Floats, speed: Floats, reference: Floats) -> _Sums:
         """Return these with states of the first segment."""
@@ -211,6 +175,26 @@ class _Sums(NamedTuple):
         )
 
 
+def _segments(
+    starts: NDArray[np.intp], distance: Floats, theta_deg: Floats, errors: Floats
+) -> list[_Segment]:
+    """Return the segments that begin at the states `starts`."""
+    known = ~np.isnan(errors)
+    errors = np.where(known, errors, 0.0)
+    # The first distance that is known; the NaN at the end where none is.
+    places = np.where(np.isnan(distance), len(errors), np.arange(len(errors)))
+    columns = (
+        theta_deg[starts],
+        np.append(distance, nan)[np.minimum.reduceat(places, starts)],
+        distance[np.append(starts[1:], len(errors)) - 1],
+        np.add.reduceat(known, starts, dtype=np.intp),
+        np.add.reduceat(errors * errors, starts),
+        np.maximum.reduceat(errors, starts),
+    )
+    rows = zip(*(each.tolist() for each in columns), strict=True)
+    return [_Segment(grade, start, end, _Errors(*sums)) for grade, start, end, *sums in rows]
+
+
 def summary(log: Log) -> Summary:
     """Return how well a run held its speed.
 
@@ -220,7 +204,9 @@ def summary(log: Log) -> Summary:
     >>> print(f'{summary(simulate()).rms_error_after_run_up:.3f} m/s')
     0.021 m/s
     """
-    sums = _Sums().plus(log.t, log.distance, log.speed, log.reference, log.theta_deg)
+    sums, columns = _Sums(), (log.t, log.distance, log.speed, log.reference, log.theta_deg)
+    for start in range(0, len(log), _BLOCK):  # in the blocks of `SpeedErrors`: to the last bit
+        sums = sums.plus(*(column[start : start + _BLOCK] for column in columns))
     return sums.summary(int(log.missed.sum()))
 
 
@@ -238,7 +224,7 @@ class SpeedErrors:
         """Take a state: [s], [m], [m/s], [m/s], [deg]."""
         _, states = self._parts
         states.append((t, distance, speed, reference, theta_deg))
-        if len(states) == _BUFFER:
+        if len(states) == _BLOCK:
             self._parts = self._sums(), []
 
     def summary(self, missed_deadlines: int = 0) -> Summary:
@@ -272,23 +258,16 @@ class Laps:
     A reset, a road that begins anew and a car that is put somewhere else are jumps: the position
     changes by more than the speed allows, or time begins anew. Every lap is kept: one that a reset
     has cut short, too.
-
-    Parameters
-    ----------
-    max_interval
-        Time [s] between two states in which the car can have moved: where no state is left out, a
-        longer one is a reset after a pause.
-
-    Attributes
-    ----------
-    finished
-        The laps before the present one.
     """
 
     def __init__(self, max_interval: float = inf) -> None:
-        """Start without states."""
+        """Start without states.
+
+        `max_interval` [s] is the time between two states in which the car can have moved: where no
+        state is left out, a longer one is a reset after a pause.
+        """
         self._max_interval = max_interval
-        self.finished: list[Lap] = []
+        self.finished: list[Lap] = []  #: the laps before the present one
         self._errors = SpeedErrors()
         self._number = 0
         self._start: _Place = (nan, 0.0, 0.0, 0.0)

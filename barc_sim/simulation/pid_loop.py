@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from itertools import chain, islice, repeat
+from itertools import repeat
 from math import cos, inf, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -21,7 +21,7 @@ from barc_sim.vehicle.bike_model import State, clamped_at_zero, forces, motion
 from barc_sim.vehicle.sensor import MeasurementError, with_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
@@ -29,12 +29,8 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.plant import Plant
     from barc_sim.vehicle.road import Road
-    from barc_sim.vehicle.sensor import Sensor
 
     Floats = NDArray[np.float64]
-
-_BLOCK = 256  #: measurements drawn at once, where more are needed than expected
-_MAX_BLOCK = 4096
 
 
 class LoopSettings(NamedTuple):
@@ -100,19 +96,11 @@ def drive_pid(
     waiting: list[float] | None = None,
     early: float = 0.0,
 ) -> Trace:
-    """Drive to the distance, or to the end of `errors`.
+    """Drive to the distance, or to the end of `errors`, measured minus true speed [m/s].
 
-    Parameters
-    ----------
-    gains
-        kp, ki and kd.
-    errors
-        [m/s] measured minus true speed of each state.
-    waiting
-        [m/s²] commands on their way, the next first: one more than the steps of delay. The loop
-        appends its own. Without any, a command acts at once.
-    early
-        Share of a step for which the older of two commands still acts.
+    `waiting` has the commands [m/s²] on their way, the next first: one more than the steps of
+    delay. The loop appends its own. Without any, a command acts at once. `early` is the share of a
+    step for which the older of two commands still acts.
     """
     kp, ki, kd = gains
     reference, low, high, vehicle, ts, dt, distance = settings
@@ -211,38 +199,6 @@ def commands(
     return _Commands(motor, proportional, trace.integral, derivative, motor != output)
 
 
-class _Errors:
-    """The measurement errors of a run, drawn in blocks while the loop asks for them."""
-
-    def __init__(self, sensor: Sensor, expected: float) -> None:
-        self._sensor = sensor
-        self._size = int(min(max(_BLOCK, expected), _MAX_BLOCK))  # also where it is NaN
-        self._blocks: list[Floats] = []
-        self._start: object = None
-
-    def of_speed(self) -> Iterator[float]:
-        """Return the errors of v_x [m/s], without an end."""
-        if not self._sensor.is_noisy:
-            return repeat(-0.0)  # which also leaves a speed of -0.0 as it is
-        return chain.from_iterable(self._speeds())
-
-    def _speeds(self) -> Iterator[list[float]]:
-        while True:
-            block, place = self._sensor.draw(self._size)
-            if not self._blocks:
-                self._start = place
-            self._blocks.append(block)
-            yield block[3].tolist()
-            self._size = _BLOCK
-
-    def take(self, n: int) -> MeasurementError | None:
-        """Return the first `n` errors, as arrays, and put the others back; None without noise."""
-        if not self._blocks:
-            return None
-        self._sensor.go_back(self._start, n)
-        return MeasurementError(*np.concatenate(self._blocks, axis=1)[:, :n])
-
-
 def pid_log(
     plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
 ) -> Log | None:
@@ -265,38 +221,42 @@ def pid_log(
     start = Start(state.x, state.v, pid.integral)
     if pid.previous is not None:
         start = start._replace(previous=pid.previous, dt=FIRST_DT)
-    motor = plant.actuators.motor
+    sensor, motor = plant.sensor, plant.actuators.motor
     waiting = [] if plant.actuators.is_ideal else motor.waiting
-    delay = len(waiting)
-    errors = _Errors(plant.sensor, _expected_states(speed_reference, distance, plant.ts))
-    trace = drive_pid(
-        gains,
-        settings,
-        RoadSegments.of(road, vehicle),
-        islice(errors.of_speed(), steps + 1),
-        start,
-        waiting,
-        motor.early,
-    )
-    n = len(trace.v)
-    error = errors.take(n)
+    segments = RoadSegments.of(road, vehicle)
+    drawn, errors, place = steps + 1, None, None
+    if sensor.is_noisy:  # about as many measurements as a run at this speed takes, and some more
+        expected = 1.02 * distance / max(speed_reference * plant.ts, 1e-6) + 32.0
+        drawn = int(min(drawn, max(expected, 1.0)))
+    while True:
+        if sensor.is_noisy:
+            errors, place = sensor.draw(drawn)
+        # An error of -0.0 also leaves a speed of -0.0 as it is.
+        of_speed = repeat(-0.0, drawn) if errors is None else errors[3].tolist()
+        trace = drive_pid(gains, settings, segments, of_speed, start, [*waiting], motor.early)
+        n = len(trace.v)
+        if n < drawn or drawn > steps:
+            break
+        sensor.go_back(place, 0)
+        drawn = min(4 * drawn, steps + 1)
+    error = None if errors is None else MeasurementError(*errors[:, :n])
     computed = commands(gains, settings, trace, -0.0 if error is None else error.v_x, start)
     last = {name: values[-1].item() for name, values in computed._asdict().items()}
-    if not all(map(isfinite, (*trace.after, *last.values()))):
-        errors.take(0)
+    is_finite = all(map(isfinite, (*trace.after, *last.values())))
+    if sensor.is_noisy:
+        sensor.go_back(place, n if is_finite else 0)
+    if not is_finite:
         return None
     x = positions(state.x, trace.v, plant.ts)
     zero: Any = np.zeros(n)
     true = motion(State(x, np.full(n, state.y), zero, trace.v), 0.0, vehicle)  # type: ignore[arg-type]
-    measured = true
-    if error is not None:
-        measured = with_error(true, error, cos(state.psi), sin(state.psi))
+    measured = true if error is None else with_error(true, error, cos(state.psi), sin(state.psi))
     previous = float(measured.v_x[-1])  # type: ignore[index]  # arrays
     for name in ('proportional', 'integral', 'derivative', 'saturated'):
         setattr(pid, name, last[name])
     pid.previous = previous
     taken = computed.motor if x[-1] < distance else computed.motor[:-1]
-    plant.follow(taken[-delay - 1 :].tolist(), *trace.after)
+    plant.follow(taken[-len(waiting) - 1 :].tolist(), *trace.after)
     segment, elevation = road.profile(x)
     slopes = np.array([sin(radians(grade)) for grade in road.grades_deg])[segment]
     recorded: Any = MeasurementError(*[zero] * 6) if error is None else error
@@ -312,8 +272,3 @@ def pid_log(
         reference=np.full(n, speed_reference),
         **computed._asdict(),
     )
-
-
-def _expected_states(speed: float, distance: float, ts: float) -> float:
-    """Return about how many states a run at `speed` [m/s] has, and some more."""
-    return 1.02 * distance / max(speed * ts, 1e-6) + 32.0

@@ -12,11 +12,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from command_line import printed, refused
+from hand_drive import drive_by_hand
 from made_bags import GRAPH, make
 
 from barc_sim.__main__ import main as barc
 from barc_sim.control.driver import DriverInput
-from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
+from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 from command_line import barc, refused
+from hand_drive import drive_by_hand
 from made_bags import make
 from student_code import CONTROLLER, MODEL
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.lab.grade.submissions import read
-from barc_sim.simulation.closed_loop import drive_by_hand
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 import pytest
+from hand_drive import drive_by_hand
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from barc_sim.control.driver import DriverInput
 from barc_sim.figures.run_figures import drive_figure, speed_figure
-from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from hand_drive import drive_by_hand
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
@@ -20,7 +21,7 @@ from barc_sim.commands.replay import view_of as chosen_view
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.side_view import SIZE
 from barc_sim.figures.top_view import TopView, suits
-from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hand_drive import drive_by_hand
+
 from barc_sim.control.driver import Driver, DriverInput, Limits
 from barc_sim.control.pid import PID, speed_controller
-from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
+from barc_sim.simulation.closed_loop import closed_loop
 
 # The only names of the package that the golden figures use, but for the command line.
 from barc_sim.vehicle.actuators import Actuator

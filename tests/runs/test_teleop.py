@@ -15,13 +15,13 @@ import pytest
 pytest.importorskip('rclpy')
 
 from command_line import call, started
+from hand_drive import drive_by_hand
 from relays import joystick
 from rosbags.highlevel import AnyReader
 from terminal_session import DEADLINE, READY, Session
 
 from barc_sim.bags import reader as bag
 from barc_sim.control.driver import DriverInput, Limits
-from barc_sim.simulation.closed_loop import drive_by_hand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hand_drive import drive_by_hand
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.control.pid import FIRST_DT, PID, speed_controller
-from barc_sim.simulation.closed_loop import closed_loop, drive_by_hand
+from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
@@ -120,13 +121,6 @@ def test_run_that_does_not_arrive_ends_after_its_longest_duration(
     log = closed_loop(max_duration=duration)
     assert len(log) == states
     assert log.t[-1] == pytest.approx(duration)
-
-
-def test_run_with_no_speed_to_reach_stays_where_it_is_for_ten_minutes() -> None:
-    log = closed_loop(speed_reference=0.0)
-    assert log.t[-1] == 600.0
-    assert not log.x.any()
-    assert not log.motor.any()
 
 
 # What it is given

@@ -29,7 +29,7 @@ def test_scores_are_the_metrics_of_the_run() -> None:
     for i, gains in enumerate(GAINS[:2].tolist()):
         log = course.drive(speed_controller(*gains))
         told = summary(log)
-        assert ours.rms[i] == told.rms_error_after_run_up
+        assert ours.rms[i] == pytest.approx(told.rms_error_after_run_up, rel=1e-12)
         assert ours.max[i] == told.max_error_after_run_up
         assert ours.overshoot[i] == told.overshoot
         assert ours.effort[i] == pytest.approx(np.sqrt(np.mean(log.motor**2)), rel=1e-12)
