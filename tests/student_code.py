@@ -161,7 +161,7 @@ gains in another order | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4
 gains as defaults | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py, defaults, line 14)
     kp=1, ki=1, kd=1 -> kp=10, ki=0.5, kd=0.4
     PID(kp=10, ki=0.5, kd=0.4) -> PID()
-gains as constants | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py, constants, line
+gains as constants | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py, line
     v_x = 0 -> v_x = 0; KP, KI, KD = 10, 0.5, 0.4
     PID(kp=10, ki=0.5, kd=0.4) -> PID(KP, KI, KD)
 gains that are ignored | 76 64 69.22 | the gains that PID gets have no effect

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from barc_sim.lab.user_code.loading import BUDGET, FILES, load_files
+from barc_sim.lab.check.code import JudgedCode
+from barc_sim.lab.confined.child import CodeServer
+from barc_sim.lab.user_code.calls import BUDGET
+from barc_sim.lab.user_code.code import FILES, UserCode, find_files
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Collection
 
 MODEL = """\
 from math import atan, copysign, cos, sin, tan
@@ -60,10 +64,31 @@ class PID:
 """
 
 
-def load(path: Path, *, budget: float | None = BUDGET) -> Any:  # noqa: ANN401 (of any part)
+class LocalCode(JudgedCode):
+    """User code that is called in this process: nothing stops an endless loop."""
+
+    def __init__(self, code: Any) -> None:  # noqa: ANN401 (a UserCode, or what has its names)
+        super().__init__(Path())
+        self._code, self._server = code, CodeServer(code)
+
+    def has(self, part: str) -> bool:
+        """Return whether there is this part of `FILES`."""
+        return part in self._code.paths
+
+    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        """Return the result of a request."""
+        return self._server.call(do, *arguments)
+
+
+def load_folder(folder: Path, parts: Collection[str] = tuple(FILES), **options: Any) -> UserCode:  # noqa: ANN401
+    """Load the files in a folder."""
+    return UserCode(find_files(folder, parts), **options).load()
+
+
+def load(path: Path, *, budget: float | None = BUDGET) -> UserCode:
     """Load the part that the file at `path` has by its name."""
     (part,) = (part for part, name in FILES.items() if name == path.name)
-    return getattr(load_files({part: path}, budget=budget), part)
+    return UserCode({part: path}, budget=budget).load()
 
 
 def replaced(text: str, *pairs: tuple[str, str]) -> str:

@@ -68,7 +68,7 @@ def run(options: Namespace) -> int:
     from barc_sim.lab.check.judging import judge_folder  # noqa: PLC0415
     from barc_sim.lab.check.report import print_report  # noqa: PLC0415
     from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
-    from barc_sim.lab.user_code.loading import find_files  # noqa: PLC0415
+    from barc_sim.lab.user_code.code import find_files  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
         raise UserError('--save and --no-plot contradict each other: give one of them')
@@ -93,7 +93,7 @@ def run(options: Namespace) -> int:
 
 def _composition(folder: Path) -> bool:
     """Print what is found of a `compose.py` in the folder; return whether nothing is wrong."""
-    from barc_sim.lab.user_code.loading import COMPOSE  # noqa: PLC0415
+    from barc_sim.lab.user_code.code import COMPOSE  # noqa: PLC0415
 
     file = folder / COMPOSE
     if not file.is_file():

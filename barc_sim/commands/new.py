@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import barc_path
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.loading import COMPOSE, FILES
+from barc_sim.lab.user_code.code import COMPOSE, FILES
 
 if TYPE_CHECKING:
     from argparse import Namespace

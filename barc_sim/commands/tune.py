@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
+from functools import partial
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
@@ -43,7 +44,7 @@ def run(options: Namespace) -> None:
     """
     import numpy as np  # noqa: PLC0415 (slow: not for --help)
 
-    from barc_sim.lab.user_code.adapters import UserControllerFile  # noqa: PLC0415
+    from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning import search  # noqa: PLC0415
     from barc_sim.tuning import terminal as console  # noqa: PLC0415
 
@@ -54,7 +55,7 @@ def run(options: Namespace) -> None:
         search.free_axes(low, high)
     start = np.array([getattr(options, gain) for gain in tune_options.GAINS])
     goal = tune_options.goal(
-        options, UserControllerFile(options.controller) if options.controller else None
+        options, partial(controller_of, options.controller) if options.controller else None
     )
     goal(start[np.newaxis])  # a mistake in the controller is reported from here
     population, generations, points = _USER_CODE if options.controller else _BATCHED

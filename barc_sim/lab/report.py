@@ -26,7 +26,7 @@ from barc_sim.figures.run_figures import draw_path, drive_figure, speed_figure, 
 from barc_sim.figures.style import STYLE, use_measurement
 from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render
-from barc_sim.lab.user_code import adapters
+from barc_sim.lab.user_code.code import attached
 from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND, laps_of
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     """
     bag = reader.load(path)
     log, info = _sensible(bag.log(namespace)), bag.info
-    attached = adapters.attached(bag.attachments)
-    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
+    sources = attached(bag.attachments)
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in sources.items()}
     for file in files(path):
         hashes[file.name] = _sha256(file)
     directory = path if path.is_dir() else path.parent
@@ -105,7 +105,7 @@ def read(path: Path, namespace: str | None = None) -> Facts:
         info=info,
         laps=laps_of(log)[0],
         graph=_read_graph(info.get('graph')),
-        sources={name: data.decode(errors='replace') for name, data in attached.items()},
+        sources={name: data.decode(errors='replace') for name, data in sources.items()},
         hashes=hashes,
     )
 

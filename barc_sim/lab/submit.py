@@ -18,9 +18,9 @@ from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import settings, speed_figure
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
 from barc_sim.lab.report import Facts, page, read
-from barc_sim.lab.user_code import source
-from barc_sim.lab.user_code.gains import find_gains
-from barc_sim.lab.user_code.loading import COMPOSE, FILES, find_file, find_name
+from barc_sim.lab.user_code.code import COMPOSE, FILES, files_in, find_name
+from barc_sim.lab.user_code.source import compiled, find_gains
+from barc_sim.lab.user_code.source import read as read_source
 from barc_sim.simulation.metrics import RUN_UP
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from barc_sim.bags.node_graph import NodeGraph
-    from barc_sim.lab.user_code.gains import ChosenGains
+    from barc_sim.lab.user_code.source import ChosenGains
 
 #: The text of the printed lines, in the zip.
 SUMMARY = 'summary.txt'
@@ -158,7 +158,7 @@ def _template(name: str) -> bytes:
 
 def chosen_gains(folder: Path) -> ChosenGains | None:
     """Return the gains that the folder's controller chooses; none of its code is run."""
-    path = find_file(folder, 'controller')
+    path = files_in(folder).get('controller')
     files = ([path] if path else []) + sorted(folder.glob('*.py'))
     trees = {file.name: tree for file in files if (tree := _tree(file))}
     return find_gains(trees, path.name) if path and path.name in trees else None
@@ -166,7 +166,7 @@ def chosen_gains(folder: Path) -> ChosenGains | None:
 
 def _tree(file: Path) -> ast.Module | None:
     try:
-        return source.compiled(source.read(file, file.name)).tree
+        return compiled(read_source(file, file.name)).tree
     except UserError:
         return None
 

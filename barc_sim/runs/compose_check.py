@@ -15,7 +15,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.lab.user_code.call import NOT_WRITTEN
+from barc_sim.lab.user_code.calls import NOT_WRITTEN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -22,9 +22,7 @@ from barc_sim.cli.parser import barc_path
 from barc_sim.cli.process import report
 from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import attachments
-from barc_sim.lab.user_code.adapters import describe as user_code_metadata
-from barc_sim.lab.user_code.loading import UserCode, find_files, load_files
+from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.recorder import BagRecorder
@@ -83,7 +81,7 @@ def read_inputs(options: Namespace) -> Inputs:
     files = find_files(options.lab, options.parts) if options.lab else {}
     named = {part: getattr(options, part) for part in options.parts}
     files |= {part: file for part, file in named.items() if file}
-    return Inputs(road, load_files(files, output=output), output)
+    return Inputs(road, UserCode(files, output=output).load(), output)
 
 
 class Run:
@@ -126,8 +124,8 @@ class Run:
         self.recorder = BagRecorder(
             options.bag_dir,
             recording(options),
-            metadata=_engine(options) | user_code_metadata(inputs.user_code),
-            attachments=attachments(inputs.user_code),
+            metadata=_engine(options) | inputs.user_code.describe(),
+            attachments=inputs.user_code.attachments(),
         )
         self.recorder.finished.add_done_callback(lambda _: self.finish())
         self.nodes.append(self.recorder)

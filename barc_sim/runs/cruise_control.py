@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.lab.user_code.loading import UserCode
+    from barc_sim.lab.user_code.code import UserCode
     from barc_sim.simulation.metrics import Summary
     from barc_sim.vehicle.plant import Observation
 
@@ -78,7 +78,7 @@ class Car:
         self._progress = Progress(inf)
         self.controller: CruiseController | None = None
         if not options.no_controller:
-            user_controller = user_code.controller and UserController(user_code.controller)
+            user_controller = UserController(user_code) if user_code.controller else None
             self.controller = run.add(
                 CruiseController,
                 {
@@ -208,11 +208,10 @@ def _print_result(run: Run, cars: list[Car]) -> None:
 
 def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseController) -> str:
     """Return the gains and the limit of a user's controller."""
-    from barc_sim.lab.check.code import LocalCode  # noqa: PLC0415 (slow, and only for own code)
-    from barc_sim.lab.check.judging import Settings, gains_used  # noqa: PLC0415
+    from barc_sim.lab.check.judging import Settings, gains_used  # noqa: PLC0415 (slow)
 
     named = _gains(options)
     settings = Settings(kp=named.get('kp'), ki=named.get('ki'), kd=named.get('kd'))
     limit = controller.values['acceleration_limit']
     limited = 'without a limit' if limit >= NO_LIMIT else f'limited to {limit:g} m/s²'
-    return f'{gains_used(LocalCode(user_code), settings)}, {limited}'
+    return f'{gains_used(user_code.gains, settings)}, {limited}'

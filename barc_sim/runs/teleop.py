@@ -11,7 +11,7 @@ from barc_sim.control.driver import PEDAL
 from barc_sim.control.keyboard import open_terminal
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
-from barc_sim.lab.user_code.relay_program import ROS_2, RelayProgram
+from barc_sim.lab.user_code.calls import UserFunction
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.signals import StopSignals
     from barc_sim.control.keyboard import Terminal
+    from barc_sim.lab.user_code.code import UserCode
     from barc_sim.vehicle.plant import Observation
 
 #: [s] without a command after which the car brakes: ten of the relay's periods.
@@ -52,10 +53,10 @@ def teleop(options: Namespace, stop: StopSignals) -> int:
         carrier(options) as new_executor,
         Run(options, inputs, stop) as run,
     ):
-        program = _program(options, inputs.user_code.relay)
+        program = _program(options, inputs.user_code)
         relay: Relay | None = None
         if not (options.no_relay or program):
-            driver = UserDriver(inputs.user_code.relay) if inputs.user_code.relay else None
+            driver = UserDriver(inputs.user_code) if inputs.user_code.relay else None
             relay = run.add(Relay, {'input': options.input}, driver=driver)
         simulator: VehicleSimulator = run.add(
             VehicleSimulator,
@@ -109,11 +110,12 @@ def _check(options: Namespace, user_relay: object) -> None:
         )
 
 
-def _program(options: Namespace, user_relay: object) -> Path | None:
+def _program(options: Namespace, user_code: UserCode) -> Path | None:
     """Return a relay that is to run in a process of its own, where DDS reaches it."""
-    if isinstance(user_relay, RelayProgram) and user_relay.ros == ROS_2 and options.engine == 'ros':
-        return user_relay.path
-    return None
+    relay = user_code.relay
+    if options.engine != 'ros' or relay is None or isinstance(relay, UserFunction):
+        return None
+    return relay.path if relay.ros == 'rclpy' else None
 
 
 def _check_pace(simulator: VehicleSimulator) -> None:

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 from command_line import refused
+from user_files import load_folder
 
 from barc_sim.__main__ import main as barc
 from barc_sim.commands import new
-from barc_sim.lab.user_code.loading import UserCodeError, load_folder
+from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,9 +36,9 @@ def test_each_template_can_be_loaded_and_is_unfinished(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError, match=UNFINISHED):
         lab.model(*[0.0] * 11)
     with pytest.raises(UserCodeError, match=UNFINISHED):
-        lab.controller(1.0, 1.0, 1.0).acc_calculate(8.0, 0.0, 0.0)
+        lab.new_pid(1.0, 1.0, 1.0).acc_calculate(8.0, 0.0, 0.0)
     with pytest.raises(UserCodeError, match=UNFINISHED):
-        lab.relay().relay(0.0, 0.0, 0.05)
+        lab.new_relay()(0.0, 0.0, dt=0.05)
 
 
 def test_the_readme_names_every_template(tmp_path: Path) -> None:

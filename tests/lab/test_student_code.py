@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 from student_code import WORKS, Work
+from user_files import LocalCode
 
-from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.findings import CRITERIA, RELAY
 from barc_sim.lab.check.judging import Settings, judge, judge_folder
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, report
 from barc_sim.lab.grade.rubric import SHIPPED, load
 from barc_sim.lab.grade.submissions import Submission
+from barc_sim.lab.user_code.code import UserCode, files_in
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +38,7 @@ def submission(work: Work) -> Submission:
 @pytest.mark.parametrize('name', WORKS)
 def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> None:
     work = WORKS[name]
-    code = LocalCode(write(tmp_path, work))
+    code = LocalCode(UserCode(files_in(write(tmp_path, work)), budget=None, packages=False))
     findings = judge(code, Settings(seed=SEED))
     points = [
         sum(rubric.points_for(f) for f in findings if f.criterion in rubric.points)

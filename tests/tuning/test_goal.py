@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from barc_sim.control.pid import speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.adapters import UserControllerFile
+from barc_sim.lab.user_code.adapters import controller_of
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.metrics import summary
 from barc_sim.tuning import batch, workers
@@ -115,7 +116,7 @@ def controller(tmp_path: Path) -> Path:
 
 
 def goal_of(path: Path, course: Course | None = None) -> Goal:
-    return Goal((course or Course(),), Cost.parse('rms'), UserControllerFile(path))
+    return Goal((course or Course(),), Cost.parse('rms'), partial(controller_of, path))
 
 
 @pytest.mark.parametrize('course', [Course(), Course(noise=0.1, seed=3, delay=2)])

@@ -1,22 +1,26 @@
-"""The user code that is judged: its functions, called in this process or in another one."""
+"""The user code that is judged: its functions, called in a process of their own."""
 
 from __future__ import annotations
 
+import time
+from collections import Counter
 from itertools import count
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
+from barc_sim.lab.confined.process import Ended, Failed, Limits, Process
 from barc_sim.lab.text import one_line
-from barc_sim.lab.user_code.gains import ChosenGains
-from barc_sim.lab.user_code.loading import Functions, UserCode, find_file
-from barc_sim.lab.user_code.relay_program import MOST_COMMANDS, Command, TimedTwist
-from barc_sim.lab.user_code.source import UserCodeError
+from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, TimedTwist, without_addresses
+from barc_sim.lab.user_code.code import files_in
+from barc_sim.lab.user_code.source import ChosenGains, UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    from typing_extensions import Self
 
 
 class Row(NamedTuple):
@@ -38,26 +42,42 @@ class Row(NamedTuple):
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 _STATE = 4  # numbers
 _MAX_PHRASES = 20
+_MAX_ENDS = 2  # a function that has ended its process so often is not called again
+#: The user's name for what a request calls.
+_CALLED = {'model': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
 class JudgedCode:
-    """A user's model, controller and relay; each of their errors is a UserCodeError.
+    """A user's model, controller and relay in `folder`, called in a process confined to it.
 
-    A subclass makes the calls, which return values of JSON, and whatever values these are.
+    Each failure is a UserCodeError. If a call ends the process, the next one uses a new process.
+    All calls together have `Limits.total` seconds; after that each one fails.
     """
 
-    def __init__(self) -> None:
-        """Start without a controller."""
+    def __init__(self, folder: Path, limits: Limits | None = None, *, sandbox: bool = True) -> None:
+        """Use the files in `folder`; the process starts at the first call."""
+        self._folder = folder
+        self._limits = limits or Limits()
+        self._sandbox = sandbox
+        self._process: Process | None = None
+        self._left = self._limits.total
+        self._ends: Counter[str] = Counter()
+        self._reasons: dict[str, str] = {}
+        self._printed = b''
         self._numbers = count()
 
-    def has(self, part: str, /) -> bool:
-        """Return whether there is this part of `FILES`."""
-        raise NotImplementedError
+    def __enter__(self) -> Self:
+        """Return the code; its process ends with the block."""
+        return self
 
-    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        """Return the result of a function of `Functions`."""
-        raise NotImplementedError
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        self.close()
+
+    def has(self, part: str) -> bool:
+        """Return whether there is the file of this part."""
+        return part in files_in(self._folder)
 
     def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
         """Return the result of `bikeFE` for each row; lengths [m] are passed if it takes them."""
@@ -79,7 +99,7 @@ class JudgedCode:
     def relay_commands(self, twists: Sequence[TimedTwist], duration: float) -> list[Command]:
         """Return what a new relay commands from 0 to `duration` [s], while it gets `twists`."""
         found = self.call('relay', twists, duration, _relay_calls(twists, duration))
-        rows = min(len(found), MOST_COMMANDS) if isinstance(found, list) else -1
+        rows = min(len(found), MAX_COMMANDS) if isinstance(found, list) else -1
         return [Command(*row) for row in _rows('relay', found, rows, len(Command._fields))]
 
     def chosen_gains(self) -> ChosenGains | None:
@@ -104,6 +124,57 @@ class JudgedCode:
             return {}
         return notes if isinstance(notes, dict) else {}
 
+    @property
+    def printed(self) -> str:
+        """The first output of the processes that have ended."""
+        text = without_addresses(self._printed[: self._limits.output].decode(errors='replace'))
+        return f'{text}\n[and more]' if len(self._printed) > self._limits.output else text
+
+    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        """Return the result of a request.
+
+        Raises
+        ------
+        UserCodeError
+            if the function fails or ends its process.
+        """
+        function = _CALLED.get(do, 'PID')
+        if self._ends[function] >= _MAX_ENDS:
+            raise UserCodeError(self._reasons[function])
+        if self._left <= 0.0:
+            raise UserCodeError(self._out_of_time())
+        if do == 'notes' and self._process is None:
+            return {}
+        if self._process is None:
+            self._process = Process(self._folder, self._limits, sandbox=self._sandbox)
+        began = time.monotonic()
+        try:
+            return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
+        except Failed as error:
+            raise UserCodeError(str(error)) from None
+        except Ended as error:
+            self.close()
+            if time.monotonic() - began >= self._left:
+                raise UserCodeError(self._out_of_time()) from None
+            self._ends[function] += 1
+            self._reasons[function] = f'{function}: the process that called it {error}'
+            raise UserCodeError(self._reasons[function]) from None
+        finally:
+            self._left -= time.monotonic() - began
+
+    def _out_of_time(self) -> str:
+        return (
+            f'the code has used up the {self._limits.total:g} s that it has in all; does it '
+            'sleep, or wait for something?'
+        )
+
+    def close(self) -> None:
+        """End the process, if there is one."""
+        if self._process is not None:
+            self._process.close()
+            self._printed += self._process.printed
+            self._process = None
+
 
 class JudgedController:
     """One instance of the user's `PID`."""
@@ -124,26 +195,6 @@ class JudgedController:
     def reset(self) -> bool:
         """Call the user's `reset()`; return False if the class has none."""
         return self._code.call('reset', self._number) is True
-
-
-class LocalCode(JudgedCode):
-    """User code called in this process: nothing stops an endless loop."""
-
-    def __init__(self, source: UserCode | Path) -> None:
-        """Judge the parts of user code, or the files in a folder."""
-        super().__init__()
-        self._source = source
-        self._functions = Functions(source)
-
-    def has(self, part: str, /) -> bool:
-        """Return whether there is this part of `FILES`."""
-        if isinstance(self._source, UserCode):
-            return getattr(self._source, part) is not None
-        return find_file(self._source, part) is not None
-
-    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
-        """Return the result of a function of `Functions`."""
-        return self._functions.call(do, *arguments)
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:

@@ -12,6 +12,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
+from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.check.controller import judge_controller
 from barc_sim.lab.check.findings import CRITERIA, EQUATIONS, LOOP, MODEL, PID, RELAY, Finding
 from barc_sim.lab.check.loop import Conditions, Thresholds, judge_lab_road, judge_random_roads
@@ -22,16 +23,13 @@ from barc_sim.lab.check.model import (
     judge_trajectory,
 )
 from barc_sim.lab.check.relay import judge_relay
-from barc_sim.lab.confined.code import ConfinedCode
 from barc_sim.lab.confined.process import Limits
-from barc_sim.lab.user_code.gains import ChosenGains
-from barc_sim.lab.user_code.loading import FILES
+from barc_sim.lab.user_code.code import FILES
+from barc_sim.lab.user_code.source import ChosenGains
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
     from pathlib import Path
-
-    from barc_sim.lab.check.code import JudgedCode
 
 _DEFAULT = ChosenGains(KP, KI, KD, "barc_sim's own, because controller.py chooses none")
 #: Of `check`: whoever waits has written the code.
@@ -87,7 +85,7 @@ def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
 
 def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     yield from judge_controller(code, settings.seed, settings.criteria)
-    gains = gains_used(code, settings)
+    gains = gains_used(code.chosen_gains(), settings)
     conditions = Conditions(gains, settings.acceleration_limit, settings.thresholds)
     if 'loop.lab_road' in settings.criteria:
         yield judge_lab_road(code, conditions)
@@ -95,9 +93,9 @@ def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]
         yield judge_random_roads(code, conditions, settings.seed)
 
 
-def gains_used(code: JudgedCode, settings: Settings) -> ChosenGains:
+def gains_used(chosen: ChosenGains | None, settings: Settings) -> ChosenGains:
     """Return the gains with which the code drives: the command line's, the file's or barc_sim's."""
-    chosen = code.chosen_gains() or _DEFAULT
+    chosen = chosen or _DEFAULT
     options = (settings.kp, settings.ki, settings.kd)
     if options == (None, None, None):
         return chosen
@@ -123,8 +121,8 @@ def judge_folder(
 
     There may be no files. Without `sandbox` their code is not confined: it is the user's own.
     """
-    with ConfinedCode(folder, limits, sandbox=sandbox) as code:
+    with JudgedCode(folder, limits, sandbox=sandbox) as code:
         found = judge(code, settings)
-        gains = gains_used(code, settings) if code.has('controller') else None
+        gains = gains_used(code.chosen_gains(), settings) if code.has('controller') else None
         tolerated = code.tolerated()
     return Report(found, code.printed, gains, tolerated)

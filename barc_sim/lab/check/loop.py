@@ -15,7 +15,7 @@ from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import NOT_A_CAR, Comparison, Stretch, judges
 from barc_sim.lab.check.model import TS
-from barc_sim.lab.user_code.call import NOT_WRITTEN
+from barc_sim.lab.user_code.calls import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.progress import Progress
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.code import JudgedCode, JudgedController
     from barc_sim.lab.check.findings import Judged
     from barc_sim.lab.check.laws import Floats
-    from barc_sim.lab.user_code.gains import ChosenGains
+    from barc_sim.lab.user_code.source import ChosenGains
     from barc_sim.simulation.log import Log
 
 STEEPEST_DEG = 25.0

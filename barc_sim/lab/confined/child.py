@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import FrameType, ModuleType
 
+    from barc_sim.lab.user_code.calls import Command
+    from barc_sim.lab.user_code.code import UserCode, UserPid
+
 MAX_TEXT = 4000  #: characters of an error; what is longer is cut
 NO_PIPES = 97  #: exit code of a process whose pipes have been closed
 _SET_PDEATHSIG, _SET_DUMPABLE, _SET_SECCOMP, _SET_NO_NEW_PRIVS = 1, 4, 22, 38
@@ -59,16 +62,56 @@ class _Installed(MetaPathFinder):
         )
 
 
-def _uses_ros(relay: Path | None) -> bool:
-    """Return whether a relay may be a program of ROS, which needs what stands in for ROS."""
-    if relay is None:
-        return False
-    flags = os.O_RDONLY | getattr(os, 'O_NOFOLLOW', 0) | getattr(os, 'O_NONBLOCK', 0)
-    try:
-        with os.fdopen(os.open(relay, flags), 'rb') as text:
-            return re.search(rb'rclpy|rospy', text.read(_MAX_RELAY) or b'') is not None
-    except OSError:
-        return False
+class CodeServer:
+    """Calls the functions of user code by requests: those of the methods below."""
+
+    def __init__(self, code: UserCode) -> None:
+        """Call those of `code`."""
+        self._code = code
+        self._controllers: dict[int, UserPid] = {}
+
+    def call(self, do: str, *arguments: Any) -> Any:  # noqa: ANN401 (JSON)
+        """Return what the method called `do` returns."""
+        return getattr(self, do)(*arguments)
+
+    def model(self, rows: Sequence[Sequence[float]], l_f: float, l_r: float) -> list[list[float]]:
+        """Return the result of `bikeFE` for each row of its arguments."""
+        model: Any = self._code.model
+        return [model(*row, l_f=l_f, l_r=l_r) for row in rows]
+
+    def new_pid(
+        self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
+    ) -> None:
+        """Make the controller `number`; with `fresh`, of its file loaded again."""
+        self._controllers[number] = self._code.new_pid(
+            kp, ki, kd, fresh=fresh, output_min=-limit, output_max=limit
+        )
+
+    def steps(self, number: int, rows: Sequence[tuple[float, float, float]]) -> list[float]:
+        """Return the outputs of a controller for one row after the other."""
+        controller = self._controller(number)
+        return [controller.acc_calculate(*row) for row in rows]
+
+    def reset(self, number: int) -> bool:
+        """Call the `reset` of a controller; return whether there is one."""
+        return self._controller(number).reset()
+
+    def relay(
+        self, twists: Sequence[Sequence[float]], duration: float, calls: Sequence[Sequence[float]]
+    ) -> list[Command]:
+        """Return what a relay commands: for `twists` a program, in these `calls` a function."""
+        return self._code.relay_commands(twists, duration, calls)
+
+    def notes(self) -> dict[str, Any]:
+        """Return the chosen gains, and what was tolerated in the files that are loaded."""
+        return {'gains': self._code.gains, 'tolerated': self._code.tolerated}
+
+    def _controller(self, number: int) -> UserPid:
+        if number not in self._controllers:
+            from barc_sim.errors import UserError  # noqa: PLC0415 (its folder is known by now)
+
+            raise UserError('PID: the process of this controller has ended')
+        return self._controllers[number]
 
 
 def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
@@ -81,13 +124,14 @@ def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
 
         return Archive(archive).call
     from barc_sim.lab.user_code.budget import OutOfTime  # noqa: PLC0415
-    from barc_sim.lab.user_code.loading import Functions, find_file  # noqa: PLC0415
+    from barc_sim.lab.user_code.code import UserCode, files_in  # noqa: PLC0415
 
-    if _uses_ros(find_file(Path(), 'relay')):
-        from barc_sim.lab.user_code import relay_world  # noqa: PLC0415
+    files = files_in(Path())
+    if 'relay' in files and _uses_ros(files['relay']):
+        from barc_sim.lab.user_code import relay_program  # noqa: PLC0415
 
-        relay_world.load()
-    call = Functions(Path()).call
+        relay_program.prepare()
+    call = CodeServer(UserCode(files, budget=None, packages=False)).call
     if not hasattr(signal, 'setitimer'):  # Windows: the grader ends the process
         return call
 
@@ -105,6 +149,16 @@ def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
     OutOfTime.seconds = seconds
     signal.signal(signal.SIGPROF, out_of_time)
     return limited
+
+
+def _uses_ros(relay: Path) -> bool:
+    """Return whether a relay may be a program of ROS, which needs what stands in for ROS."""
+    from barc_sim.cli.files import read_regular  # noqa: PLC0415
+
+    try:
+        return re.search(rb'rclpy|rospy', read_regular(relay, _MAX_RELAY)) is not None
+    except (OSError, ValueError):
+        return False
 
 
 def _forget_packages(packages: str) -> None:

@@ -18,7 +18,7 @@ from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import PARTS, graded
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.text import printable
-from barc_sim.lab.user_code.loading import FILES
+from barc_sim.lab.user_code.code import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

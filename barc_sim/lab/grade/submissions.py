@@ -16,7 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.confined.archives import ENDINGS, MAX_ENTRIES
 from barc_sim.lab.confined.process import ON_LINUX, Ended, Failed, Limits, Process
 from barc_sim.lab.text import printable
-from barc_sim.lab.user_code.loading import FILES, find_name
+from barc_sim.lab.user_code.code import FILES, find_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator

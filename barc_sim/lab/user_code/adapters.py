@@ -1,32 +1,20 @@
-"""User code in place of barc_sim's own controller and driver, and its description in a bag.
-
-Where user code fails, also in a constructor, that is a UserCodeError.
-"""
+"""User code in the places of barc_sim's own controller and driver."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import Driver
 from barc_sim.control.pid import PID
 from barc_sim.control.types import Adapter
-from barc_sim.lab.user_code.loading import load_files
+from barc_sim.lab.user_code.code import UserCode
 from barc_sim.vehicle.bike_model import Command
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from barc_sim.lab.user_code.functions import ControllerFactory, RelayFactory, UserPid
-    from barc_sim.lab.user_code.loading import UserCode
-    from barc_sim.lab.user_code.relay_program import RelayProgram
-
-#: The entry of a bag's metadata that names the user code.
-METADATA = 'student_code'
-#: The start of the names of its files, as attachments.
-FOLDER = 'student/'
+    from barc_sim.lab.user_code.code import UserPid
 
 
 class UserController(Adapter):
@@ -41,10 +29,11 @@ class UserController(Adapter):
     kd: float
     _controller: UserPid
 
-    def __init__(self, new: ControllerFactory) -> None:
+    def __init__(self, code: UserCode) -> None:
         """Make a controller with the gains that its file chooses, else those of a run."""
-        chosen = getattr(new, 'chosen', None)
-        super().__init__(new, values=dict(zip(PID.gains, chosen, strict=False)) if chosen else None)
+        chosen = code.gains
+        values = dict(zip(PID.gains, chosen[:3], strict=True)) if chosen else None
+        super().__init__(code.new_pid, values=values)
 
     def _make(self, values: Mapping[str, float]) -> UserPid:
         limits = {'output_min': self.output_min, 'output_max': self.output_max}
@@ -58,20 +47,9 @@ class UserController(Adapter):
         return self._controller.read(name)
 
 
-@dataclass(frozen=True)
-class UserControllerFile:
-    """A user's `controller.py` as a value that other processes can receive.
-
-    Each call loads the file: it may have been edited. The printed text of its code is dropped.
-    """
-
-    path: Path
-
-    def __call__(self) -> UserController:
-        """Return a new controller."""
-        factory = load_files({'controller': self.path}, output=lambda _: None).controller
-        assert factory  # noqa: S101 (load_files raises without it)
-        return UserController(factory)
+def controller_of(file: Path) -> UserController:
+    """Return a new controller of a `controller.py`, which is loaded now; its prints are dropped."""
+    return UserController(UserCode({'controller': file}, output=lambda _: None).load())
 
 
 class UserDriver(Driver):
@@ -80,40 +58,23 @@ class UserDriver(Driver):
     Its commands are cut to the car's limits.
     """
 
-    def __init__(self, new: RelayFactory | RelayProgram) -> None:
+    def __init__(self, code: UserCode) -> None:
         """Start with a new relay."""
-        self._new = new
+        self._code = code
         super().__init__()
 
     def reset(self) -> None:
         """Clear the request, and start with a new relay."""
         super().reset()
-        self._relay = self._new()
+        self._relay = self._code.new_relay()
 
     def command(self, t: float, speed: float) -> Command:
         """Return the command from `t` [s] on, at a true speed of `speed` [m/s]."""
         own = super().command(t, speed)
         if self.request.brake:
             return own
-        motor, servo = self._relay.relay(self.request.forward, self.request.turn, self.dt)
+        motor, servo = self._relay(self.request.forward, self.request.turn, dt=self.dt)
         limits = self.limits
-        greatest = max(limits.acceleration, limits.deceleration)
+        maximum = max(limits.acceleration, limits.deceleration)
         self.servo = max(-limits.steering, min(servo, limits.steering))
-        return Command(max(-greatest, min(motor, greatest)), self.servo)
-
-
-def describe(user_code: UserCode) -> dict[str, str]:
-    """Return the metadata of user code in a bag: files by part, and hashes."""
-    hashes = {source.name: source.sha256 for source in user_code.sources}
-    return {METADATA: json.dumps({'files': user_code.files, 'sha256': hashes})} if hashes else {}
-
-
-def attachments(user_code: UserCode) -> dict[str, bytes]:
-    """Return the user's files, by their names as attachments of a bag."""
-    return {FOLDER + source.name: source.text.encode() for source in user_code.sources}
-
-
-def attached(found: Mapping[str, bytes]) -> dict[str, bytes]:
-    """Return the user's files among the attachments of a bag, by their own names."""
-    names = {name: name.removeprefix(FOLDER) for name in found if name.startswith(FOLDER)}
-    return {own: found[name] for name, own in names.items()}
+        return Command(max(-maximum, min(motor, maximum)), self.servo)

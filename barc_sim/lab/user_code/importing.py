@@ -176,6 +176,11 @@ class Folder:
         self.trees[str(path)] = compiled(self._read(path)).tree
         return self.trees[str(path)]
 
+    def place(self, filename: str, line: int) -> str | None:
+        """Return file and line for a sentence, if the file is one of the loaded."""
+        source = self.sources.get(filename)
+        return f'{source.name}, line {line}' if source else None
+
     def _read(self, path: Path) -> Source:
         inside = path.is_relative_to(self.path)
         name = str(path.relative_to(self.path)) if inside else path.name

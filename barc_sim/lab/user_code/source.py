@@ -1,4 +1,4 @@
-"""Reads a user's file, and finds errors in it before it runs: each is a UserCodeError."""
+"""Reads a user's file without running it: its errors, its gains, and whether it is of ROS."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import ast
 import hashlib
 import re
 import warnings
-from typing import TYPE_CHECKING, NamedTuple
+from math import isfinite
+from typing import TYPE_CHECKING, NamedTuple, TypeGuard
 
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
     from types import CodeType
 
@@ -24,6 +26,18 @@ _PYTHON_2 = {
     "call to 'exec'": 'write exec(…)',
     'leading zeros in decimal': 'write an octal number as 0o…',
 }
+#: The defaults of PID's gains in the lab's template, which nobody has chosen.
+_TEMPLATE = (1.0, 1.0, 1.0)
+_MAX_GAIN = 1e12
+#: Names of a gain, in lower case: kp, k_p, p, p_gain, gain_p, kpgain, proportional, …
+_GAIN = re.compile(
+    r'(?:k|gain|coeff)?_?([pid])(?:rop|nt|er)?(?:ortional|egral|ivative)?_?(?:gain|term|coeff)?'
+)
+#: What an expression of numbers and constants consists of.
+_ARITHMETIC = (
+    *(ast.Expression, ast.BinOp, ast.UnaryOp, ast.Constant, ast.Name, ast.Load),
+    *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.USub, ast.UAdd),
+)
 
 
 class UserCodeError(UserError):
@@ -136,3 +150,142 @@ def guarded_lines(tree: ast.Module) -> frozenset[int]:
         for part in node.body
         for line in range(part.lineno, (part.end_lineno or part.lineno) + 1)
     )
+
+
+def ros_of_program(tree: ast.Module) -> str:
+    """Return `rclpy` or `rospy` where a file is a program of it, and empty where it is not.
+
+    A file that defines a function `relay` of two arguments, or a class with such a method, is
+    called by the node of barc_sim, also where it imports ROS.
+    """
+    for node in tree.body:
+        parts = node.body if isinstance(node, ast.ClassDef) and node.name == 'Relay' else [node]
+        for part in parts:
+            if isinstance(part, ast.FunctionDef) and part.name == 'relay':
+                arguments = [each.arg for each in part.args.args if each.arg != 'self']
+                if arguments[1:] or part.args.vararg:
+                    return ''
+    imported = {name.partition('.')[0] for node in ast.walk(tree) for name in _imports(node)}
+    return next((ros for ros in ('rclpy', 'rospy') if ros in imported), '')
+
+
+def _imports(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module or ''] if isinstance(node, ast.ImportFrom) and not node.level else []
+
+
+class ChosenGains(NamedTuple):
+    """Gains, and where they come from."""
+
+    kp: float
+    ki: float
+    kd: float
+    origin: str  #: as in 'controller.py, line 65'
+
+    def __str__(self) -> str:
+        """Return them as text."""
+        return f'kp {self.kp:g}, ki {self.ki:g}, kd {self.kd:g} ({self.origin})'
+
+
+def find_gains(trees: Mapping[str, ast.Module], file: str) -> ChosenGains | None:
+    """Return the gains that a user has chosen in `file`, one of the syntax trees by name.
+
+    They are those of the last call `PID(…)` of numbers and constants, else the defaults of the
+    constructor, which can be in another file, if they are not the template's.
+    """
+    place, constructor = next(
+        ((name, c) for name, tree in trees.items() if (c := _constructor(tree))), (file, None)
+    )
+    parameters = _parameters(constructor) if constructor else dict.fromkeys(('kp', 'ki', 'kd'))
+    names = gain_names([*parameters])
+    constants = _constants(trees[file])
+    calls = [node for node in ast.walk(trees[file]) if _makes_pid(node)]
+    for call in sorted(calls, key=lambda node: node.lineno, reverse=True):
+        passed: dict[str, ast.expr | None] = dict(zip(parameters, call.args, strict=False))
+        passed |= {keyword.arg: keyword.value for keyword in call.keywords if keyword.arg}
+        if passed.keys() & set(names):
+            gains = _numbers([(parameters | passed).get(name) for name in names], constants)
+            if gains:
+                return ChosenGains(*gains, f'{file}, line {call.lineno}')
+    gains = _numbers([parameters[name] for name in names], {})
+    if constructor and gains and gains != _TEMPLATE:
+        return ChosenGains(*gains, f'{place}, defaults, line {constructor.lineno}')
+    return None
+
+
+def _constructor(tree: ast.Module) -> ast.FunctionDef | None:
+    classes = (n for n in ast.walk(tree) if isinstance(n, ast.ClassDef) and n.name == 'PID')
+    methods = (part for each in classes for part in each.body if isinstance(part, ast.FunctionDef))
+    return next((method for method in methods if method.name == '__init__'), None)
+
+
+def _parameters(function: ast.FunctionDef) -> dict[str, ast.expr | None]:
+    """Return the arguments after self, with their defaults."""
+    arguments = function.args
+    names = [argument.arg for argument in (*arguments.posonlyargs, *arguments.args)][1:]
+    found: dict[str, ast.expr | None] = dict.fromkeys(names)
+    found |= dict(zip(reversed(names), reversed(arguments.defaults), strict=False))
+    only = [argument.arg for argument in arguments.kwonlyargs]
+    return found | dict(zip(only, arguments.kw_defaults, strict=True))
+
+
+def _makes_pid(node: ast.AST) -> TypeGuard[ast.Call]:
+    if not isinstance(node, ast.Call):
+        return False
+    return 'PID' in (getattr(node.func, 'id', ''), getattr(node.func, 'attr', ''))
+
+
+def _constants(tree: ast.Module) -> dict[str, float]:
+    """Return the names that are assigned numbers; the last assignment counts."""
+    found: dict[str, float] = {}
+    for name, value in sorted(_assignments(tree), key=lambda pair: pair[0].lineno):
+        number = _number(value, found)
+        if number is not None:
+            found[name.id] = number
+    return found
+
+
+def _assignments(tree: ast.Module) -> Iterator[tuple[ast.Name, ast.expr]]:
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Assign):
+            continue
+        for target in node.targets:
+            pairs: list[tuple[ast.expr, ast.expr]] = [(target, node.value)]
+            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                pairs = [*zip(target.elts, node.value.elts, strict=False)]
+            yield from ((name, value) for name, value in pairs if isinstance(name, ast.Name))
+
+
+def _numbers(
+    values: Sequence[ast.expr | None], constants: Mapping[str, float]
+) -> tuple[float, float, float] | None:
+    """Return three gains, or None where one of them is not known."""
+    found = [None if value is None else _number(value, constants) for value in values]
+    kp, ki, kd = found if len(found) == len('pid') else (None, None, None)
+    return None if kp is None or ki is None or kd is None else (kp, ki, kd)
+
+
+def _number(expression: ast.expr, constants: Mapping[str, float]) -> float | None:
+    """Return the value of an expression of numbers and constants; None for another one."""
+    for node in ast.walk(expression):
+        if not isinstance(node, _ARITHMETIC) or (
+            isinstance(node, ast.Constant) and type(node.value) not in {int, float}
+        ):
+            return None
+    code = compile(ast.Expression(expression), '<gain>', 'eval')
+    try:
+        value = float(eval(code, {'__builtins__': {}}, dict(constants)))  # noqa: S307 (arithmetic)
+    except (ArithmeticError, NameError):
+        return None
+    return value if isfinite(value) and abs(value) <= _MAX_GAIN else None
+
+
+def gain_names(parameters: Sequence[str]) -> tuple[str, ...]:
+    """Return those of `parameters` that are kp, ki and kd: by their names, else the first three."""
+    found: dict[str, str] = {}
+    for name in parameters:
+        if match := _GAIN.fullmatch(name.lower()):
+            found.setdefault(match[1], name)
+    names = tuple(found[letter] for letter in 'pid' if letter in found)
+    return names if len(names) == len('pid') else tuple(parameters[:3])

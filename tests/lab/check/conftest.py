@@ -5,9 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-
-from barc_sim.lab.check.code import LocalCode
-from barc_sim.lab.user_code.loading import load_folder
+from user_files import LocalCode, load_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable

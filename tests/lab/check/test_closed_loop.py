@@ -15,12 +15,13 @@ from barc_sim.lab.check.loop import (
     judge_random_roads,
     random_road,
 )
-from barc_sim.lab.user_code.gains import ChosenGains
+from barc_sim.lab.user_code.source import ChosenGains
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check.code import LocalCode
+    from user_files import LocalCode
+
     from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]

@@ -13,7 +13,8 @@ from barc_sim.lab.check.judging import Settings, judge
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check.code import LocalCode
+    from user_files import LocalCode
+
     from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]

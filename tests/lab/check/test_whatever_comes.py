@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import LocalCode
 
-from barc_sim.lab.check.code import LocalCode
 from barc_sim.lab.check.judging import judge
-from barc_sim.lab.user_code.loading import UserCode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +23,10 @@ class Counting:
         """Answer what `answer` says."""
         self._answer = answer
         self._calls = 0
+
+    def reset(self) -> bool:
+        """Return that there is nothing to clear."""
+        return False
 
     def acc_calculate(self, reference: float, current: float, _: float) -> float:
         """Return the answer to this call and error."""
@@ -40,7 +44,7 @@ class Counting:
     ],
 )
 def test_any_state(model: Callable[..., list[float]]) -> None:
-    findings = judge(LocalCode(UserCode(model=model)))
+    findings = judge(LocalCode(SimpleNamespace(paths=['model'], model=model)))
     assert all(0.0 <= finding.score < 0.2 for finding in findings)
 
 
@@ -55,6 +59,15 @@ def test_any_state(model: Callable[..., list[float]]) -> None:
     ],
 )
 def test_any_acceleration(answer: Callable[[int, float], float]) -> None:
-    findings = judge(LocalCode(UserCode(controller=lambda *_, **__: Counting(answer))))
+    findings = judge(
+        LocalCode(
+            SimpleNamespace(
+                paths=['controller'],
+                new_pid=lambda *_, **__: Counting(answer),
+                gains=None,
+                tolerated=(),
+            )
+        )
+    )
     assert all(0.0 <= finding.score <= 1.0 for finding in findings)
     assert [finding.score for finding in findings[7:10]] == [0.0] * 3

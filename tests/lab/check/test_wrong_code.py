@@ -17,7 +17,8 @@ from barc_sim.lab.check.model import judge_equations, judge_reverse, judge_traje
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check.code import LocalCode
+    from user_files import LocalCode
+
     from barc_sim.lab.check.findings import Finding
 
     Lab = Callable[..., LocalCode]

@@ -11,8 +11,7 @@ from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import Row
-from barc_sim.lab.confined.code import ConfinedCode
+from barc_sim.lab.check.code import JudgedCode, Row
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import load
@@ -157,7 +156,7 @@ GRABS = {
 
 
 def test_no_object_in_reach_computes_the_answers(folder: Callable[..., Path]) -> None:
-    with ConfinedCode(folder(bike_model=WALK, relay=ROS_2)) as code:
+    with JudgedCode(folder(bike_model=WALK, relay=ROS_2)) as code:
         code.relay_commands([], 1.0)
 
         assert code.bike_fe([ROW]) == [(1.0, 2.0, 3.0, 4.0)]
@@ -166,7 +165,7 @@ def test_no_object_in_reach_computes_the_answers(folder: Callable[..., Path]) ->
 def test_the_walk_finds_what_is_there(folder: Callable[..., Path]) -> None:
     text = f'{MODEL}\n\n{CONTROLLER}'
     with (
-        ConfinedCode(folder(bike_model=f'import hidden\n{WALK}', hidden=text)) as code,
+        JudgedCode(folder(bike_model=f'import hidden\n{WALK}', hidden=text)) as code,
         pytest.raises(UserError, match=r'answers: <class .*computes the answers: <function bikeF'),
     ):
         code.bike_fe([ROW])

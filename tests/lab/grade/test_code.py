@@ -10,8 +10,7 @@ from user_files import CONTROLLER, MODEL
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import Row
-from barc_sim.lab.confined.code import ConfinedCode
+from barc_sim.lab.check.code import JudgedCode, Row
 from barc_sim.lab.confined.process import Limits
 from barc_sim.vehicle.bike_model import bikeFE
 
@@ -40,7 +39,7 @@ class PID:
 
 
 def test_the_model_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
-    with ConfinedCode(folder(bike_model=MODEL)) as code:
+    with JudgedCode(folder(bike_model=MODEL)) as code:
         assert code.bike_fe(ROWS) == [tuple(bikeFE(*row)) for row in ROWS]
         assert code.bike_fe(ROWS[:1], l_f=1.2, l_r=1.9) == [
             tuple(bikeFE(*ROWS[0], l_f=1.2, l_r=1.9))
@@ -49,7 +48,7 @@ def test_the_model_gives_the_same_as_in_this_process(folder: Callable[..., Path]
 
 def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Path]) -> None:
     here = PID(3.0, 2.0, 0.1, output_min=-8.0, output_max=8.0)
-    with ConfinedCode(folder(controller=CONTROLLER)) as code:
+    with JudgedCode(folder(controller=CONTROLLER)) as code:
         there = code.new_pid(3.0, 2.0, 0.1, limit=8.0)
         expected = [here.acc_calculate(*sample) for sample in SAMPLES]
         assert there.acc_sequence(SAMPLES) == expected
@@ -58,7 +57,7 @@ def test_a_controller_gives_the_same_as_in_this_process(folder: Callable[..., Pa
 
 
 def test_controllers_do_not_share_what_they_remember(folder: Callable[..., Path]) -> None:
-    with ConfinedCode(folder(controller=CONTROLLER)) as code:
+    with JudgedCode(folder(controller=CONTROLLER)) as code:
         first, second = code.new_pid(0.0, 1.0, 0.0), code.new_pid(0.0, 1.0, 0.0)
         first.acc_sequence(SAMPLES)
 
@@ -66,7 +65,7 @@ def test_controllers_do_not_share_what_they_remember(folder: Callable[..., Path]
 
 
 def test_a_class_without_reset_says_so(folder: Callable[..., Path]) -> None:
-    with ConfinedCode(folder(controller=PID_LOOPING_AT_5)) as code:
+    with JudgedCode(folder(controller=PID_LOOPING_AT_5)) as code:
         assert not code.new_pid(1.0, 1.0, 1.0).reset()
 
 
@@ -77,7 +76,7 @@ def test_a_class_without_reset_says_so(folder: Callable[..., Path]) -> None:
 def test_an_answer_that_is_no_state_is_refused(folder: Callable[..., Path], answer: str) -> None:
     text = f'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return {answer}\n'
     with (
-        ConfinedCode(folder(bike_model=text), QUICK) as code,
+        JudgedCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='bikeFE'),
     ):
         code.bike_fe(ROWS[:1])
@@ -97,14 +96,14 @@ def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
         pass
 """
     with (
-        ConfinedCode(folder(bike_model=text), QUICK) as code,
+        JudgedCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='not finite'),
     ):
         code.bike_fe(ROWS[:1])
 
 
 def test_a_call_after_one_that_ended_the_process_is_answered(folder: Callable[..., Path]) -> None:
-    with ConfinedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
+    with JudgedCode(folder(controller=PID_LOOPING_AT_5), QUICK) as code:
         stuck = code.new_pid(1.0, 1.0, 1.0)
         with pytest.raises(UserError, match=r'line 6: acc_calculate.* not return within 0.3 s'):
             stuck.acc_calculate(8.0, 5.0, 0.02)
@@ -120,7 +119,7 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
     folder: Callable[..., Path],
 ) -> None:
     text = 'import os\nprint("called")\nos._exit(3)\n'
-    with ConfinedCode(folder(bike_model=text, controller=CONTROLLER)) as code:
+    with JudgedCode(folder(bike_model=text, controller=CONTROLLER)) as code:
         for _ in range(5):
             with pytest.raises(UserError, match='ended itself with exit code 3'):
                 code.bike_fe(ROWS[:1])
@@ -131,7 +130,7 @@ def test_a_function_that_keeps_ending_its_process_is_not_called_again(
 
 def test_the_beginning_of_what_is_printed_is_kept(folder: Callable[..., Path]) -> None:
     text = 'print("first")\nprint("x" * 10_000)\nraise ValueError\n'
-    with ConfinedCode(folder(bike_model=text), Limits(output=100)) as code:
+    with JudgedCode(folder(bike_model=text), Limits(output=100)) as code:
         with pytest.raises(UserError, match='ValueError'):
             code.bike_fe(ROWS[:1])
         code.close()
@@ -142,7 +141,7 @@ def test_the_beginning_of_what_is_printed_is_kept(folder: Callable[..., Path]) -
 def test_an_exception_that_cannot_be_printed_is_told_of(folder: Callable[..., Path]) -> None:
     text = 'class E(BaseException):\n    def __str__(self): raise self\nraise E\n'
     with (
-        ConfinedCode(folder(bike_model=text), QUICK) as code,
+        JudgedCode(folder(bike_model=text), QUICK) as code,
         pytest.raises(UserError, match='cannot be printed'),
     ):
         code.bike_fe(ROWS[:1])
@@ -161,9 +160,9 @@ def test_an_exception_that_cannot_be_printed_is_told_of(folder: Callable[..., Pa
 def test_forged_answers_of_any_shape_and_size_are_sentences(
     folder: Callable[..., Path], forged: str
 ) -> None:
-    patch = f"import sys\nsys.modules['barc_sim.lab.user_code.loading'].Functions.{forged}\n"
+    patch = f"import sys\nsys.modules['__main__'].CodeServer.{forged}\n"
     text = f'{patch}def relay(x, z): return [x, z]\n'
-    with ConfinedCode(folder(relay=text, bike_model=patch + MODEL)) as code:
+    with JudgedCode(folder(relay=text, bike_model=patch + MODEL)) as code:
         code.bike_fe(ROWS[:1])
         if 'relay' in forged:
             with pytest.raises(UserError, match='relay'):

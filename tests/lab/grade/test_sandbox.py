@@ -12,9 +12,8 @@ import pytest
 
 import barc_sim
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import Row
+from barc_sim.lab.check.code import JudgedCode, Row
 from barc_sim.lab.confined import landlock
-from barc_sim.lab.confined.code import ConfinedCode
 from barc_sim.lab.confined.process import Limits, check
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def asked(
 ) -> list[tuple[float, ...]]:
     path = folder(bike_model=f'import os\n{code}\n{BIKE_FE}', helper='ANSWER = 42')
     folder('neighbour', bike_model=BIKE_FE)
-    with ConfinedCode(path, limits) as confined:
+    with JudgedCode(path, limits) as confined:
         return [*confined.bike_fe([ROW])]
 
 
@@ -143,7 +142,7 @@ def test_sleeping_in_each_call_ends_the_submission(folder: Callable[..., Path]) 
     sleepy = BIKE_FE.replace(':', ':\n    import time; time.sleep(0.3)')
     path = folder(bike_model=sleepy)
     began = time.monotonic()
-    with ConfinedCode(path, Limits(total=1.0)) as code, suppress(UserError):
+    with JudgedCode(path, Limits(total=1.0)) as code, suppress(UserError):
         for _ in range(100):
             code.bike_fe([ROW])
     with pytest.raises(UserError, match=r'used up the 1 s that it has'):
@@ -191,7 +190,7 @@ def test_it_sees_the_same_order_of_sets_each_time(folder: Callable[..., Path]) -
     path = folder(bike_model=text)
     answers = set()
     for _ in range(2):
-        with ConfinedCode(path) as confined:
+        with JudgedCode(path) as confined:
             answers |= {*confined.bike_fe([ROW])}
 
     assert len(answers) == 1
@@ -201,7 +200,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=BIKE_FE)
     before = [*Path('/proc/self/fd').iterdir()]
 
-    with ConfinedCode(path) as confined:
+    with JudgedCode(path) as confined:
         confined.bike_fe([ROW])
 
     assert len([*Path('/proc/self/fd').iterdir()]) == len(before)
@@ -209,7 +208,7 @@ def test_it_leaves_no_descriptor_open(folder: Callable[..., Path]) -> None:
 
 def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -> None:
     path = folder(bike_model=f'open("/etc/passwd")\n{BIKE_FE}')
-    with ConfinedCode(path, sandbox=False) as confined:
+    with JudgedCode(path, sandbox=False) as confined:
         assert confined.bike_fe([ROW]) == [(1.0, 2.0, 3.0, 4.0)]
 
 

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import json
 import pickle
+from functools import partial
 from math import isnan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from user_files import CONTROLLER, MODEL, load
+from user_files import CONTROLLER, MODEL, load, load_folder
 
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
-from barc_sim.lab.user_code import adapters
-from barc_sim.lab.user_code.adapters import UserController, UserControllerFile, UserDriver
-from barc_sim.lab.user_code.loading import load_folder
+from barc_sim.lab.user_code.adapters import UserController, UserDriver, controller_of
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from barc_sim.lab.user_code.code import UserCode
 
 P = """
 class PID:
@@ -34,7 +35,7 @@ class PID:
 """
 
 
-def written(tmp_path: Path, name: str, text: str) -> Any:  # noqa: ANN401 (of any part)
+def written(tmp_path: Path, name: str, text: str) -> UserCode:
     (tmp_path / name).write_text(text)
     return load(tmp_path / name)
 
@@ -56,8 +57,7 @@ def reference(tmp_path: Path) -> Path:
 def test_the_references_own_folder_drives_the_reference_bit_for_bit(reference: Path) -> None:
     lab = load_folder(reference)
     assert lab.model
-    assert lab.controller
-    controller = UserController(lab.controller)
+    controller = UserController(lab)
     controller.output_min, controller.output_max = -8.0, 8.0
     controller.reset()
     log, expected = closed_loop(Plant(model=lab.model), controller), closed_loop()
@@ -126,16 +126,16 @@ def test_a_reset_makes_a_fresh_relay(tmp_path: Path) -> None:
 
 def test_a_bag_is_told_the_files_and_their_hashes(reference: Path) -> None:
     lab = load_folder(reference)
-    described = json.loads(adapters.describe(lab)[adapters.METADATA])
+    described = json.loads(lab.describe()['student_code'])
     assert described['files'] == {'model': 'bike_model.py', 'controller': 'controller.py'}
     assert described['sha256'].keys() == {'bike_model.py', 'controller.py'}
-    attached = adapters.attachments(lab)
+    attached = lab.attachments()
     assert attached['student/controller.py'] == (reference / 'controller.py').read_bytes()
 
 
 def test_a_file_as_a_value_reaches_other_processes(tmp_path: Path) -> None:
     written(tmp_path, 'controller.py', P)
-    value = pickle.loads(pickle.dumps(UserControllerFile(tmp_path / 'controller.py')))  # noqa: S301
+    value = pickle.loads(pickle.dumps(partial(controller_of, tmp_path / 'controller.py')))  # noqa: S301
     assert value().acc_calculate(8.0, 7.0, 0.02) == 31.0
     written(tmp_path, 'controller.py', P.replace('+ self.calls', '+ 5.0'))
     assert value().acc_calculate(8.0, 7.0, 0.02) == 35.0

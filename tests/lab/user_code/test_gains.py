@@ -6,7 +6,7 @@ import ast
 
 import pytest
 
-from barc_sim.lab.user_code.gains import find_gains
+from barc_sim.lab.user_code.source import find_gains
 
 PID = 'class PID:\n    def __init__(self, kp=1, ki=1, kd=1): pass\n'
 PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
@@ -25,10 +25,10 @@ PLAIN = 'class PID:\n    def __init__(self, kp, ki, kd): pass\n'
         (PLAIN + 'PID(5)\nPID()\n', None),
         (
             'KP, KI = 3, 4\nKD = KP * 2\n' + PLAIN + 'PID(KP, KI, KD)\n',
-            (3, 4, 6, 'constants, line 5'),
+            (3, 4, 6, 'line 5'),
         ),
-        (PLAIN + 'def main():\n    a = 3\n    PID(a, a, 0)\n', (3, 3, 0, 'constants, line 5')),
-        ('K = 3\n' + PLAIN + 'PID(1, 2, 3)\nPID(K, K, K)\n', (1, 2, 3, 'line 4')),
+        (PLAIN + 'def main():\n    a = 3\n    PID(a, a, 0)\n', (3, 3, 0, 'line 5')),
+        ('K = 3\n' + PLAIN + 'PID(1, 2, 3)\nPID(K, K, K)\n', (3, 3, 3, 'line 5')),
         (PLAIN + 'PID(input(), 1, 2)\n', None),
         (PID.replace('kp=1', 'kp=4'), (4, 1, 1, 'defaults, line 2')),
         (

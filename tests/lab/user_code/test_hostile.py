@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import load
 
-from barc_sim.lab.user_code import call
+from barc_sim.lab.user_code import calls
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -48,7 +48,7 @@ MODELS = {
 
 @pytest.fixture(autouse=True)
 def short_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(call, '_LOOKING', 0.2)
+    monkeypatch.setattr(calls, '_INSPECTION', 0.2)
 
 
 @pytest.mark.parametrize('name', MODELS)
@@ -56,7 +56,8 @@ def test_what_a_model_returns_is_looked_at_with_care(tmp_path: Path, name: str) 
     before, returned = MODELS[name]
     file = tmp_path / 'bike_model.py'
     file.write_text(f'{before}\n{MODEL}{returned}\n')
-    model = load(file, budget=0.2)
+    model = load(file, budget=0.2).model
+    assert model
     began = time.monotonic()
     with pytest.raises(UserCodeError, match=r'returned .*; expected four finite numbers'):
         model(*ARGUMENTS)
@@ -68,12 +69,12 @@ def test_what_a_model_returns_is_looked_at_with_care(tmp_path: Path, name: str) 
 def test_a_controller_that_refuses_to_be_looked_at(tmp_path: Path, method: str, fault: str) -> None:
     file = tmp_path / 'controller.py'
     file.write_text(f'{CONTROLLER}    def {method}(self, name):\n        {fault}\n')
-    factory = load(file, budget=0.2)
+    code = load(file, budget=0.2)
     if method == '__getattribute__':
         with pytest.raises(UserCodeError, match='whose acc_calculate cannot be read'):
-            UserController(factory)
+            UserController(code)
     else:  # only what it does not have
-        assert UserController(factory).acc_calculate(8.0, 0.0, 0.02) == 1.0
+        assert UserController(code).acc_calculate(8.0, 0.0, 0.02) == 1.0
 
 
 def test_a_replaced_signature_matters_to_nobody(

@@ -7,18 +7,17 @@ import math
 from typing import TYPE_CHECKING
 
 import pytest
-from user_files import load
+from user_files import load, load_folder
 
-from barc_sim.lab.user_code.loading import (
-    UserCodeError,
-    load_files,
-    load_folder,
-)
+from barc_sim.lab.user_code.code import UserCode
+from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
-    from barc_sim.lab.user_code.loading import ControllerFactory, UserModel
+    from barc_sim.lab.user_code.calls import UserFunction
+    from barc_sim.lab.user_code.code import UserPid
 
 ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)
 CALLED = (
@@ -37,9 +36,11 @@ def lab(tmp_path: Path, **files: str) -> Path:
     return tmp_path
 
 
-def model(tmp_path: Path, body: str, before: str = '') -> UserModel:
+def model(tmp_path: Path, body: str, before: str = '') -> UserFunction:
     path = lab(tmp_path, bike_model=f'{before}{HEAD}    {body}\n') / 'bike_model.py'
-    return load(path, budget=SHORT)
+    found = load(path, budget=SHORT).model
+    assert found
+    return found
 
 
 @pytest.mark.parametrize(
@@ -140,7 +141,9 @@ def test_a_call_without_a_budget_starts_no_thread(
 ) -> None:
     monkeypatch.setattr('threading.Thread.start', None)
     path = lab(tmp_path, bike_model=f'{HEAD}    return [x, y, psi, v]\n') / 'bike_model.py'
-    assert load(path, budget=None)(*ROW)[3] == 8.0
+    found = load(path, budget=None).model
+    assert found
+    assert found(*ROW)[3] == 8.0
 
 
 @pytest.mark.parametrize(
@@ -155,7 +158,8 @@ def test_the_geometry_is_passed_where_it_is_an_argument(
     tmp_path: Path, arguments: str, returned: str, result: list[float]
 ) -> None:
     text = f'def bikeFE({arguments}):\n    return {returned}\n'
-    f = load(lab(tmp_path, bike_model=text) / 'bike_model.py')
+    f = load(lab(tmp_path, bike_model=text) / 'bike_model.py').model
+    assert f
     assert f(*ROW, l_f=1.5, l_r=1.25, g=9.5) == result
 
 
@@ -201,14 +205,14 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
 def test_a_loop_without_end_outside_of_functions_is_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('barc_sim.lab.user_code.loading._LOADING', SHORT)
+    monkeypatch.setattr('barc_sim.lab.user_code.code._LOADING', SHORT)
     with pytest.raises(UserCodeError, match=r'line 2: loading the file took longer than 0.2 s'):
         load(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError, match=r"nothing\.py' cannot be read: No such file"):
-        load_files({'model': tmp_path / 'nothing.py'})
+        UserCode({'model': tmp_path / 'nothing.py'}).load()
 
 
 PID = """
@@ -224,8 +228,8 @@ class PID:
 """
 
 
-def controller(tmp_path: Path, text: str) -> ControllerFactory:
-    return load(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT)
+def controller(tmp_path: Path, text: str) -> Callable[..., UserPid]:
+    return load(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT).new_pid
 
 
 def test_each_controller_has_a_state_of_its_own(tmp_path: Path) -> None:
@@ -321,8 +325,8 @@ def test_a_method_that_takes_too_little_is_refused_when_a_controller_is_made(
     ],
 )
 def test_a_relay_is_a_function_or_a_class(tmp_path: Path, text: str) -> None:
-    new = load(lab(tmp_path, relay=text) / 'relay.py')
-    assert new().relay(1.0, -1.0, 0.05) == (4.0, -0.5)
+    code = load(lab(tmp_path, relay=text) / 'relay.py')
+    assert code.new_relay()(1.0, -1.0, dt=0.05) == [4.0, -0.5]
 
 
 def test_a_lab_has_what_its_folder_has(tmp_path: Path) -> None:
@@ -366,11 +370,10 @@ def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
         relay='from h import f\ndef relay(x, z): return f()\n',
         h='f = lambda: [2] * 2',
     )
-    both = load_files({'model': one / 'bike_model.py', 'relay': two / 'relay.py'})
+    both = UserCode({'model': one / 'bike_model.py', 'relay': two / 'relay.py'}).load()
     assert both.model
-    assert both.relay
     assert both.model(*ROW) == [1.0] * 4
-    assert both.relay().relay(0.0, 0.0, 0.0) == (2.0, 2.0)
+    assert both.new_relay()(0.0, 0.0, dt=0.0) == [2.0, 2.0]
     assert len(both.sources) == 4
 
 

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import pytest
 from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
+from user_files import LocalCode, load_folder
 
-from barc_sim.lab.check.code import LocalCode
-from barc_sim.lab.user_code.loading import (
-    RelayFactory,
-    RelayProgram,
-    UserCode,
-    UserCodeError,
-    load_folder,
-)
-from barc_sim.lab.user_code.relay_program import Command, TimedTwist
+from barc_sim.lab.user_code.calls import Command, TimedTwist, UserFunction
+from barc_sim.lab.user_code.code import UserCode
+from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,21 +26,16 @@ ENDLESS_LOOP = ROS_1.replace('while not rospy.is_shutdown()', 'while True').repl
 ENDLESS = '4 s of the relay took longer than'
 
 
-Load = Callable[[str], RelayFactory | RelayProgram]
+Load = Callable[[str], UserCode]
 
 
-def judged(relay: Any, twists: list[TimedTwist], duration: float) -> list[Command]:  # noqa: ANN401
-    return LocalCode(UserCode(relay=relay)).relay_commands(twists, duration)
+def judged(code: UserCode, twists: list[TimedTwist], duration: float) -> list[Command]:
+    return LocalCode(code).relay_commands(twists, duration)
 
 
 @pytest.fixture
 def load(tmp_path: Path) -> Load:
-    def loaded(text: str) -> RelayFactory | RelayProgram:
-        relay = code(tmp_path, text).relay
-        assert relay
-        return relay
-
-    return loaded
+    return partial(code, tmp_path)
 
 
 def code(folder: Path, text: str) -> UserCode:
@@ -90,11 +81,11 @@ def test_other_ways_to_wait_are_a_relay_too(load: Load) -> None:
         'e = rclpy.executors.SingleThreadedExecutor(); e.add_node(node); e.spin()',
     )
     unguarded = ROS_2.replace("if __name__ == '__main__':\n    main()\n", '')
-    expected = load(ROS_2).commands(HELD, 4.0)
+    expected = judged(load(ROS_2), HELD, 4.0)
     for text in (executor, unguarded):
         assert judged(load(text), HELD, 4.0) == expected
     for t in (0.5, 1.9, 3.0):
-        assert at(load(once).commands(HELD, 4.0), t)[1:] == at(expected, t)[1:]
+        assert at(judged(load(once), HELD, 4.0), t)[1:] == at(expected, t)[1:]
 
 
 def test_python_sleep_takes_simulated_time(load: Load) -> None:
@@ -163,7 +154,7 @@ main()
 def test_program_uses_whatever_rclpy_documents(
     load: Load, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    commands = load(MORE_OF_RCLPY).commands(HELD, 4.0)
+    commands = judged(load(MORE_OF_RCLPY), HELD, 4.0)
     assert at(commands, 1.9)[1:] == (2.0, 0.3)
     assert at(commands, 3.0)[1:] == (0.0, 0.0)
     assert capsys.readouterr() == ('', '')
@@ -207,33 +198,33 @@ def test_what_is_wrong_is_a_sentence(
 
 
 def test_program_of_ros_1_can_be_driven_step_by_step(load: Load) -> None:
-    relay = load(ROS_1)()
-    assert relay.relay(1.0, 1.0, 0.05) == pytest.approx((2.0, 0.3))
-    assert [relay.relay(0.0, -1.0, 0.05) for _ in range(3)][-1] == pytest.approx((0.0, -0.3))
+    relay = load(ROS_1).new_relay()
+    assert relay(1.0, 1.0, dt=0.05) == pytest.approx((2.0, 0.3))
+    assert [relay(0.0, -1.0, dt=0.05) for _ in range(3)][-1] == pytest.approx((0.0, -0.3))
 
 
 def test_program_that_ends_or_fails_while_it_drives_is_a_sentence(load: Load) -> None:
     with pytest.raises(UserCodeError, match='the program of the relay has ended'):
-        load(ROS_1.replace('RateRelay().run()', 'RateRelay()'))()
-    failing = load(ROS_1.replace('2 * msg.linear.x', '1 / msg.linear.x'))()
-    failing.relay(1.0, 0.0, 0.05)
+        load(ROS_1.replace('RateRelay().run()', 'RateRelay()')).new_relay()
+    failing = load(ROS_1.replace('2 * msg.linear.x', '1 / msg.linear.x')).new_relay()
+    failing(1.0, 0.0, dt=0.05)
     with pytest.raises(UserCodeError, match=r'line 11: .* raised ZeroDivisionError'):
-        failing.relay(0.0, 0.0, 0.05)
+        failing(0.0, 0.0, dt=0.05)
 
 
 def test_file_with_the_function_is_called_whatever_it_imports(load: Load) -> None:
-    assert isinstance(load('import rospy\n' + FUNCTION), RelayFactory)
-    assert isinstance(load('import rclpy\n' + CLASS), RelayFactory)
+    assert isinstance(load('import rospy\n' + FUNCTION).relay, UserFunction)
+    assert isinstance(load('import rclpy\n' + CLASS).relay, UserFunction)
 
 
 def test_program_is_among_the_sources_of_a_run(tmp_path: Path) -> None:
     loaded = code(tmp_path, ROS_2)
     assert [source.name for source in loaded.sources] == ['relay.py']
-    assert loaded.files == {'relay': 'relay.py'}
+    assert '"files": {"relay": "relay.py"}' in loaded.describe()['student_code']
 
 
 def test_printed_message_has_no_address(load: Load, capsys: pytest.CaptureFixture[str]) -> None:
-    load(ROS_1.replace('global motor', 'print(msg)\n\tglobal motor')).commands(HELD, 1.02)
+    load(ROS_1.replace('global motor', 'print(msg)\n\tglobal motor')).relay_commands(HELD, 1.02, [])
     assert capsys.readouterr().out == (
         'geometry_msgs.msg.Twist(linear=geometry_msgs.msg.Vector3(x=1.0, y=0.0, z=0.0), '
         'angular=geometry_msgs.msg.Vector3(x=0.0, y=0.0, z=1.0))\n'

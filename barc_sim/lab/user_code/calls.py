@@ -1,0 +1,318 @@
+"""Calls a user's function within its time budget, with errors that a user understands."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import math
+import os
+import re
+import traceback
+from inspect import Parameter, Signature, signature, unwrap
+from itertools import islice
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from barc_sim.lab.user_code.budget import Budget, OutOfTime
+from barc_sim.lab.user_code.importing import AbsentModuleError
+from barc_sim.lab.user_code.source import UserCodeError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from barc_sim.lab.user_code.importing import Folder
+
+_T = TypeVar('_T')
+
+#: [s] Default time budget of a call: a hundred steps of the car.
+BUDGET = 2.0
+_INSPECTION = 1.0  #: [s] to inspect a user's value
+#: In the error of a function that still is the template's.
+NOT_WRITTEN = 'is not written yet (TODO)'
+MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
+_SHOWN = 120
+_ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
+_FLOAT = {float}
+
+
+class TimedTwist(NamedTuple):
+    """A Twist on `cmd_vel`."""
+
+    t: float  #: [s]
+    linear_x: float
+    angular_z: float
+
+
+class Command(NamedTuple):
+    """A command on `ecu`."""
+
+    t: float  #: [s]
+    motor: float
+    servo: float
+
+
+class UserFunction:
+    """A user's function, method or class, called with the arguments and options that it takes.
+
+    What fails, takes too long or returns something else than expected is a UserCodeError: one
+    sentence with the file, the line and the values.
+    """
+
+    def __init__(
+        self,
+        folder: Folder,
+        function: Callable[..., Any],
+        budget: float | None,
+        takes: Sequence[str],
+        expected: str,
+        *,
+        numbers: int = 0,
+        timed: bool = False,
+    ) -> None:
+        """Check that `function` takes the arguments `takes`.
+
+        It must return so many `numbers`, described by `expected`; 0: any object. A `timed` one may
+        require the time step as one more argument of any name.
+        """
+        self.folder, self.function = folder, function
+        self._expected, self._numbers = expected, numbers
+        self._call = Budget(budget).call if budget else _call
+        self._budget = budget
+        found = self._signature()
+        #: The names of its arguments.
+        self.parameters = [*found.parameters]
+        kinds = [each.kind for each in found.parameters.values()]
+        self._takes_all = Parameter.VAR_KEYWORD in kinds
+        self._positions = {name: position for position, name in enumerate(self.parameters)}
+        self._dt = 'dt'  # its name of the time step
+        if not _binds(found, len(takes)):
+            further = self.parameters[len(takes) :] if timed else ()
+            steps = [name for name in further if _binds(found, len(takes), **{name: 0.0})]
+            if not steps:
+                raise UserCodeError(
+                    f'{self.place()}: {self._name()} takes ({", ".join(self.parameters)}); '
+                    f'expected ({", ".join(takes)})'
+                )
+            self._dt = steps[0]
+
+    def __call__(self, *args: Any, **options: Any) -> Any:  # noqa: ANN401 (a user's)
+        """Return what the function returns: a float, a list of floats, or an object."""
+        if self._dt != 'dt':
+            options[self._dt] = options.pop('dt')
+        if not self._takes_all:
+            positions, first = self._positions, len(args)
+            options = {n: v for n, v in options.items() if positions.get(n, -1) >= first}
+        try:
+            result = self._call(self.function, *args, **options)
+        except (Exception, SystemExit, OutOfTime) as error:
+            raise self._raised(error, args, options) from error
+        if not self._numbers:
+            return result
+        found = _plain(result, self._numbers)
+        if found is None:
+            found = self.attempt(_converted, result, self._numbers)
+        if found is None:
+            hint = ': is its return missing?' if result is None else ''
+            raise UserCodeError(
+                f'{self.place()}: {self._call_text(args, options)} returned '
+                f'{short_repr(result)}; expected {self._expected}{hint}'
+            )
+        return found
+
+    def attempt(self, function: Callable[..., _T], /, *args: Any) -> _T | None:  # noqa: ANN401
+        """Return what `function` returns of a user's values; None where it fails or takes too long.
+
+        What a user's value does when it is inspected is the user's code, too.
+        """
+        try:
+            found: _T = self._call(function, *args)
+        except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (a user's value)
+            return None
+        return found
+
+    def method(self, instance: object, name: str) -> Any:  # noqa: ANN401 (a user's)
+        """Return a method of an object that the function has returned."""
+        found = self.attempt(getattr, instance, name)
+        if found is None:
+            raise UserCodeError(
+                f'{self.place()}: {self._name()}(…) returned {short_repr(instance)}, whose {name} '
+                'cannot be read; expected a method'
+            )
+        return found
+
+    def place(self) -> str:
+        """Return the file and line that define the function."""
+        code = guarded(lambda: getattr(unwrap(self.function), '__code__', None), default=None)
+        found = self.folder.place(code.co_filename, code.co_firstlineno) if code else None
+        return found or self.folder.path.name
+
+    def _signature(self) -> Signature:
+        try:
+            return signature(self.function)
+        except Exception as error:
+            raise UserCodeError(
+                f'{self.place()}: expected a function, got {short_repr(self.function)}'
+            ) from error
+
+    def _raised(
+        self, error: BaseException, args: tuple[Any, ...], options: Mapping[str, Any]
+    ) -> UserCodeError:
+        place = raised_at(self.folder, error) or self.place()
+        call = self._call_text(args, options)
+        if isinstance(error, OutOfTime):
+            return UserCodeError(
+                f'{place}: {call} did not return within {self._budget or error.seconds:g} s; '
+                f'expected {self._expected}: is there an endless loop?'
+            )
+        if isinstance(error, AbsentModuleError):
+            return UserCodeError(f'{place}: {call} uses {error}')
+        # The lab's own templates have the name TODO where code is missing.
+        if isinstance(error, NotImplementedError) or getattr(error, 'name', '') == 'TODO':
+            return UserCodeError(f'{place}: {self._name()} {NOT_WRITTEN}')
+        text = describe_error(error).replace(str(self.folder.path) + os.sep, '')
+        hint = _cause(self.folder, error)
+        text = f'{text}: {hint}' if hint else text
+        return UserCodeError(f'{place}: {call} raised {text}; expected {self._expected}')
+
+    def _call_text(self, args: tuple[Any, ...], options: Mapping[str, Any]) -> str:
+        names = [name for name in self.parameters if name not in options]
+        passed = {**dict(zip(names, args, strict=False)), **options}
+        values = ', '.join(f'{name}={short_repr(value)}' for name, value in passed.items())
+        return f'{self._name()}({values})'
+
+    def _name(self) -> str:
+        return str(guarded(getattr, self.function, '__name__', default='a function'))
+
+
+def _call(function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Any:  # noqa: ANN401
+    return function(*args, **kwargs)
+
+
+def _binds(found: Signature, count: int, **options: float) -> bool:
+    try:
+        found.bind(*range(count), **options)
+    except TypeError:
+        return False
+    return True
+
+
+def _plain(result: Any, count: int) -> Any:  # noqa: ANN401 (a user's)
+    """Return a result that is finite floats already, checked in each step; else None."""
+    if count == 1:
+        return result if type(result) is float and isfinite(result) else None
+    if type(result) is list and len(result) == count and {*map(type, result)} == _FLOAT:
+        return result if isfinite(sum(result)) or all(map(isfinite, result)) else None
+    return None
+
+
+def _converted(result: Any, count: int) -> float | list[float] | None:  # noqa: ANN401 (a user's)
+    """Return a number, or a list of `count` numbers, as finite floats; None for something else."""
+    if count == 1:
+        value = number(result)
+        return value if value is not None and isfinite(value) else None
+    if hasattr(result, 'ravel'):
+        result = list(islice(result.ravel(), count + 1))
+    if not isinstance(result, (list, tuple)) or len(result) != count:
+        return None
+    values = [number(value) for value in islice(result, count)]
+    finite = [value for value in values if value is not None and isfinite(value)]
+    return finite if len(finite) == count else None
+
+
+def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
+    """Return `value` as a float; None if it is not a number. An array of one number is one."""
+    if isinstance(value, (str, bytes)):
+        return None
+    try:
+        return float(value.item() if hasattr(value, 'item') else value)
+    except Exception:  # noqa: BLE001 (a user's value can raise anything)
+        return None
+
+
+def guarded(function: Callable[..., _T], *args: object, default: _T) -> _T:
+    """Return what `function` returns of a user's value; `default` where it fails or is slow."""
+    try:
+        call = Budget(_INSPECTION).call
+    except RuntimeError:  # graded code has no threads, and a limit for all of it
+        call = _call
+    try:
+        return call(function, *args)
+    except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (as above)
+        return default
+
+
+def short_repr(value: object) -> str:
+    """Return `value` as text for a sentence, without addresses in memory."""
+    if type(value) is float:  # `isinstance` would ask the value
+        return f'{value:.9g}' if value % 1.0 else repr(value)
+    kind = type.__getattribute__(type(value), '__name__')
+    return _in_one_line(guarded(repr, value, default=f'<{kind} instance>'))
+
+
+def without_addresses(text: str) -> str:
+    """Return a text without addresses in memory, which differ from run to run."""
+    return _ADDRESS.sub('', text)
+
+
+def _in_one_line(text: str) -> str:
+    text = without_addresses(' '.join(text.split()))
+    return text if len(text) <= _SHOWN else f'{text[:_SHOWN]}…'
+
+
+def describe_error(error: BaseException) -> str:
+    """Return an exception's type and message in one line."""
+    text = _in_one_line(guarded(str, error, default=''))
+    return f'{type(error).__name__}: {text}' if text else type(error).__name__
+
+
+def raised_at(folder: Folder, error: BaseException) -> str | None:
+    """Return the innermost file and line of the folder in an exception's traceback."""
+    places = [
+        place
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if (place := folder.place(frame.f_code.co_filename, line))
+    ]
+    return places[-1] if places else None
+
+
+def _cause(folder: Folder, error: BaseException) -> str:
+    """Return a sentence on the name that made a call fail; empty if none is known."""
+    frames = [
+        (frame, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if frame.f_code.co_filename in folder.trees
+    ]
+    if not frames:
+        return ''
+    frame, line = frames[-1]
+    own: dict[str, Any] = guarded(lambda: vars(frame.f_locals['self']), default={})
+    if isinstance(error, NameError) and error.name in own:
+        return f'did you mean self.{error.name}?'
+    if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
+        return ''
+    tree = folder.trees[frame.f_code.co_filename]
+    names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}
+    called = [
+        node.func
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)
+    ]
+    for function in sorted(called, key=lambda node: (node.end_lineno, node.end_col_offset)):
+        name = ast.unparse(function)
+        value = names.get(name, len)
+        if callable(value):
+            continue
+        if not (hasattr(builtins, name) or hasattr(math, name)):
+            return f'{name} is {short_repr(value)}: is a * missing before the bracket?'
+        at = _assigned_at(tree, name)
+        where = f', assigned in line {at},' if at else ''
+        return f'{name} is {short_repr(value)} here{where} which hides the function {name}'
+    return ''
+
+
+def _assigned_at(tree: ast.Module, name: str) -> int | None:
+    """Return the first line that assigns to `name`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
+            return node.lineno
+    return None
