@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.files import saving, target
 from barc_sim.errors import UserError
-from barc_sim.tuning import options as tune_options
+from barc_sim.tuning import command_line
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-add_arguments = tune_options.add_arguments
+add_arguments = command_line.add_arguments
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
 #: Population, generations and points along a side of the map: for the PID, whose loops run as one
@@ -46,20 +46,19 @@ def run(options: Namespace) -> None:
 
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415
     from barc_sim.tuning import search  # noqa: PLC0415
-    from barc_sim.tuning import terminal as console  # noqa: PLC0415
 
     began = time.monotonic()
     path = target(options.save, FORMATS) if options.save is not None else None
-    low, high = tune_options.ranges(options)
+    low, high = command_line.ranges(options)
     if path:
         search.free_axes(low, high)
-    start = np.array([getattr(options, gain) for gain in tune_options.GAINS])
-    goal = tune_options.goal(
+    start = np.array([getattr(options, gain) for gain in command_line.GAINS])
+    goal = command_line.goal(
         options, partial(controller_of, options.controller) if options.controller else None
     )
     goal(start[np.newaxis])  # a mistake in the controller is reported from here
     population, generations, points = _USER_CODE if options.controller else _BATCHED
-    with _distributed(goal, options.scheduler) as cost, console.progress(generations) as show:
+    with _distributed(goal, options.scheduler) as cost, command_line.progress(generations) as show:
         best = search.search(
             cost,
             low,
@@ -79,12 +78,12 @@ def run(options: Namespace) -> None:
         took = time.monotonic() - began
         plane = search.surface(cost, low, high, start, best.gains, points) if path else None
     for course in goal.courses:
-        console.print_scores(goal, course, {'start': start, 'found': best.gains})
+        command_line.print_scores(goal, course, {'start': start, 'found': best.gains})
     print(f'{best.evaluations} closed loops per road in {took:.1f} s; to run it:')  # noqa: T201
-    for command in tune_options.commands(options, best.gains.tolist()):
+    for command in command_line.commands(options, best.gains.tolist()):
         print(command)  # noqa: T201
     if path and plane:
-        _draw(path, plane, goal, (start, best.gains), tune_options.settings(options))
+        _draw(path, plane, goal, (start, best.gains), command_line.settings(options))
         print(path)  # noqa: T201
 
 

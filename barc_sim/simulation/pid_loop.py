@@ -1,6 +1,6 @@
 """The closed loop of PID and bicycle straight over hills, in plain floats: every run's inner loop.
 
-`drive_pid` has the laws `pid_step` and `next_speed` once more, written out, as a call costs as
+`_drive` has the laws `pid_step` and `next_speed` once more, written out, as a call costs as
 much as a law. `pid_log` makes a log of it. Tests compare both with the plant and the controller
 in `closed_loop`, to the last bit.
 """
@@ -69,17 +69,17 @@ class RoadSegments(NamedTuple):
         return self.begins[i], self.ends[i], self.gravity_forces[i]
 
 
-class Start(NamedTuple):
-    """Car and controller before the first step; the default is at rest, without a past."""
+class _Start(NamedTuple):
+    """Car and controller before the first step."""
 
-    x: float = 0.0  #: [m]
-    v: float = 0.0  #: [m/s]
-    integral: float = 0.0  #: [m/s²]
+    x: float  #: [m]
+    v: float  #: [m/s]
+    integral: float  #: [m/s²]
     previous: float = 0.0  #: [m/s] measured before; without meaning where `dt` is 0
     dt: float = 0.0  #: [s] since then; 0: there was no measurement
 
 
-class Trace(NamedTuple):
+class _Trace(NamedTuple):
     """What a loop leaves; the first two are shape `(n,)`, of each state."""
 
     v: Floats  #: [m/s]
@@ -87,15 +87,15 @@ class Trace(NamedTuple):
     after: tuple[float, float]  #: x [m] and v [m/s] after the last step; at the distance, there
 
 
-def drive_pid(
+def _drive(
     gains: tuple[float, float, float],
     settings: LoopSettings,
     segments: RoadSegments,
     errors: Iterable[float],
-    start: Start | None = None,
-    waiting: list[float] | None = None,
-    early: float = 0.0,
-) -> Trace:
+    start: _Start,
+    waiting: list[float],
+    early: float,
+) -> _Trace:
     """Drive to the distance, or to the end of `errors`, measured minus true speed [m/s].
 
     `waiting` has the commands [m/s²] on their way, the next first: one more than the steps of
@@ -105,12 +105,12 @@ def drive_pid(
     kp, ki, kd = gains
     reference, low, high, vehicle, ts, dt, distance = settings
     mass, drag, friction = vehicle.mass, vehicle.air_drag_coeff, vehicle.friction
-    x, v, integral, previous, interval = start or Start()
+    x, v, integral, previous, interval = start
     begin, end, gravity_force = segments.at(x)
     speeds: list[float] = []
     integrals: list[float] = []
     add_speed, add_integral = speeds.append, integrals.append
-    acting = iter(waiting or ())
+    acting = iter(waiting)
     older = next(acting, 0.0)
     for error in errors:
         if x >= end or x < begin:
@@ -152,14 +152,7 @@ def drive_pid(
             after = clamped_at_zero(v, after, v + ts * (command + gravity_force / mass))
         v = after
     columns = np.frombuffer(array('d', speeds)), np.frombuffer(array('d', integrals))
-    return Trace(*columns, (x, v))
-
-
-def positions(x: float, v: Floats, ts: float) -> Floats:
-    """Return the positions [m], shape `(n,)`, of a car that begins at `x` with speeds `v`."""
-    steps = np.empty_like(v)
-    steps[:1], steps[1:] = x, ts * v[:-1]
-    return np.add.accumulate(steps)
+    return _Trace(*columns, (x, v))
 
 
 class _Commands(NamedTuple):
@@ -173,16 +166,15 @@ class _Commands(NamedTuple):
 
 
 @np.errstate(over='ignore', invalid='ignore')  # as with floats
-def commands(
+def _commands(
     gains: tuple[float, float, float],
     settings: LoopSettings,
-    trace: Trace,
-    errors: Floats | float = -0.0,
-    start: Start | None = None,
+    trace: _Trace,
+    errors: Floats | float,
+    start: _Start,
 ) -> _Commands:
-    """Return the commands of a loop and their terms: the sums of `drive_pid`, for arrays."""
+    """Return the commands of a loop and their terms: the sums of `_drive`, for arrays."""
     kp, ki, kd = gains
-    start = start or Start()
     measured = trace.v + errors
     deviation = settings.reference - measured
     increment = ki * deviation * settings.dt
@@ -218,7 +210,7 @@ def pid_log(
         dt=plant.period_ns / 1e9,
         distance=distance,
     )
-    start = Start(state.x, state.v, pid.integral)
+    start = _Start(state.x, state.v, pid.integral)
     if pid.previous is not None:
         start = start._replace(previous=pid.previous, dt=FIRST_DT)
     sensor, motor = plant.sensor, plant.actuators.motor
@@ -233,21 +225,21 @@ def pid_log(
             errors, place = sensor.draw(drawn)
         # An error of -0.0 also leaves a speed of -0.0 as it is.
         of_speed = repeat(-0.0, drawn) if errors is None else errors[3].tolist()
-        trace = drive_pid(gains, settings, segments, of_speed, start, [*waiting], motor.early)
+        trace = _drive(gains, settings, segments, of_speed, start, [*waiting], motor.early)
         n = len(trace.v)
         if n < drawn or drawn > steps:
             break
         sensor.go_back(place, 0)
         drawn = min(4 * drawn, steps + 1)
     error = None if errors is None else MeasurementError(*errors[:, :n])
-    computed = commands(gains, settings, trace, -0.0 if error is None else error.v_x, start)
+    computed = _commands(gains, settings, trace, -0.0 if error is None else error.v_x, start)
     last = {name: values[-1].item() for name, values in computed._asdict().items()}
     is_finite = all(map(isfinite, (*trace.after, *last.values())))
     if sensor.is_noisy:
         sensor.go_back(place, n if is_finite else 0)
     if not is_finite:
         return None
-    x = positions(state.x, trace.v, plant.ts)
+    x = np.add.accumulate(np.append(state.x, plant.ts * trace.v[:-1]))
     zero: Any = np.zeros(n)
     true = motion(State(x, np.full(n, state.y), zero, trace.v), 0.0, vehicle)  # type: ignore[arg-type]
     measured = true if error is None else with_error(true, error, cos(state.psi), sin(state.psi))

@@ -17,13 +17,7 @@ import numpy as np
 from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
 from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
 from barc_sim.simulation.metrics import RUN_UP
-from barc_sim.simulation.pid_loop import (
-    LoopSettings,
-    RoadSegments,
-    commands,
-    drive_pid,
-    positions,
-)
+from barc_sim.simulation.pid_loop import LoopSettings, RoadSegments
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.plant import Plant
@@ -40,8 +34,6 @@ if TYPE_CHECKING:
 
 #: Loops driven together: their arrays stay in a core's cache.
 BLOCK = 8192
-#: Up to so many loops are faster one by one.
-FEW = 48
 #: A loop fails to arrive where it takes longer than this many times the expected duration.
 _MAX_DURATION_FACTOR = 3.0
 _ROWS = 18
@@ -103,11 +95,6 @@ class Course:
         )
 
     @cached_property
-    def segments(self) -> RoadSegments:
-        """The road as the loops read it."""
-        return RoadSegments.of(self.road, self.vehicle)
-
-    @cached_property
     def first_end(self) -> float:
         """Where the first change of grade is [m]."""
         road = self.road
@@ -117,10 +104,8 @@ class Course:
     @cached_property
     def errors(self) -> list[float]:
         """The measurement error [m/s] of each state's speed: the same for all loops."""
-        if not self.noise:
-            return [0.0] * (self.steps + 1)
         errors, _ = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
-        return [float(error) for error in errors[3]]
+        return list(map(float, errors[3]))
 
 
 class Sums(NamedTuple):
@@ -136,44 +121,9 @@ class Sums(NamedTuple):
 
 def run_batch(course: Course, gains: Floats, block: int = BLOCK) -> Sums:
     """Drive a loop over `course` for each of `gains`, shape `(n, 3)`: kp, ki, kd."""
-    if len(gains) <= FEW:
-        rows = [run_one(course, *each) for each in gains.tolist()]
-        return _sums(np.array(rows).reshape(-1, len(Sums._fields)).T)
     starts = range(0, len(gains), block)
     parts = (_Block(course, gains[start : start + block]).drive() for start in starts)
     return Sums(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-
-@np.errstate(over='ignore', invalid='ignore')  # as with floats
-def run_one(course: Course, kp: float, ki: float, kd: float) -> Sums:
-    """Drive one loop over `course`."""
-    gains, settings = (kp, ki, kd), course.settings
-    waiting = [0.0] * (course.delay + 1) if course.delay else []
-    trace = drive_pid(gains, settings, course.segments, course.errors, waiting=waiting)
-    n = len(trace.v)
-    motor = commands(gains, settings, trace, np.array(course.errors[:n])).motor
-    x = positions(0.0, trace.v, settings.ts)
-    deviation = np.abs(settings.reference - trace.v)[x >= RUN_UP]
-    left = x >= course.first_end
-    first = trace.v[: np.argmax(left) if left.any() else n]
-    return Sums(
-        steps=n - 1 if x[-1] >= settings.distance else -1,
-        squares=_sum(deviation * deviation),
-        count=len(deviation),
-        maximum=float(deviation.max(initial=0.0)),
-        peak=float(first.max(initial=0.0)),
-        effort=_sum(motor * motor),
-    )
-
-
-def _sum(values: Floats) -> float:
-    """Return the sum in the order of the values, as `_Block` adds them."""
-    return float(np.add.accumulate(values)[-1]) if len(values) else 0.0
-
-
-def _sums(columns: Floats) -> Sums:
-    steps, squares, count, *others = columns
-    return Sums(steps.astype(np.int64), squares, count.astype(np.int64), *others)
 
 
 class _Block:
@@ -181,7 +131,7 @@ class _Block:
 
     def __init__(self, course: Course, gains: Floats) -> None:
         self._course, self._settings = course, course.settings
-        self._segments = tuple(np.array(each) for each in course.segments)
+        self._segments = tuple(map(np.array, RoadSegments.of(course.road, course.vehicle)))
         self._found = np.full((len(Sums._fields), len(gains)), -1.0)
         self._commands = np.zeros((course.delay, len(gains)))
         self._number = np.arange(len(gains))
@@ -208,7 +158,8 @@ class _Block:
                 slot = self._commands[k % len(self._commands)]
                 slot[:], command = command, slot.copy()
             self._advance(command)
-        return _sums(self._found)
+        steps, squares, count, *others = self._found
+        return Sums(steps.astype(np.int64), squares, count.astype(np.int64), *others)
 
     def _name_rows(self, rows: Floats) -> None:
         """Name the rows of `rows`, shape (_ROWS, loops): the state of the loops, and scratch."""
@@ -294,7 +245,7 @@ class _Block:
         v_next = self._accelerated(force, command)
         self._slowest = np.minimum.reduce(v_next)
         if not rolls_forwards or self._slowest < 0.0:
-            # Resistance slows the car to a standstill and never gravity_forces it backwards.
+            # Resistance slows the car to a standstill and never pulls it backwards.
             np.copyto(other, self._gravity_force)
             without_resistance = self._accelerated(other, command)
             up, down = np.minimum(without_resistance, 0.0), np.maximum(without_resistance, 0.0)

@@ -75,13 +75,7 @@ class Cost:
 
     @classmethod
     def parse(cls, text: str) -> Cost:
-        """Return the cost written as `rms`, or as a sum such as `rms+0.01*effort`.
-
-        Raises
-        ------
-        UserError
-            where a term is no score, or a weight no positive number.
-        """
+        """Return the cost written as `rms`, or as a sum such as `rms+0.01*effort`."""
         weights = dict.fromkeys(Scores._fields, 0.0)
         # The plus of an exponent, as in 1e+3, separates no terms.
         for term in re.split(r'(?<![eE])\+', ''.join(text.split())):

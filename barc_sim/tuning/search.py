@@ -52,22 +52,12 @@ def search(
     generations: int = 80,
     on_generation: Callable[[int, float], object] = lambda *_: None,
 ) -> Found:
-    """Return the gains of minimum `cost` between `low` and `high`.
+    """Return the gains of minimum `cost` between `low` and `high`, shape `(d,)`.
 
-    The same arguments give the same gains.
-
-    Parameters
-    ----------
-    cost
-        Returns the cost of each of the gains, shape `(n, d)`, as an array `(n,)`.
-    low, high, start
-        Shape `(d,)`; `start`, moved between the other two, is one of the first gains tried.
-    population
-        Gains in a generation, at least 4.
-    generations
-        The maximum number of them.
-    on_generation
-        Called after each with the number of those before it and the minimum cost up to now.
+    The same arguments give the same gains. `cost` returns the costs, shape `(n,)`, of gains, shape
+    `(n, d)`. `start`, moved between `low` and `high`, is one of the first gains tried. A generation
+    has `population` gains, at least 4. After each, `on_generation` is called with the number of
+    those before it and the minimum cost up to now.
     """
     random = np.random.default_rng(seed)
     places = rounded(_spread(random, population, low, high))
@@ -128,13 +118,7 @@ class Surface(NamedTuple):
 
 
 def free_axes(low: Floats, high: Floats) -> tuple[int, int]:
-    """Return the first two gains whose ranges are wider than a point.
-
-    Raises
-    ------
-    UserError
-        where fewer are.
-    """
+    """Return the first two gains whose ranges are wider than a point."""
     free = np.flatnonzero(low < high)
     if len(free) < 2:  # noqa: PLR2004 (a map's)
         raise UserError(
@@ -154,16 +138,7 @@ def surface(
 ) -> Surface:
     """Return the cost of `size` x `size` gains, in the plane of `found`.
 
-    Parameters
-    ----------
-    cost
-        Returns the costs, shape `(n,)`, of gains, shape `(n, 3)`.
-    low, high
-        The ranges, shape `(3,)`, of which no more is taken than shows both points well.
-    start, found
-        The points, shape `(3,)`.
-    size
-        Gains along a side.
+    No more of the ranges from `low` to `high` is taken than shows both points well.
     """
     axes = free_axes(low, high)
     far = np.maximum(_MARGIN * np.maximum(start, found), low + _MIN_SHARE * (high - low))

@@ -92,11 +92,6 @@ def cluster(cost: Costs, address: str) -> Iterator[Costs]:
     Loops that NumPy drives all at once are divided into large parts only, as a part of 40 loops
     takes as long as one of 250. A single part is driven here: its way to a worker and back would
     only add to it.
-
-    Raises
-    ------
-    UserError
-        where Dask is not installed, or the cluster is not there or does not work.
     """
     batched = isinstance(cost, Goal) and not cost.new_controller
     with cluster_client(address) as client:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import arctan, cos, float64, sin, tan
 
-from barc_sim.control.pid import KD, KI, KP
+from barc_sim.control.pid import KD, KP
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.tuning import batch
 from barc_sim.tuning.batch import Course
@@ -86,11 +86,6 @@ def noise_loop() -> int:
     return len(simulate(noise=0.1)) - 1
 
 
-def single_loop() -> int:
-    """Drive one loop in plain floats, without a log."""
-    return int(batch.run_one(_COURSE, KP, KI, KD).steps)
-
-
 def numpy_loops(number: int) -> int:
     """Drive a batch on one core, the `number`-th."""
     return int(batch.run_batch(_COURSE, _gains(number)).steps.sum())
@@ -121,7 +116,6 @@ def main(task: dict[str, object]) -> dict[str, float]:
             'lab': lab_loop,
             'simulate': simulate_loop,
             'noise': noise_loop,
-            'single': single_loop,
         }
         rate = _rate(drives[subject], seconds)
     return {'steps/s': rate}

@@ -1,8 +1,11 @@
-"""The options of a search, and the goal and ranges that they define."""
+"""A search on the command line: options, the goal that they define, progress and results."""
 
 from __future__ import annotations
 
 import shlex
+import sys
+from contextlib import contextmanager
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +22,7 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
     from barc_sim.control.controller import Controller
+    from barc_sim.tuning.batch import Course
     from barc_sim.tuning.goal import Goal
 
     Floats = NDArray[np.float64]
@@ -29,6 +33,8 @@ _ROAD, _DISTANCE = 'lab', 180.0
 _PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
 _MAX_SEED = 2**53
+#: Of the scores, in their order.
+_FORMS = ('.4f', '.4f', '.2%', '.3f')
 
 
 def add_arguments(parser: Parser) -> None:
@@ -110,13 +116,7 @@ def _add_gains(parser: Parser) -> None:
 
 
 def goal(options: Namespace, new_controller: Callable[[], Controller] | None) -> Goal:
-    """Return the goal of a search with `options`, for the PID or another controller.
-
-    Raises
-    ------
-    UserError
-        where there is no such cost, or no such road.
-    """
+    """Return the goal of a search with `options`, for the PID or another controller."""
     from barc_sim.tuning.batch import Course  # noqa: PLC0415
     from barc_sim.tuning.goal import Cost, Goal  # noqa: PLC0415
     from barc_sim.vehicle.road import Road  # noqa: PLC0415 (--help need not wait for NumPy)
@@ -136,13 +136,7 @@ def goal(options: Namespace, new_controller: Callable[[], Controller] | None) ->
 
 
 def ranges(options: Namespace) -> tuple[Floats, Floats]:
-    """Return the minimum and maximum gains, shape `(3,)` each.
-
-    Raises
-    ------
-    UserError
-        where a range begins beyond its end.
-    """
+    """Return the minimum and maximum gains, shape `(3,)` each."""
     import numpy as np  # noqa: PLC0415
 
     for gain in GAINS:
@@ -192,3 +186,56 @@ def settings(options: Namespace) -> str:
     if options.controller:
         parts.append(str(options.controller))
     return ' · '.join(parts)
+
+
+@contextmanager
+def progress(generations: int) -> Iterator[Callable[[int, float], None]]:
+    """Show a search's progress on stderr where that is a terminal."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+    shown = Progress(
+        BarColumn(bar_width=24),
+        TextColumn('{task.description}'),
+        TimeElapsedColumn(),
+        console=Console(stderr=True, highlight=False),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    with shown:
+        task = shown.add_task('searching', total=generations)
+
+        def show(generation: int, cost: float) -> None:
+            minimum = f'minimum cost {cost:.4g}' if isfinite(cost) else 'none arrives yet'
+            shown.update(
+                task,
+                completed=generation,
+                description=f'generation {generation} of at most {generations}, {minimum}',
+            )
+
+        yield show
+
+
+def print_scores(goal: Goal, course: Course, gains: dict[str, Floats]) -> None:
+    """Print a table of the scores and costs over `course` of gains, shape `(3,)`, by name."""
+    import numpy as np  # noqa: PLC0415
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from barc_sim.tuning.goal import LABELS  # noqa: PLC0415
+
+    scores = goal.scores(course, np.array(list(gains.values())))
+    table = Table(box=None, pad_edge=False)
+    table.add_column(f'road {course.road.name}')
+    for name in gains:
+        table.add_column(name, justify='right')
+    for axis, gain in enumerate(GAINS):
+        table.add_row(gain, *(typed(each[axis]) for each in gains.values()))
+    for label, form, values in zip(LABELS, _FORMS, scores, strict=True):
+        table.add_row(label, *(_figure(value, form) for value in values))
+    table.add_row(f'cost: {goal.cost}', *(_figure(cost, '.5g') for cost in goal.cost.of(scores)))
+    Console(highlight=False, markup=False).print(table)
+
+
+def _figure(value: float, form: str) -> str:
+    return format(value, form) if isfinite(value) else '–'  # noqa: RUF001 (what tables have there)
