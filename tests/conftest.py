@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 collect_ignore = [] if has_ros() else ['ros/executor']
 
 if has_ros():
-    from barc_sim.ros.fast_dds import use_profiles
+    from barc_sim.ros.process import use_profiles
 
     # Fast DDS reads its profiles once in a process, before the first node: all have a run's.
     use_profiles()

@@ -17,13 +17,7 @@ _PATIENCE = 5  # s, until the cluster answers
 
 @contextmanager
 def client(address: str) -> Iterator[Any]:
-    """Give a `distributed.Client` of the scheduler at `address`, which has workers.
-
-    Raises
-    ------
-    UserError
-        where Dask is not installed, or the cluster is not there.
-    """
+    """Give a `distributed.Client` of the scheduler at `address`, which has workers."""
     try:
         distributed: Any = importlib.import_module('distributed')
     except ImportError:

@@ -71,13 +71,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
-    """Return a converter from text to a number between `low` and `high`, ends included.
-
-    Examples
-    --------
-    >>> number(0.0, 1.0)('0.5')
-    0.5
-    """
+    """Return a converter from text to a number between `low` and `high`, ends included."""
 
     def convert(text: str) -> float:
         try:
@@ -92,13 +86,7 @@ def number(low: float, high: float) -> Callable[[str], float]:
 
 
 def whole(low: int, high: int | None = None) -> Callable[[str], int]:
-    """Return a converter from text to a whole number between `low` and `high`, ends included.
-
-    Examples
-    --------
-    >>> whole(1)('3')
-    3
-    """
+    """Return a converter from text to a whole number between `low` and `high`, ends included."""
     bounds = f'from {low} to {high}' if high is not None else f'of at least {low}'
 
     def convert(text: str) -> int:
@@ -114,11 +102,6 @@ def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
     """Return the end of a sentence with the `names` closest to `name`, or ''.
 
     Each is printed behind `prefix`.
-
-    Examples
-    --------
-    >>> did_you_mean('kpp', ['kp', 'ki', 'kd'])
-    ': did you mean kp?'
     """
     from difflib import get_close_matches  # noqa: PLC0415 (only for an error)
 

@@ -47,13 +47,7 @@ def add_arguments_record(parser: Parser) -> None:
 
 
 def run_record(options: Namespace) -> int:
-    """Record until a signal or a service stops it; return the exit code.
-
-    Raises
-    ------
-    UserError
-        where the bag cannot be made.
-    """
+    """Record until a signal or a service stops it; return the exit code."""
     from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
@@ -93,13 +87,7 @@ def add_arguments_recover(parser: Parser) -> None:
 
 
 def run_recover(options: Namespace) -> None:
-    """Repair the bag and print what it holds.
-
-    Raises
-    ------
-    UserError
-        where there is no bag, or it cannot be written.
-    """
+    """Repair the bag and print what it holds."""
     from barc_sim.bags.recovery import recover  # noqa: PLC0415 (slow: not for --help)
 
     for line in _recovered(recover(options.bag)):

@@ -84,13 +84,7 @@ def add_arguments_acc(parser: Parser) -> None:
 
 
 def run_acc(options: Namespace) -> int:
-    """Drive, and return the exit code.
-
-    Raises
-    ------
-    UserError
-        where an option or a ROS argument cannot be used.
-    """
+    """Drive, and return the exit code."""
     with StopSignals() as stop:
         choose_carrier(options)
         from barc_sim.runs.cruise_control import drive  # noqa: PLC0415 (slow; after the choice)
@@ -118,13 +112,7 @@ def add_arguments_teleop(parser: Parser) -> None:
 
 
 def run_teleop(options: Namespace) -> int:
-    """Drive, and return the exit code.
-
-    Raises
-    ------
-    UserError
-        where an option or a ROS argument cannot be used.
-    """
+    """Drive, and return the exit code."""
     with StopSignals() as stop:
         choose_carrier(options)
         from barc_sim.runs.teleop import teleop  # noqa: PLC0415

@@ -115,25 +115,33 @@ def add_arguments_param(parser: Parser) -> None:
 
 def run_param(options: Namespace) -> int:
     """Run the verb, and return the exit code."""
-    from barc_sim.ros import parameter_client as client  # noqa: PLC0415
     from barc_sim.ros.observer import observe  # noqa: PLC0415
+    from barc_sim.ros.parameter_client import (  # noqa: PLC0415 (after rclpy, which may be absent)
+        Parameters,
+        load,
+        print_descriptions,
+        print_file,
+        print_names,
+        print_value,
+        set_value,
+    )
 
     with observe('param') as observer:
         if options.verb == 'list':
-            client.print_names(observer, options.node)
+            print_names(observer, options.node)
             return 0
-        parameters = client.Parameters(observer, options.node)
+        parameters = Parameters(observer, options.node)
         match options.verb:
             case 'get':
-                client.print_value(parameters, options.name)
+                print_value(parameters, options.name)
             case 'set':
-                client.set_value(parameters, options.name, options.value)
+                set_value(parameters, options.name, options.value)
             case 'describe':
-                client.print_descriptions(parameters, options.names)
+                print_descriptions(parameters, options.names)
             case 'dump':
-                client.print_file(parameters)
+                print_file(parameters)
             case 'load':
-                return client.load(parameters, options.file)
+                return load(parameters, options.file)
     return 0
 
 
@@ -229,13 +237,7 @@ def add_arguments_node(parser: Parser) -> None:
 
 
 def run_node(options: Namespace) -> int:
-    """Run the node, and return the exit code.
-
-    Raises
-    ------
-    UserError
-        where an argument is not ROS's.
-    """
+    """Run the node, and return the exit code."""
     if options.arguments and options.arguments[0] != ROS_ARGS:
         raise UserError(
             f'a node takes no {options.arguments[0]!r}: give its parameters to ROS, as in '

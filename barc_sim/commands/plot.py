@@ -31,13 +31,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(options: Namespace) -> None:
-    """Save the figure, or show it in a window.
-
-    Raises
-    ------
-    UserError
-        where the bag cannot be read, or the figure cannot be shown or saved.
-    """
+    """Save the figure, or show it in a window."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.figures import output, run_figures  # noqa: PLC0415
 

@@ -45,13 +45,7 @@ def add_arguments(parser: Parser) -> None:
 
 
 def run(options: Namespace) -> None:
-    """Play the run.
-
-    Raises
-    ------
-    UserError
-        where the bag cannot be read, the video cannot be saved, or the page cannot be served.
-    """
+    """Play the run."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
 
     if options.other and not options.web:
@@ -96,15 +90,7 @@ def _play_in_window(log: Log, title: str) -> bool:
 
 
 def view_of(log: Log, figure: Figure, title: str) -> RunView:
-    """Return the view for this run: from above if a driver steered.
-
-    Examples
-    --------
-    >>> from matplotlib.figure import Figure
-    >>> from barc_sim import simulate
-    >>> type(view_of(simulate(), Figure(), 'lab')).__name__
-    'SideView'
-    """
+    """Return the view for this run: from above if a driver steered."""
     from barc_sim.figures import side_view, top_view  # noqa: PLC0415
 
     kind = top_view.TopView if top_view.suits(log) else side_view.SideView

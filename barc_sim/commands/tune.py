@@ -35,13 +35,7 @@ _USER_CODE = (24, 40, 25)
 
 
 def run(options: Namespace) -> None:
-    """Search, and print the gains with the lines to run them.
-
-    Raises
-    ------
-    UserError
-        where an option cannot be used, or no gains in the ranges reach the end of the road.
-    """
+    """Search, and print the gains with the lines to run them."""
     import numpy as np  # noqa: PLC0415 (slow: not for --help)
 
     from barc_sim.lab.user_code.adapters import controller_of  # noqa: PLC0415

@@ -67,11 +67,6 @@ class CruiseControl:
 
         `declare` declares parameters and returns their values; `acceleration_limit` [m/s²] is a
         default. `refuse` takes why a state or a reference is refused, and `warn` what else is odd.
-
-        Raises
-        ------
-        UserError
-            where a parameter is out of range, or there is no such type.
         """
         self._refuse, self._warn = refuse, warn
         self.controller = as_controller(controller) if controller else _of_type(declare)

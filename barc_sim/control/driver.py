@@ -281,13 +281,7 @@ PARAMETERS = [
 
 
 def make_driver(values: Mapping[str, Any], driver: Driver | None = None) -> Driver:
-    """Return `driver`, or barc_sim's own for the parameter `input`, with all of `PARAMETERS` set.
-
-    Raises
-    ------
-    UserError
-        if `input` is none of `INPUTS`, or none that `driver` has.
-    """
+    """Return `driver`, or barc_sim's own for the parameter `input`; set its parameters."""
     meaning = values['input']
     if meaning not in INPUTS:
         raise UserError(

@@ -219,13 +219,7 @@ class Terminal:
     """
 
     def __init__(self, fd: int = 0) -> None:
-        """Use the terminal at the file descriptor `fd`.
-
-        Raises
-        ------
-        UserError
-            if it is no terminal, or this process is not in its foreground.
-        """
+        """Use the terminal at the file descriptor `fd`."""
         why = _unusable(fd)
         if why:
             raise UserError(
@@ -345,13 +339,7 @@ class Console(Terminal):
     """
 
     def __init__(self) -> None:
-        """Use the console of the standard input.
-
-        Raises
-        ------
-        UserError
-            There is none.
-        """
+        """Use the console of the standard input."""
         if not os.isatty(0):
             raise UserError('standard input is not a console: keys are ignored; drive in the page')
         self._closed = Event()
@@ -383,11 +371,5 @@ class Console(Terminal):
 
 
 def open_terminal() -> Terminal:
-    """Return the terminal or console of the standard input.
-
-    Raises
-    ------
-    UserError
-        There is none, or its keys cannot be read.
-    """
+    """Return the terminal or console of the standard input."""
     return Console() if msvcrt else Terminal()

@@ -136,13 +136,7 @@ class Adapter:
 
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
-    """Return the name by which a method takes dt; empty: by position; None: it takes none.
-
-    Raises
-    ------
-    UserError
-        where it takes neither two nor three arguments.
-    """
+    """Return the name by which a method takes dt; empty: by position; None: it takes none."""
     found = signature(method)
     parameters = found.parameters
     if 'dt' in parameters and parameters['dt'].kind is not Parameter.POSITIONAL_ONLY:

@@ -13,9 +13,7 @@ from std_srvs.srv import Trigger
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_nanoseconds
-from barc_sim.ros.parameters import declare
-from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
+from barc_sim.ros.node_helpers import RateLimitedWarning, RefusedInput, declare, to_nanoseconds
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter

@@ -13,7 +13,7 @@ from barc_sim.bags.messages import leading_time
 from barc_sim.cli.parser import FOXGLOVE_PORT
 from barc_sim.errors import UserError
 from barc_sim.ros import names
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 from barc_sim.vehicle.parameters import Parameter
 

@@ -16,8 +16,7 @@ from std_srvs.srv import Trigger
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard import PARAMETERS, HeldKeys, Terminal
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_twist
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import declare, to_twist
 
 if TYPE_CHECKING:
     from barc_sim.control.keyboard import KeyEvent

@@ -27,8 +27,7 @@ from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.diagnosis import Facts, Measured, diagnose
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_header, to_nanoseconds
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import declare, to_header, to_nanoseconds
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
 from barc_sim.vehicle.parameters import Parameter
 from barc_sim.vehicle.road import Road

@@ -24,7 +24,7 @@ from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.errors import UserError
 from barc_sim.ros.names import QOS
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.peers import has_dds, node_graph
 
 if TYPE_CHECKING:

@@ -13,9 +13,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.control.driver import PARAMETERS, make_driver
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_driver_input
-from barc_sim.ros.parameters import declare
-from barc_sim.ros.warnings import RefusedInput
+from barc_sim.ros.node_helpers import RefusedInput, declare, to_driver_input
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter

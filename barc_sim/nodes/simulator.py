@@ -15,10 +15,16 @@ from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros import names
-from barc_sim.ros.conversions import fill, to_header, to_nanoseconds, to_state_at_rest
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import (
+    RateLimitedWarning,
+    RefusedInput,
+    declare,
+    fill,
+    to_header,
+    to_nanoseconds,
+    to_state_at_rest,
+)
 from barc_sim.ros.peers import claim
-from barc_sim.ros.warnings import RateLimitedWarning, RefusedInput
 from barc_sim.simulation.stepper import Settings, Stepper, parameters
 from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.parameters import plant, retune

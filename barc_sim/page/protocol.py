@@ -107,13 +107,7 @@ def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can 
 
 
 def parse(message: str | bytes) -> Request:
-    """Return the request in a message of a page.
-
-    Raises
-    ------
-    RequestError
-        It is no request of a page.
-    """
+    """Return the request in a message of a page."""
     if not isinstance(message, str):
         raise RequestError('a page sends text, not binary data')
     try:

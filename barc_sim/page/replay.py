@@ -71,13 +71,7 @@ def other_run(log: Log, title: str) -> list[str | bytes]:
 
 
 def serve(log: Log, title: str, host: str, port: int, other: tuple[Log, str] | None = None) -> None:
-    """Serve the page until Ctrl-C; print its address, and open it where there is a desktop.
-
-    Raises
-    ------
-    UserError
-        The port cannot be used.
-    """
+    """Serve the page until Ctrl-C; print its address, and open it where there is a desktop."""
     server = ViewServer(Replay(log, title, other), host, port)
     server.start()
     try:

@@ -175,11 +175,6 @@ class RunPage:
         `status` returns the facts that no topic carries, from the first state on. `road` replaces
         the one that the simulator's parameter names. `finish` ends the run; without it, the page
         cannot.
-
-        Raises
-        ------
-        UserError
-            The port cannot be used.
         """
         self._mode = mode
         self._status = status

@@ -83,13 +83,7 @@ class Page:
         broadcast([self._connection], message)
 
     def count(self, now: float) -> None:
-        """Count a message at `now` [s].
-
-        Raises
-        ------
-        RequestError
-            There are more messages than our page sends.
-        """
+        """Count a message at `now` [s]; refuse more than our page sends."""
         if int(now) != self._second:
             self._second, self._messages = int(now), 0
         self._messages += 1
@@ -162,13 +156,7 @@ class ViewServer:
     """
 
     def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
-        """Listen on `port` of `address`; 0 for any that is free.
-
-        Raises
-        ------
-        UserError
-            The address or the port cannot be used.
-        """
+        """Listen on `port` of `address`; 0 for any that is free."""
         self._host = host
         self._socket = _listen(address, port)
         # A page that is still open finds the next run on the same port.

@@ -76,13 +76,7 @@ class Messages:
 def print_messages(
     observer: GraphObserver, name: str, field: str | None, count: int | None, truncate: int | None
 ) -> None:
-    """Print `count` messages of a topic, or those up to a signal; of each only `field`, if given.
-
-    Raises
-    ------
-    UserError
-        where the topic or field does not exist, or its type is not installed.
-    """
+    """Print `count` messages of a topic, or those up to a signal; of each only a given `field`."""
     topic = observer.find_topic(name)
     kind = message_class(observer.topics(hidden=True)[topic][0])
     if field is not None:
@@ -108,13 +102,7 @@ def print_messages(
 
 
 def field_of(message: Any, path: str) -> Any:  # noqa: ANN401 (generated classes)
-    """Return the field at `path`, such as `header.stamp.sec`, or `ranges.0` of an array.
-
-    Raises
-    ------
-    UserError
-        where there is none; the message lists the fields that exist.
-    """
+    """Return the field at `path`, such as `header.stamp.sec`, or `ranges.0` of an array."""
     value = message
     for name in path.split('.'):
         if _is_message(value) and name in _fields(value):
@@ -185,11 +173,6 @@ def print_topics(
 
     Over `seconds`, if given, their rates are measured; `full` adds nodes and QoS, and `hidden` the
     hidden topics.
-
-    Raises
-    ------
-    UserError
-        where no node is running, or a named topic does not exist.
     """
     topics = _named(observer, names) if names else _all(observer, hidden=hidden)
     rates = _rates(observer, topics, seconds) if seconds else {}

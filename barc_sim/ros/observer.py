@@ -99,13 +99,7 @@ class GraphObserver:
         }
 
     def find_topic(self, name: str) -> str:
-        """Wait for a topic with a publisher or a subscriber; return its full name.
-
-        Raises
-        ------
-        UserError
-            where it does not exist, or the name is invalid.
-        """
+        """Wait for a topic with a publisher or a subscriber; return its full name."""
         try:
             full = expand_topic_name(name, self.node.get_name(), self.node.get_namespace())
             validate_full_topic_name(full)
@@ -137,13 +131,7 @@ class GraphObserver:
         )
 
     def find_node(self, name: str) -> str:
-        """Wait for the node `name`; return its full name.
-
-        Raises
-        ------
-        UserError
-            where it does not exist, or the name is invalid.
-        """
+        """Wait for the node `name`; return its full name."""
         full = f'/{name.lstrip("/")}'
         try:
             validate_full_topic_name(full)  # its errors say more than those for a node's name
@@ -161,11 +149,6 @@ class GraphObserver:
         """Send a request to `node` and return its response.
 
         `send` sends it and returns the future of the response.
-
-        Raises
-        ------
-        UserError
-            where no response comes.
         """
         for _ in range(_ATTEMPTS):
             future = send()

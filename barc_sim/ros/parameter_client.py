@@ -51,13 +51,7 @@ class Parameters:
     """
 
     def __init__(self, observer: GraphObserver, node: str) -> None:
-        """Find the node's services.
-
-        Raises
-        ------
-        UserError
-            where the node does not exist, or has no parameter services.
-        """
+        """Find the node's services."""
         self.node = observer.find_node(node)
         self._observer = observer
         self._client = AsyncParameterClient(observer.node, self.node)
@@ -174,13 +168,7 @@ def print_descriptions(parameters: Parameters, names: Sequence[str]) -> None:
 
 
 def set_value(parameters: Parameters, name: str, text: str) -> None:
-    """Set a parameter to the value of `text`: in YAML, unless it is declared as a string.
-
-    Raises
-    ------
-    UserError
-        where it is not YAML, there is no such parameter, or the node refuses the value.
-    """
+    """Set a parameter to the value of `text`: in YAML, unless it is declared as a string."""
     parameters.check([name])
     declared = parameters.descriptors([name])[name].type
     is_string = declared == ParameterType.PARAMETER_STRING
@@ -238,11 +226,6 @@ def read_file(path: Path, node: str) -> dict[str, Any]:
 
     They have their YAML types, as in rcl; `rclpy.parameter_client` reads 1.0e-7 as a string and
     '7' as a number.
-
-    Raises
-    ------
-    UserError
-        where the file cannot be read, or has no parameters for the node.
     """
     try:
         content = yaml.safe_load(read_regular(path, _MAX_FILE).decode())

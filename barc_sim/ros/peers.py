@@ -67,11 +67,6 @@ def claim(node: Node, topic: str) -> socket.socket:
 
     The claim is a socket's name in Linux's abstract namespace. It is taken at once, where discovery
     would need seconds to find another publisher, and it is free as soon as its process ends.
-
-    Raises
-    ------
-    UserError
-        Another process holds the claim.
     """
     if not has_dds():
         return socket.socket()  # nobody else is there
@@ -94,11 +89,6 @@ def reserved_domain() -> Iterator[int]:
 
     A bound port is the reservation, as in ament's domain_coordinator: the end of the process frees
     it, however it ends.
-
-    Raises
-    ------
-    UserError
-        All domains are in use.
     """
     for domain in random.sample(_DOMAINS, len(_DOMAINS)):
         with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
@@ -154,13 +144,7 @@ def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
 
 
 def check_unique(node: Node, topic: str) -> None:
-    """Check that `node` alone publishes `topic`.
-
-    Raises
-    ------
-    UserError
-        Another node does, too.
-    """
+    """Check that `node` alone publishes `topic`."""
     if len(living_publishers(node, topic)) > 1:
         raise UserError(taken(node.resolve_topic_name(topic), node.context.get_domain_id()))
 

@@ -1,12 +1,14 @@
-"""Starts ROS in a process, spins a node, and ends in order."""
+"""Starts ROS in a process, with Fast DDS's use of memory; spins a node, and ends in order."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import resource
 import sys
-from contextlib import contextmanager
+import time
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,10 +21,9 @@ from barc_sim.cli.process import check_clock, check_limits
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import QuickExecutor
-from barc_sim.ros.fast_dds import sweep, use_profiles
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, MutableMapping
 
     from rclpy.node import Node
 
@@ -31,6 +32,15 @@ NUM_THREADS = 2
 #: rcutils' own format, on a cleared line: the status line of a run may stand there.
 _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
+_PROFILES = Path(__file__).with_name('fast_dds.xml')
+_VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+#: Without it, rmw overrides how histories use memory. ROS's QoS settings win over the profiles
+#: either way.
+_USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
+
+_SHARED_MEMORY = Path('/dev/shm')  # noqa: S108 (where Fast DDS has it)
+_LOCK = re.compile(r'(fastrtps_[0-9a-f]{16})_el')
+
 
 @contextmanager
 def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
@@ -38,12 +48,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
 
     This process may open as many files as the system allows. With `network` it is visible in the
     whole subnet. Segments of dead processes are removed.
-
-    Raises
-    ------
-    UserError
-        The clock or a limit of the process is unfit for ROS, the arguments after `--ros-args` are
-        not ROS's, or DDS security is requested and not available.
     """
     check_clock()
     check_limits()
@@ -119,3 +123,46 @@ def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
             executor.shutdown()
             node.destroy_node()
     return 1 if getattr(node, 'failure', None) else 0
+
+
+def use_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Set our profiles in `environment`, unless the user has set others there."""
+    if not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
+        environment[_VARIABLES[0]] = str(_PROFILES)
+        environment[_USE_PROFILES] = '1'
+
+
+def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
+    """Remove this user's shared-memory segments whose process is dead; return how many.
+
+    Fast DDS gives each participant a segment `fastrtps_<16 hex digits>` of half a megabyte, and a
+    file `..._el` that its process holds locked. A killed process leaves both, nobody uses them
+    again, and after a hundred of them the small /dev/shm of a container is full. Fast DDS itself
+    repairs what participants share, the ports.
+
+    A lock younger than `least_age` [s] stays: its process may be about to take it.
+    """
+    removed = 0
+    with suppress(OSError):
+        names = [path.name for path in folder.iterdir()]
+        for name in names:
+            if (found := _LOCK.fullmatch(name)) and _is_old(folder / name, least_age):
+                removed += _remove(folder / name, folder / found[1])
+    return removed
+
+
+def _is_old(lock: Path, least_age: float) -> bool:
+    with suppress(OSError):
+        status = lock.lstat()
+        return status.st_uid == os.getuid() and time.time() - status.st_ctime > least_age
+    return False
+
+
+def _remove(lock: Path, segment: Path) -> bool:
+    """Remove both under the lock, which is free once its process has ended."""
+    with suppress(OSError), lock.open('rb') as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        segment.unlink(missing_ok=True)
+        lock.unlink(missing_ok=True)
+        return True
+    return False

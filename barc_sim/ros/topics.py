@@ -29,13 +29,7 @@ _RESPONSE_TIMEOUT = 5.0  #: [s]
 
 
 def message_class(type_name: str) -> type[Any]:
-    """Return the class of a type such as `std_msgs/msg/String`.
-
-    Raises
-    ------
-    UserError
-        where its package is not installed.
-    """
+    """Return the class of a type such as `std_msgs/msg/String`."""
     package, module, base = type_name.split('/')
     try:
         return getattr(importlib.import_module(f'{package}.{module}'), base)  # type: ignore[no-any-return]

@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_nanoseconds
+from barc_sim.ros.node_helpers import to_nanoseconds
 from barc_sim.ros.peers import living_publishers
 
 if TYPE_CHECKING:

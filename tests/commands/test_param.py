@@ -18,7 +18,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import declare
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:

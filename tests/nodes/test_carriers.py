@@ -66,7 +66,7 @@ BY_HAND = f"""{BEGIN}
 from geometry_msgs.msg import Twist
 from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.nodes.relay import Relay
-from barc_sim.ros.conversions import to_twist
+from barc_sim.ros.node_helpers import to_twist
 waiting = [
     (0.0, DriverInput(forward=1.0)),
     (0.1, DriverInput(forward=1.0, turn=0.5)),

@@ -28,7 +28,7 @@ from std_srvs.srv import SetBool, Trigger
 from barc_sim.bags import reader as bag
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_nanoseconds
+from barc_sim.ros.node_helpers import to_nanoseconds
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:

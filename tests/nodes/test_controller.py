@@ -22,7 +22,7 @@ from barc_sim.control.pid import speed_controller
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_header, to_nanoseconds
+from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -25,7 +25,7 @@ from websockets.sync.client import connect
 
 from barc_sim.bags.schemas import definition
 from barc_sim.nodes.foxglove import FoxgloveServer
-from barc_sim.ros.conversions import to_header
+from barc_sim.ros.node_helpers import to_header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -26,7 +26,7 @@ from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.control.keyboard import HeldKeys, KeyDecoder, Terminal
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_driver_input
+from barc_sim.ros.node_helpers import to_driver_input
 
 if TYPE_CHECKING:
     from collections.abc import Callable

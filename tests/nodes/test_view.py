@@ -30,8 +30,8 @@ from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.node_helpers import to_header
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -26,8 +26,8 @@ from barc_sim.nodes.view import ViewNode
 from barc_sim.page.facts import lap_facts, stretch_facts
 from barc_sim.page.protocol import CAR, Status
 from barc_sim.ros import names
-from barc_sim.ros.conversions import to_header
 from barc_sim.ros.executor import QuickExecutor
+from barc_sim.ros.node_helpers import to_header
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step
 from barc_sim.vehicle.road import Road
 

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from barc_sim.ros.fast_dds import sweep, use_profiles
+from barc_sim.ros.process import sweep, use_profiles
 
 NAME = 'fastrtps_0123456789abcdef'
 
@@ -82,7 +82,7 @@ def test_missing_folder_is_no_error(tmp_path: Path) -> None:
 
 _LAST_WORDS = """
 import os
-from barc_sim.ros.fast_dds import use_profiles
+from barc_sim.ros.process import use_profiles
 use_profiles(os.environ)
 import rclpy
 from rclpy.duration import Duration

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from barc_sim.errors import UserError
-from barc_sim.ros.parameters import declare
+from barc_sim.ros.node_helpers import declare
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:

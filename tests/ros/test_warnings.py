@@ -10,8 +10,8 @@ pytest.importorskip('rclpy')
 
 from rclpy.node import Node
 
-from barc_sim.ros import warnings
-from barc_sim.ros.warnings import RefusedInput
+from barc_sim.ros import node_helpers
+from barc_sim.ros.node_helpers import RefusedInput
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -24,7 +24,7 @@ def test_every_refusal_counts_and_one_a_second_is_logged(
     logged: list[str] = []
     monkeypatch.setattr(node.get_logger(), 'warning', logged.append)
     clock = iter((100.0, 100.1, 100.9, 101.0, 101.5))
-    monkeypatch.setattr(warnings.time, 'monotonic', lambda: next(clock))
+    monkeypatch.setattr(node_helpers.time, 'monotonic', lambda: next(clock))
     refused, described = RefusedInput(node), []
 
     def describe() -> str:
