@@ -21,9 +21,9 @@ from matplotlib.transforms import Affine2D
 import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
-from barc_sim.figures.output import frames
+from barc_sim.figures.output import SIZE, frames
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.figures.side_view import SIZE, SideView
+from barc_sim.figures.side_view import SideView
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
 from barc_sim.figures.top_view import TopView
@@ -36,7 +36,7 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.figures.run_view import RunView
+    from barc_sim.figures.output import RunView
 
 
 HERE = Path(__file__).parent

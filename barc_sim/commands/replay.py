@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.figures.run_view import RunView
+    from barc_sim.figures.output import RunView
     from barc_sim.simulation.log import Log
 
 FORMATS = ('mp4', 'gif')
@@ -78,9 +78,9 @@ def run(options: Namespace) -> None:
 
 def _play_in_window(log: Log, title: str) -> bool:
     """Play until the user closes the window; return False without a display."""
-    from barc_sim.figures import output, side_view  # noqa: PLC0415
+    from barc_sim.figures import output  # noqa: PLC0415
 
-    figure = output.window(side_view.SIZE, title)
+    figure = output.window(output.SIZE, title)
     if figure is None:
         return False
     playing = output.animate(view_of(log, figure, title))
@@ -106,11 +106,11 @@ def save(log: Log, path: Path, *, title: str = '') -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import track  # noqa: PLC0415
 
-    from barc_sim.figures import output, side_view  # noqa: PLC0415
+    from barc_sim.figures import output  # noqa: PLC0415
 
     gif = path.suffix.lower() == '.gif'
     dpi, fps = (GIF_DPI, GIF_FPS) if gif else (MP4_DPI, MP4_FPS)
-    view = view_of(log, Figure(figsize=side_view.SIZE, dpi=dpi), title)
+    view = view_of(log, Figure(figsize=output.SIZE, dpi=dpi), title)
     times = track(
         output.frame_times(view.duration, fps),
         'Saving',

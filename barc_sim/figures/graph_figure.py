@@ -43,13 +43,7 @@ NODE_FILL, TOPIC_FILL = '#E3F0F8', '#F4F4F4'
 
 
 class GraphDrawing:
-    """A graph ready to be drawn, with a table of its nodes below.
-
-    Attributes
-    ----------
-    size
-        [inch] Width and height.
-    """
+    """A graph ready to be drawn, with a table of its nodes below."""
 
     def __init__(self, graph: NodeGraph, title: str = '') -> None:
         """Compute all places."""
@@ -72,7 +66,7 @@ class GraphDrawing:
         width = max(self._columns[-1] + GAP, CHARACTER * max(map(len, self._rows)) + 2 * MARGIN)
         self._top = ROW * (highest - self._lowest + 1.0)
         self._bottom = LINE * (len(self._rows) + 0.5)
-        self.size = (width, self._top + self._bottom + 2 * MARGIN)
+        self.size = (width, self._top + self._bottom + 2 * MARGIN)  #: [inch] width and height
 
     def draw(self, figure: Figure) -> None:
         """Draw on an empty `figure` of that size."""

@@ -1,29 +1,39 @@
-"""Shows figures and animated views in windows, and writes the views as videos."""
+"""Windows, the common parts of the animated views of a run, and their videos."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from contextlib import closing
 from itertools import chain
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from matplotlib import style
 from matplotlib.animation import FuncAnimation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.ticker import MaxNLocator
+
+from barc_sim.figures.style import BLUE, GREY, MUTED, STYLE, limits, use_measurement
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Iterator, Sequence
+    from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
     from numpy.typing import NDArray
     from PIL import Image
 
-    from barc_sim.figures.run_view import RunView
+    from barc_sim.simulation.log import Log
 
     Images = Iterable[NDArray[np.uint8]]
 
+SIZE = (12.8, 7.2)  #: [inch]
+AHEAD = '#C4D3DD'  #: of the part of the run after the shown time
 # The index comes first, so that a browser plays the file while it loads. The colours are HDTV's,
 # as the file states: players would guess. The encoder takes half as long as with the preset
 # `veryfast`, and less than the drawing, which goes on beside it; the file is 1.7 times as large.
@@ -61,6 +71,69 @@ def show() -> None:
     plt.show()
 
 
+class RunView(ABC):
+    """A view of a run at any of its times; `update` moves its `artists`, drawn in order."""
+
+    #: The names of the readings, and where each ends as a share of the width.
+    READINGS: ClassVar[Mapping[str, float]]
+    artists: Sequence[Artist]
+
+    def __init__(self, log: Log, figure: Figure, *, title: str = '') -> None:
+        """Draw the fixed parts on `figure`, which is empty, and show the first state."""
+        self.figure = figure
+        self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
+        self._log = use_measurement(log)
+        with style.context(STYLE):
+            moving = self._draw(figure)
+            self._readings = self._draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
+        self.artists = [*moving, *self._readings.values()]
+        # Above the fixed parts, and in this order: Matplotlib would draw every line over a patch.
+        for order, artist in enumerate(self.artists, start=10):
+            artist.set(animated=True, zorder=order)
+        self.update(0.0)
+
+    @abstractmethod
+    def _draw(self, figure: Figure) -> Sequence[Artist]:
+        """Draw all but the readings; return the artists that `update` moves."""
+
+    @abstractmethod
+    def update(self, t: float) -> None:
+        """Show the run at `t` [s]: positions between states, commands of the state before."""
+
+    def _state_at(self, t: float) -> int:
+        """Return the number of the last state up to `t` [s]."""
+        return int(np.searchsorted(self._log.t, t + 1e-9, side='right')) - 1
+
+    def _show(self, readings: Mapping[str, str]) -> None:
+        for name, text in readings.items():
+            self._readings[name].set_text(text)
+
+    def _draw_readings(self, axes: Axes, title: str) -> dict[str, Text]:
+        axes.set_axis_off()
+        axes.text(0.0, 0.5, title, fontsize=13, fontweight='bold', va='center')
+        for name, x in self.READINGS.items():
+            axes.text(x, 0.68, name, color=MUTED, fontsize=9, ha='right', va='bottom')
+        return {
+            name: axes.text(x, 0.56, '', fontsize=15, ha='right', va='top')
+            for name, x in self.READINGS.items()
+        }
+
+
+def draw_cursor(axes: Axes) -> tuple[Line2D, Line2D]:
+    """Return a vertical line and a dot that mark the shown state."""
+    cursor = axes.axvline(0.0, color=GREY, lw=0.8)
+    (dot,) = axes.plot([], [], 'o', color=BLUE, mec='white', mew=1.2, ms=8)
+    return cursor, dot
+
+
+def format_speed(axes: Axes, speeds: np.ndarray, label: str, *, ticks: int) -> None:
+    """Set limits, names and ticks of a chart of `speeds` over `label`."""
+    axes.set_ylim(*limits(speeds, share=0.15, least=1.0))
+    axes.set(xlabel=label, ylabel='Speed [m/s]')
+    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))
+
+
 def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
     """Return the times [s] of the frames of a film of `duration` [s], with both ends."""
     count = int(np.ceil(duration * fps - 1e-6)) + 1
@@ -68,12 +141,9 @@ def frame_times(duration: float, fps: float) -> NDArray[np.float64]:
 
 
 def frames(view: RunView, times: Iterable[float]) -> Iterator[NDArray[np.uint8]]:
-    """Draw the view at each of `times`; its fixed parts are drawn once.
+    """Yield the view at each of `times`, its fixed parts drawn once.
 
-    Yields
-    ------
-    image
-        RGBA of shape `(height, width, 4)`; the next one overwrites it.
+    It is RGBA of shape `(height, width, 4)`; the next one overwrites it.
     """
     canvas: Any = FigureCanvasAgg(view.figure)  # matplotlib has no types for it
     canvas.draw()

@@ -14,9 +14,9 @@ from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
 from barc_sim.control.types import GAINS
-from barc_sim.figures.palette import COLOURS, term_colours
 from barc_sim.figures.style import (
     BLUE,
+    COLOURS,
     DASHES,
     EARTH,
     GREEN,
@@ -27,6 +27,7 @@ from barc_sim.figures.style import (
     STYLE,
     VERMILLION,
     limits,
+    term_colours,
     use_measurement,
 )
 from barc_sim.simulation import metrics
@@ -72,17 +73,10 @@ def plot(log: Log) -> Figure:
 def speed_figure(
     log: Log, *, title: str = '', settings: str = '', figure: Figure | None = None
 ) -> Figure:
-    """Draw speed, its error, grade and command against the position along the road.
+    """Draw speed, its error, grade and command of at least one state against the position.
 
-    Parameters
-    ----------
-    log
-        At least one state. The error is that after the run-up; without a controller's reference
-        (NaN), and in a shorter run, there is none.
-    title, settings
-        The two lines of the heading.
-    figure
-        An empty figure to draw on, such as a window's; by default a new one.
+    The error is that after the run-up; without a controller's reference (NaN), and in a shorter
+    run, there is none. `title` and `settings` are the two lines of the heading. `figure` is empty.
     """
     log = use_measurement(log)
     caption = _caption(log)

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle, PathPatch, Polygon
 from matplotlib.path import Path
 from matplotlib.transforms import Affine2D
 
-from barc_sim.figures.run_view import AHEAD, SIZE, RunView, draw_cursor, format_speed
+from barc_sim.figures.output import AHEAD, RunView, draw_cursor, format_speed
 from barc_sim.figures.style import (
     BLUE,
     DASHES,
@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from barc_sim.simulation.log import Log
 
     Floats = NDArray[np.float64]
-
-__all__ = ['SIZE', 'SideView']
 
 #: [m] The road continues by this on both sides of the driven part, at the same grade.
 MARGIN = 60.0
@@ -158,13 +156,9 @@ class Terrain:
     """Converts a distance along the road's surface to a place on the map.
 
     The horizontal distance is the integral of cos(theta) over the distance along the surface: 20 m
-    at 10° are 19.696 m on the map. It is zero where the distance is zero.
-
-    Attributes
-    ----------
-    distance, horizontal, elevation
-        [m] the points of the road's surface, in rising order, each of shape `(m,)`; the road is
-        straight between them.
+    at 10° are 19.696 m on the map. It is zero where the distance is zero. `distance`, `horizontal`
+    and `elevation` [m] are the points of the road's surface, in rising order; the road is straight
+    between them.
     """
 
     def __init__(self, log: Log) -> None:
@@ -196,10 +190,7 @@ class Terrain:
     def wheel_path(self, radius: float) -> tuple[Floats, Floats]:
         """Return the path of the centre of a wheel of `radius` [m] that rolls over the road.
 
-        Returns
-        -------
-        horizontal, elevation
-            [m], each of shape `(k,)`: the lowest places at which the wheel does not sink in.
+        It is the lowest places, horizontal and elevation [m], at which the wheel does not sink in.
         """
         resolution = max(RESOLUTION, float(np.ptp(self.horizontal)) / _MOST_POINTS)
         horizontal = np.arange(self.horizontal[0], self.horizontal[-1], resolution)
@@ -212,16 +203,10 @@ class Terrain:
 
 
 class RoadScene:
-    """Fills axes with the road around the car.
-
-    Attributes
-    ----------
-    artists
-        The artists that `place` moves, in the order of drawing.
-    """
+    """Fills axes with the road around the car; `place` moves its `artists`, drawn in order."""
 
     def __init__(self, axes: Axes, terrain: Terrain) -> None:
-        """Draw the road of `terrain` and the car on `axes`; `place` then moves them."""
+        """Draw the road of `terrain` and the car on `axes`."""
         self._axes, self._terrain = axes, terrain
         self._wheel_path = terrain.wheel_path(WHEEL_RADIUS)
         # Equal scales, so that 30° look like 30°; a window of another shape shows more.
@@ -285,13 +270,7 @@ def _posts(terrain: Terrain, ground: Transform) -> Line2D:
 
 
 class SideCar:
-    """Artists of a car, placed by its two wheels.
-
-    Attributes
-    ----------
-    artists
-        All artists, in the order of drawing.
-    """
+    """The `artists` of a car, drawn in order and placed by its two wheels."""
 
     def __init__(self, axes: Axes) -> None:
         """Add the car to `axes`, which have equal scales in metres."""

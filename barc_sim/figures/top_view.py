@@ -9,8 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch, Polygon, Rectangle
 from matplotlib.transforms import Affine2D
 
+from barc_sim.figures.output import AHEAD, RunView, draw_cursor, format_speed
 from barc_sim.figures.run_figures import JUMP
-from barc_sim.figures.run_view import AHEAD, RunView, draw_cursor, format_speed
 from barc_sim.figures.side_view import AXLES, GLASS, LAMP
 from barc_sim.figures.style import BLUE, INK, MUTED, VERMILLION, limits, reading
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_WIDTH
@@ -128,16 +128,10 @@ def suits(log: Log) -> bool:
 
 
 class GroundScene:
-    """Fills axes with the ground around the car.
-
-    Attributes
-    ----------
-    artists
-        The artists that `place` moves, in the order of drawing.
-    """
+    """Fills axes with the ground around the car; `place` moves its `artists`, drawn in order."""
 
     def __init__(self, axes: Axes) -> None:
-        """Draw grid, path and car on `axes`; `place` then moves them."""
+        """Draw grid, path and car on `axes`."""
         self._axes = axes
         axes.set_xlim(-VIEW_WIDTH / 2.0, VIEW_WIDTH / 2.0, auto=True)
         axes.set_ylim(-10.0, 10.0, auto=True)
@@ -190,13 +184,7 @@ def _grid(spacing: float, color: str, transform: Transform) -> Line2D:
 
 
 class TopCar:
-    """Artists of a car in the middle of its axes, placed by heading and steering.
-
-    Attributes
-    ----------
-    artists
-        All artists, in the order of drawing.
-    """
+    """The `artists` of a car in the middle of its axes, placed by heading and steering."""
 
     def __init__(self, axes: Axes) -> None:
         """Add the car to `axes`, which have equal scales in metres."""

@@ -45,16 +45,7 @@ def tuning_figure(
 ) -> Figure:
     """Draw the map of the cost beside the step responses and the speed errors of both points.
 
-    Parameters
-    ----------
-    surface
-        The cost, in the plane of the found point.
-    start, found
-        Before and after.
-    cost
-        What the map shows, with its unit.
-    title, settings
-        What was searched for, and over what: the heading's two lines.
+    `cost` is what the map shows, with its unit; `title` and `settings` are the heading's two lines.
     """
     figure = Figure(figsize=SIZE)
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)

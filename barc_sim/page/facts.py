@@ -11,7 +11,7 @@ import numpy as np
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.errors import UserError
-from barc_sim.figures.palette import FORCES, QUANTITIES, term_colours
+from barc_sim.figures.style import FORCES, QUANTITIES, term_colours
 from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, TUNABLE
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.road import Road

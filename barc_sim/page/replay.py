@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.figures.palette import QUANTITIES, term_colours
+from barc_sim.figures.style import QUANTITIES, term_colours
 from barc_sim.page.facts import driven_road, facts, lap_facts, road_facts
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import encode

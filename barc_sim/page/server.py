@@ -27,7 +27,7 @@ from websockets.http11 import Response
 from barc_sim.cli.files import read_regular
 from barc_sim.cli.process import warn
 from barc_sim.errors import UserError
-from barc_sim.figures.palette import style_sheet
+from barc_sim.figures.style import style_sheet
 from barc_sim.page.protocol import RequestError, encode, parse
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from hand_drive import drive_by_hand
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from barc_sim.control.driver import DriverInput
@@ -118,12 +117,6 @@ def test_the_caption_has_the_error_after_the_run_up_and_over_all(log: Log) -> No
     assert f'over all: RMS {np.sqrt(np.mean(log.speed_error**2)):.3f} m/s' in caption
 
 
-def test_a_figure_that_is_given_is_drawn_on(log: Log) -> None:
-    figure = Figure()
-    assert speed_figure(log, figure=figure) is figure
-    assert len(figure.axes) == 4
-
-
 @pytest.mark.parametrize(
     'change',
     [
@@ -198,8 +191,3 @@ def test_reset_to_the_start_breaks_the_lines() -> None:
     k = int(np.searchsorted(log.t, 6.0)) - 1
     assert np.isnan(path.lines[0].get_xdata()).nonzero()[0].tolist() == [k]
     assert np.isnan(speed.lines[0].get_ydata()).nonzero()[0].tolist() == [k]
-
-
-def test_drive_of_one_state_and_without_commands_is_drawn() -> None:
-    log = drive_by_hand(REQUESTS, 0.0)
-    assert len(drive_figure(log.map(lambda column: column[:1])).axes) == 4

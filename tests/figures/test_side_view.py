@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import atan2, cos, degrees, hypot, pi, radians
+from math import atan2, cos, degrees, pi, radians
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from matplotlib.text import Text
 
-from barc_sim.figures.side_view import SIZE, SideView, Terrain
+from barc_sim.figures.output import SIZE
+from barc_sim.figures.side_view import SideView, Terrain
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.bike_model import WHEEL_RADIUS, Vehicle
+from barc_sim.vehicle.bike_model import WHEEL_RADIUS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -69,11 +70,6 @@ def test_states_without_a_grade_leave_no_hole_in_the_road(log: Log) -> None:
     terrain = Terrain(replace(log, theta_deg=theta_deg, elevation=elevation))
     x, y = terrain.at(log.distance[699] + np.array([0.0, 5.0]))
     assert np.diff(y) / np.diff(x) == pytest.approx(np.tan(np.radians(log.theta_deg[699])))
-
-
-def test_a_single_state_is_a_road() -> None:
-    terrain = Terrain(closed_loop(max_duration=0.0))
-    assert terrain.at(5.0) == (pytest.approx(5.0), 0.0)
 
 
 def test_a_wheel_touches_the_road_and_nowhere_sinks_in(log: Log) -> None:
@@ -130,19 +126,6 @@ def test_the_car_is_pitched_as_the_road_is_on_the_screen(
     view.update(time_at(log, distance))
     (rear_x, rear_y), (front_x, front_y) = (on_screen(wheel) for wheel in wheels(view))
     assert degrees(atan2(front_y - rear_y, front_x - rear_x)) == pytest.approx(grade, abs=0.05)
-
-
-def test_the_car_is_to_scale(log: Log) -> None:
-    view = view_of(log)
-    view.update(time_at(log, 110.0))
-    rear, front = wheels(view)
-    (x, y), (front_x, front_y) = on_screen(rear), on_screen(front)
-    edge_x, edge_y = on_screen(rear, (WHEEL_RADIUS, 0.0))
-    pixels_per_metre = hypot(edge_x - x, edge_y - y) / WHEEL_RADIUS
-    vehicle = Vehicle()
-    assert hypot(front_x - x, front_y - y) / pixels_per_metre == pytest.approx(
-        vehicle.l_f + vehicle.l_r, abs=0.01
-    )
 
 
 def test_the_wheels_roll_forward_by_the_distance_driven(log: Log) -> None:

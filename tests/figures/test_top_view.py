@@ -19,7 +19,7 @@ from matplotlib.text import Text
 from barc_sim.commands.replay import save
 from barc_sim.commands.replay import view_of as chosen_view
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
-from barc_sim.figures.side_view import SIZE
+from barc_sim.figures.output import SIZE
 from barc_sim.figures.top_view import TopView, suits
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import Vehicle
@@ -144,12 +144,6 @@ def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(log: Log) -
     assert suits(log)
     assert not suits(closed_loop(distance=5.0))
     assert not suits(replace(log, elevation=np.linspace(0.0, 5.0, len(log))))
-
-
-def test_a_single_state_is_shown() -> None:
-    view = view_of(drive_by_hand([], 0.0))
-    view.update(0.0)
-    assert '0.00 s' in texts(view)
 
 
 def test_a_drive_whose_commands_are_unknown_is_shown(log: Log) -> None:
