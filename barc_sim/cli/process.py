@@ -168,6 +168,7 @@ def _prepare() -> None:
     if sys.stdout is None:
         raise UserError('stdout is closed: redirect it, as with > /dev/null')
     _check_memory('barc_sim', _MIN_MEMORY)
+    _drop_missing_middleware()
     home = os.environ.get('HOME')
     if home and not Path(home).is_dir():
         import atexit  # noqa: PLC0415 (rare)
@@ -176,6 +177,29 @@ def _prepare() -> None:
 
         os.environ['HOME'] = folder = tempfile.mkdtemp(prefix='barc_sim_home_')
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
+
+
+def _drop_missing_middleware() -> None:
+    """Unset RMW_IMPLEMENTATION, with a warning, where ROS has none of that name.
+
+    ROS would end the process while it is imported.
+    """
+    name = os.environ.get('RMW_IMPLEMENTATION')
+    if not name or not has_ros():
+        return
+    from importlib.util import find_spec  # noqa: PLC0415 (rare)
+
+    spec = find_spec('rclpy')
+    found = Path(spec.origin) if spec and spec.origin else Path()
+    prefixes = [
+        *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep),
+        *map(str, found.parents[4:5]),
+    ]
+    indices = [Path(prefix, 'share/ament_index/resource_index') for prefix in prefixes]
+    known = {path.name for index in indices for path in index.glob('rmw_typesupport/*')}
+    if known and name not in known:
+        warn(f'RMW_IMPLEMENTATION is {name!r}, which this ROS does not have: its default is used')
+        del os.environ['RMW_IMPLEMENTATION']
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from barc_sim.cli.files import open_regular
 from barc_sim.cli.process import check_clock, check_limits
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
@@ -29,11 +30,14 @@ if TYPE_CHECKING:
 
 #: Threads for callbacks that may block; the quick ones need none.
 NUM_THREADS = 2
+_MAX_DOMAIN = 232  #: whose ports DDS can count
 #: rcutils' own format, on a cleared line: the status line of a run may stand there.
 _CONSOLE_FORMAT = '\r\x1b[K[{severity}] [{time}] [{name}]: {message}'
 
 _PROFILES = Path(__file__).with_name('fast_dds.xml')
 _VARIABLES = ('FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE')
+#: What Fast DDS looks for where a command is run.
+_BESIDE = ('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml')
 #: Without it, rmw overrides how histories use memory. ROS's QoS settings win over the profiles
 #: either way.
 _USE_PROFILES = 'RMW_FASTRTPS_USE_QOS_FROM_XML'
@@ -61,6 +65,9 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
         )
     if not any(os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')):
         raise UserError('ROS has no folder for its logs: set HOME, or ROS_LOG_DIR to a folder')
+    domain = os.environ.get('ROS_DOMAIN_ID', '')
+    if domain.isdecimal() and int(domain[:9]) > _MAX_DOMAIN:
+        raise UserError(f'ROS_DOMAIN_ID is {domain}: choose one from 0 to {_MAX_DOMAIN}')
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -70,8 +77,12 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # thirty cars need more than 1024
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
-    # rcl raises what it logs about its arguments.
-    set_logger_level('rcl', LoggingSeverity.FATAL)
+    try:
+        # rcl raises what it logs about its arguments.
+        set_logger_level('rcl', LoggingSeverity.FATAL)
+    except RuntimeError:
+        names = ', '.join(name for name in os.environ if name.startswith('RCUTILS_'))
+        raise UserError(f'ROS refuses a setting of its log: unset {names}') from None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:  # noqa: BLE001 (rclpy raises several private kinds)
@@ -126,10 +137,16 @@ def spin(create: Callable[[], Node], args: list[str] | None = None) -> int:
 
 
 def use_profiles(environment: MutableMapping[str, str] = os.environ) -> None:
-    """Set our profiles in `environment`, unless the user has set others there."""
+    """Set our profiles in `environment`, unless the user has set others there.
+
+    UserError is raised for a named pipe in place of one, at which Fast DDS would wait for ever.
+    """
     if not any(name in environment for name in (*_VARIABLES, _USE_PROFILES)):
         environment[_VARIABLES[0]] = str(_PROFILES)
         environment[_USE_PROFILES] = '1'
+    for name in filter(None, (*map(environment.get, _VARIABLES), *_BESIDE)):
+        with suppress(OSError):  # Fast DDS does without
+            open_regular(Path(name)).close()
 
 
 def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -35,6 +36,7 @@ def main(args: list[str] | None = None) -> int:
     )
     parser.add_argument('--save', type=Path, metavar='DIR', help='keep the files that fail here')
     options = parser.parse_args(args)
+    os.environ.setdefault('ROS_DOMAIN_ID', str(100 + os.getpid() % 100))  # beside other work
     kind: Any = importlib.import_module(options.kind)
     kind.original()  # before the processes begin, which share it
     found: dict[str, list[Trial]] = defaultdict(list)

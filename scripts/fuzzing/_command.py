@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _PATIENCE = 60.0  #: [s] for a command on a busy machine
 _ANSWERS = (0, 1, 2)  #: exit codes
+_INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)
 #: What no user should read: the interpreter's, or a library's, in place of a sentence.
 _FAULTS = ('Traceback (most recent call last)', 'Fatal Python error', 'terminate called', ' at 0x')
 
@@ -32,13 +33,21 @@ class Ended(NamedTuple):
     text: str
 
 
-def run(words: list[str], folder: Path, prepare: Callable[[], None] = lambda: None) -> Ended:
-    """Run `barc` with `words` in `folder`, in a copy of this process, after `prepare`."""
+def run(
+    words: list[str],
+    folder: Path,
+    prepare: Callable[[], None] = lambda: None,
+    live: float | None = None,
+) -> Ended:
+    """Run `barc` with `words` in `folder`, in a copy of this process, after `prepare`.
+
+    After `live` [s] it is asked to stop, as by Ctrl-C.
+    """
     with tempfile.TemporaryFile() as output:
         child = os.fork()
         if not child:
             _child(words, folder, prepare, output.fileno())
-        code = wait(child)
+        code = _wait(child, live)
         output.seek(0)
         return Ended(code, output.read(1 << 20).decode(errors='replace'))
 
@@ -47,6 +56,7 @@ def _child(words: list[str], folder: Path, prepare: Callable[[], None], output: 
     code = 3
     try:
         os.setsid()
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in the background
         sys.modules['__main__'] = ModuleType('__main__')  # else its own processes begin with ours
         null = os.open(os.devnull, os.O_RDONLY)
         for here, there in ((null, 0), (output, 1), (output, 2)):
@@ -64,13 +74,17 @@ def _child(words: list[str], folder: Path, prepare: Callable[[], None], output: 
         os._exit(code)
 
 
-def wait(child: int, patience: float = _PATIENCE) -> int | None:
+def _wait(child: int, live: float | None) -> int | None:
     """Return the exit code of a process, minus the signal that ended it; None where it hangs."""
-    end = time.monotonic() + patience
-    while time.monotonic() < end:
+    began, asked = time.monotonic(), live is None
+    while (since := time.monotonic() - began) < _PATIENCE:
         pid, status = os.waitpid(child, os.WNOHANG)
         if pid:
-            return os.waitstatus_to_exitcode(status)
+            code = os.waitstatus_to_exitcode(status)
+            return 0 if live is not None and asked and code in _INTERRUPTED else code
+        if live is not None and not asked and since > live:
+            os.kill(child, signal.SIGINT)
+            asked = True
         time.sleep(0.01)
     os.killpg(child, signal.SIGKILL)
     os.waitpid(child, 0)

@@ -157,6 +157,7 @@ def _shell(odd: str, chance: Random) -> tuple[dict[str, int], list[int], dict[st
 
 
 def _confine(limits: dict[str, int], closed: list[int]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # ignored in the background
     for name, value in limits.items():
         resource.setrlimit(getattr(resource, name), (value, value))
     for descriptor in closed:

@@ -11,40 +11,75 @@ import os
 import shutil
 import socket
 import stat
+import subprocess
 import sys
 import tempfile
 import time
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from _command import judge, run
+from _command import Ended, judge, run
 from _trial import ESCAPE, Trial
+
+import barc_sim
+from barc_sim.cli.process import has_ros
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-_RUN = ['acc', '--engine', 'local', '-q', '--distance', '5', '--realtime-factor', 'max']
+_ROOT = Path(barc_sim.__file__).parents[1]
+_RUN = 'acc -q --distance 5 --realtime-factor max'
 _BAG, _KILLED = 'bags/run', 'bags/killed'
 #: The commands, and how often each is drawn: a slow one less.
 _COMMANDS = {
     f'plot {_BAG}': 4,
     f'plot {_BAG} --save out/speed.svg': 4,
-    f'report {_BAG}': 4,
+    'report': 4,
     f'report {_BAG} -o out/report.html': 3,
     f'graph --bag {_BAG} --save out/graph.svg': 3,
     f'replay {_BAG} --save out/replay.gif': 1,
     f'recover {_KILLED}': 6,
     'new new': 3,
-    'check lab': 2,
+    'check lab --rubric rubric.yaml': 2,
     'check lab --save out/check.png': 1,
     'submit lab --save out/lab.zip': 2,
-    'grade class --out grades --jobs 1': 2,
+    f'submit lab --course {_BAG} --teleop {_BAG} --video film.mp4': 2,
+    'grade class --out grades --jobs 1 --rubric rubric.yaml': 3,
     'tune --distance 20 --save out/map.png': 1,
-    f'{" ".join(_RUN)} --lab lab --road road.csv --bag-dir out/bags': 6,
-    f'{" ".join(_RUN)} --view web --view-port {{port}}': 4,
+    'tune --distance 20 --controller lab/controller.py --road road.csv': 1,
+    f'{_RUN} --engine local --lab lab --road road.csv --bag-dir out/bags': 6,
+    f'{_RUN} --engine local --view web --view-port {{port}}': 4,
+    f'{_RUN} --engine local --no-bag --ros-args --params-file values.yaml': 2,
 }
+_OF_ROS = {
+    f'{_RUN} --engine ros --lab lab --road road.csv --bag-dir out/bags': 3,
+    f'{_RUN} --engine ros --no-bag --ros-args --params-file values.yaml': 2,
+    'topics': 1,
+    'graph --save out/live.svg': 2,
+    'param load controller values.yaml': 2,
+    'param dump controller': 1,
+}
+#: Commands that last until Ctrl-C.
+_LASTING = {
+    'teleop --engine local --view none --lab lab --bag-dir out/bags': 3,
+    f'replay {_BAG} --web --view-port {{port}}': 1,
+}
+_LASTING_OF_ROS = {
+    'teleop --engine ros --view web --view-port {port} --relay lab/relay.py': 3,
+    'record -o out/recorded': 3,
+    'node bag_recorder': 1,
+    'echo rosout': 1,
+}
+_BESIDE_A_NODE = ('graph --save', 'param', 'echo', 'topics')
+#: What a command of ROS uses without Python.
+_FILES_OF_ROS = (
+    *('home/.ros', 'home/.ros/log', 'home/.ros/log/latest'),
+    *('DEFAULT_FASTDDS_PROFILES.xml', 'DEFAULT_FASTRTPS_PROFILES.xml'),
+)
+_LIVE = 5.0  #: [s] after which a command that lasts is asked to stop
 _OPENED = {'open', 'os.listdir', 'os.scandir', 'subprocess.Popen'}
 _CHANGED = {'mkdir', 'rename', 'remove', 'rmdir', 'link', 'symlink', 'truncate', 'chmod', 'utime'}
 _EVENTS = _OPENED | {f'os.{name}' for name in _CHANGED}
@@ -56,7 +91,25 @@ _MODEL = """\
 def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):
     return [x + ts * v, y, psi, v + ts * a]
 """
-_ROAD = 'start_m,grade_deg\n0,0\n20,10\n'
+_CONTROLLER = """\
+class PID:
+    def __init__(self, kp=30.0, ki=200.0, kd=0.1):
+        self.kp, self.ki, self.kd, self.sum = kp, ki, kd, 0.0
+
+    def acc_calculate(self, speed_reference, speed_current, dt):
+        self.sum += (speed_reference - speed_current) * dt
+        return self.kp * (speed_reference - speed_current) + self.ki * self.sum
+"""
+_RELAY = """\
+def relay(linear_x, angular_z):
+    return [2.0 * linear_x, 0.3 * angular_z]
+"""
+_FILES = {
+    'road.csv': 'start_m,grade_deg\n0,0\n20,10\n',
+    'values.yaml': 'controller:\n  ros__parameters:\n    kp: 20.0\n',
+    'rubric.yaml': 'criteria:\n  model.x: 10\n  loop.lab_road: 10\n',
+    'film.mp4': 'a film\n',
+}
 
 
 class Place(NamedTuple):
@@ -107,11 +160,18 @@ _KINDS: dict[str, Callable[[Path, Path], None]] = {
 }
 
 
+def commands() -> dict[str, int]:
+    """Return the commands that this machine has, and how often each is drawn."""
+    of_ros = _OF_ROS | _LASTING_OF_ROS if has_ros() else {}
+    return _COMMANDS | _LASTING | of_ros
+
+
 def trials(seed: int, numbers: range) -> Iterator[Trial]:
     """Yield what became of each command."""
+    often = commands()
     for number in numbers:
         chance = Random(f'{seed} {number}')  # noqa: S311 (no secret)
-        command = chance.choices([*_COMMANDS], [*_COMMANDS.values()])[0]
+        command = chance.choices([*often], [*often.values()])[0]
         name = chance.choice(_files(command))
         kind = chance.choice([*_KINDS])
         with tempfile.TemporaryDirectory() as folder:
@@ -127,22 +187,41 @@ def _try(number: int, command: str, name: str, kind: str, place: Place) -> Trial
     _KINDS[kind](path, place.outside)
     before = _content(place.outside)
     began = time.monotonic()
-    words, title = _words(command), f'barc {command}, {kind} at {name}'
-    outcome, why = judge(run(words, place.inside, _prepare))
+    title = f'barc {command}, {kind} at {name}'
+    outcome, why = judge(_run(command, place.inside))
     why = why and f'{title}: {why}'
     after = _content(place.outside)
     harm = {each for each, what in before.items() if after.get(each) != what}
     # A folder that the user names, or has at home, may be a link.
-    if name not in (*words, 'bags', 'out') and not name.startswith('home/'):
+    if name not in (*command.split(), 'bags', 'out') and not name.startswith('home/'):
         harm |= after.keys() - before.keys()
     if harm:
         outcome, why = ESCAPE, f'{title}: changed {sorted(harm)} outside'
     return Trial(number, kind, outcome, time.monotonic() - began, 0.0, why)
 
 
-def _words(command: str) -> list[str]:
+def _run(command: str, folder: Path, notes: Path | None = None) -> Ended:
+    """Run a command, beside a node where it needs one; note the files that it uses in `notes`."""
     with socket.create_server(('127.0.0.1', 0)) as free:
-        return command.format(port=free.getsockname()[1]).split()
+        words = command.format(port=free.getsockname()[1]).split()
+    live = _LIVE if command in _LASTING | _LASTING_OF_ROS else None
+    with _node() if command.startswith(_BESIDE_A_NODE) else nullcontext():
+        return run(words, folder, lambda: _prepare(notes), live)
+
+
+@contextmanager
+def _node() -> Iterator[None]:
+    """Run a controller in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = [sys.executable, '-m', 'barc_sim', 'node', 'controller']
+        environment = os.environ | {'PYTHONPATH': str(_ROOT), 'HOME': folder}
+        with subprocess.Popen(  # noqa: S603 (our own)
+            arguments, cwd=folder, env=environment, stderr=subprocess.PIPE
+        ) as process:
+            try:
+                yield
+            finally:
+                process.kill()
 
 
 def _content(folder: Path) -> dict[str, object]:
@@ -163,13 +242,18 @@ def _original() -> Path:
     inside = folder / 'inside'
     for name in ('out', 'home', 'bags', 'class'):
         (inside / name).mkdir(parents=True)
-    (inside / 'road.csv').write_text(_ROAD, encoding='ascii')
-    for words in (['new', 'lab'], [*_RUN, '--bag-dir', 'made']):
-        ended = run(words, inside, _prepare)
+    for name, text in _FILES.items():
+        (inside / name).write_text(text, encoding='ascii')
+    for words in ('new lab', f'{_RUN} --engine local --bag-dir made'):
+        ended = run(words.split(), inside, _prepare)
         if ended.code:
             raise RuntimeError(ended.text)
     (inside / 'lab' / 'bike_model.py').write_text(_MODEL, encoding='ascii')
+    (inside / 'lab' / 'controller.py').write_text(_CONTROLLER, encoding='ascii')
+    (inside / 'lab' / 'relay.py').write_text(_RELAY, encoding='ascii')
     shutil.copytree(inside / 'lab', inside / 'class' / 'ada')
+    for name, form in (('bob', 'zip'), ('eve', 'gztar')):
+        shutil.make_archive(str(inside / 'class' / name), form, inside / 'lab')
     (made,) = (inside / 'made').iterdir()
     made.replace(inside / _BAG)
     (inside / 'made').rmdir()
@@ -205,9 +289,9 @@ def _files(command: str) -> list[str]:
         with tempfile.TemporaryDirectory() as folder:
             place = made(Path(folder))
             notes = Path(folder) / 'notes'
-            ended = run(_words(command), place.inside, lambda notes=notes: _prepare(notes))
-            if failure := judge(ended)[1]:
-                raise RuntimeError(failure)
+            ended = _run(command, place.inside, notes)
+            if ended.code not in (0, 1):  # of `check`: something is not right
+                raise RuntimeError(f'barc {command}: {judge(ended)[1] or ended.text}')
             used = notes.read_text(encoding='utf-8', errors='surrogateescape').split('\0')
             root = f'{place.inside}{os.sep}'
             paths = {os.path.normpath(path) for path in used if path.startswith(root)}
@@ -215,10 +299,12 @@ def _files(command: str) -> list[str]:
     found = (runs[0] & runs[1]) - {''}
     # The processes that run a user's code note nothing: all in a folder that is used counts.
     inside = _original() / 'inside'
+    found |= {word for word in command.split() if (inside / word).exists()}
     found |= {
         str(path.relative_to(inside)) for used in {*found} for path in (inside / used).glob('**/*')
     }
-    return sorted(path for path in found if not path.startswith(_OF_LIBRARIES))
+    of_ros = _FILES_OF_ROS if command in _OF_ROS | _LASTING_OF_ROS else ()
+    return sorted([path for path in found if not path.startswith(_OF_LIBRARIES)] + [*of_ros])
 
 
 def _prepare(notes: Path | None = None) -> None:
@@ -232,12 +318,12 @@ def _prepare(notes: Path | None = None) -> None:
     file = os.open(notes, os.O_CREAT | os.O_WRONLY | os.O_APPEND)
     here = Path.cwd()
 
-    def note(event: str, arguments: tuple[object, ...]) -> None:
+    def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in _EVENTS:
             return
         words = arguments[:1] if event == 'open' else arguments[:2]
         if event == 'subprocess.Popen':
-            words = arguments[1]
+            words = [word for word in arguments[1] if os.sep in word]
         for word in words if isinstance(words, (list, tuple)) else ():
             if isinstance(word, (str, bytes, os.PathLike)):
                 path = os.path.join(here, os.fsdecode(word))  # noqa: PTH118 (no Path in a hook)

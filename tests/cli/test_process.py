@@ -123,6 +123,44 @@ def test_a_home_that_is_not_there_is_not_made(tmp_path: Path) -> None:
     assert not home.exists()
 
 
+@needs_ros
+def test_a_middleware_that_ros_does_not_have_is_named(tmp_path: Path) -> None:
+    for command in (ROS, ('show', 'ECU')):
+        done = limited(*command, cwd=tmp_path, RMW_IMPLEMENTATION='rmw_nonsense')
+        assert b"RMW_IMPLEMENTATION is 'rmw_nonsense'" in done.stderr
+        assert done.returncode == 0
+
+
+@pytest.mark.parametrize('engine', ['local', pytest.param('ros', marks=needs_ros)])
+def test_a_domain_that_is_no_number_is_named(engine: str, tmp_path: Path) -> None:
+    done = limited(*LOCAL, '--engine', engine, cwd=tmp_path, ROS_DOMAIN_ID='abc')
+    assert 'ROS_DOMAIN_ID is not an integral number' in sentence(done)
+
+
+@needs_ros
+@pytest.mark.parametrize(
+    ('name', 'value', 'expected'),
+    [
+        ('ROS_DOMAIN_ID', '233', 'choose one from 0 to 232'),
+        ('FASTRTPS_DEFAULT_PROFILES_FILE', 'pipe', "'pipe' is a named pipe"),
+        ('RCUTILS_COLORIZED_OUTPUT', 'x', 'unset RCUTILS_COLORIZED_OUTPUT'),
+    ],
+)
+def test_a_setting_that_ros_cannot_use_is_named(
+    name: str, value: str, expected: str, tmp_path: Path
+) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    done = limited(*ROS, cwd=tmp_path, **{name: value})
+    assert expected in done.stderr.decode().splitlines()[-1]
+    assert done.returncode == 2
+
+
+@needs_ros
+def test_a_pipe_where_dds_looks_for_its_profiles_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml')
+    assert 'is a named pipe' in sentence(limited(*ROS, cwd=tmp_path))
+
+
 def test_no_more_than_can_be_counted_is_accepted_as_a_number(tmp_path: Path) -> None:
     for option, value in (
         ('--min-free-space', '1e308'),

@@ -127,6 +127,13 @@ def _flat(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
             yield path, value
 
 
+def _domain() -> int:
+    try:
+        return int(os.environ.get('ROS_DOMAIN_ID') or 0)
+    except ValueError:
+        raise RuntimeError('ROS_DOMAIN_ID is not an integral number') from None
+
+
 class Context:
     """What `init` begins and `shutdown` ends; its nodes see those of the same domain."""
 
@@ -140,8 +147,7 @@ class Context:
             raise RuntimeError('Context.init() must only be called once')
         words = [] if self.world.simulated else sys.argv
         self.arguments = Arguments(words if args is None else args, self.world)
-        given = int(os.environ.get('ROS_DOMAIN_ID') or 0)
-        self._domain = given if domain_id is None else domain_id
+        self._domain = _domain() if domain_id is None else domain_id
         self.nodes: list[Any] = self.world.nodes.setdefault(self._domain, [])
         self.is_ok = self.begun = True
 
