@@ -222,6 +222,9 @@ def _sentence(error: Exception, prog: str) -> str | None:
         sentence = _missing(error, prog)
     elif sentence is None and isinstance(error, OSError):
         sentence = _refused(error)
+    elif sentence is None and str(error).startswith('Key backend: '):  # Matplotlib's, if imported
+        name = os.environ.get('MPLBACKEND')
+        sentence = f'MPLBACKEND is {name!r}, which Matplotlib does not have: unset it'
     elif sentence is None and type(error).__name__ == 'RCLError':  # importing it would import ROS
         sentence = f'ROS failed: {str(error).partition(", at ")[0]}'
     return sentence

@@ -21,7 +21,7 @@ from barc_sim.cli.parser import Parser
 from barc_sim.cli.process import call
 from barc_sim.errors import UserError
 
-#: Modules of this folder with `add_arguments`, `measure` and `report`.
+#: Modules of this folder with `add_arguments`, `measure`, `report`, and options that are `QUICK`.
 _NAMES = sorted(
     file.stem for file in Path(__file__).parent.glob('*.py') if not file.stem.startswith('_')
 )
@@ -33,14 +33,21 @@ def main(args: list[str] | None = None) -> None:
     """Measure, and show and keep the figures."""
     parser = Parser('bench', description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     commands = parser.add_subparsers(metavar='NAME', required=True)
-    for name in _NAMES:
-        module: Any = importlib.import_module(name)
+    quick = 'whether each of the others works: once, as short as it can be'
+    commands.add_parser('quick', help=quick).set_defaults(module=None)
+    modules: dict[str, Any] = {name: importlib.import_module(name) for name in _NAMES}
+    for name, module in modules.items():
         about = module.__doc__
         command = commands.add_parser(name, help=about.splitlines()[0], description=about)
         module.add_arguments(command)
         command.add_argument('--json', type=Path, metavar='FILE', help='write the figures there')
         command.set_defaults(module=module, benchmark=name)
     options = parser.parse_args(args)
+    if not options.module:
+        for name, module in modules.items():
+            print(f'\n{name}', flush=True)
+            print(module.report(module.measure(parser.parse_args([name, *module.QUICK]))))
+        return
     machine = _machine()
     found = options.module.measure(options)
     print(', '.join(f'{key} {value}' for key, value in machine.items()), end='\n\n')

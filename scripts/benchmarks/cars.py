@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import argparse
 
 _COUNTED = {'missed': 'missed_deadlines', 'slips': 'slipped_periods', 'lost': 'lost_messages'}
+QUICK = ('--repeat', '1', '--distance', '2', '--cars', '2')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

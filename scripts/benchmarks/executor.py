@@ -36,6 +36,7 @@ _CASES = {
 }
 _KILTED = Path(__file__).parents[2] / '.setup' / 'kilted'
 _PACKAGES = ('ros-kilted-rclpy', 'ros-kilted-std-msgs', 'ros-kilted-rmw-fastrtps-cpp', 'numpy')
+QUICK = ('--repeat', '1', '--seconds', '1', '--case', 'ping-pong, recorded')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -51,6 +51,7 @@ def relay(linear_x, angular_z):
 """,
 }
 Found = dict[str, float]
+QUICK = ('--count', '2')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,6 @@ the time in which the kernel kept the thread waiting for a core is counted apart
 
 from __future__ import annotations
 
-import time
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -29,21 +28,22 @@ _SUBJECTS = {
 }
 _LIMITS = (1.0, 5.0, 15.0)  # ms
 
+QUICK = ('--repeat', '1', '--seconds', '1')
+
 #: By subject, what `_jitter.py` found in each slice.
 Found = dict[str, list[dict[str, Any]]]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    add_number(parser, '--minutes', 30, 'of all together', 'M')
+    add_number(parser, '--repeat', 8, 'slices of each')
     add_number(parser, '--seconds', 30, 'of a slice', 'S')
 
 
 def measure(options: argparse.Namespace) -> Found:
     """Return what each slice found."""
     found: Found = {subject: [] for subject in _SUBJECTS}
-    end = time.monotonic() + options.minutes * 60
-    while time.monotonic() < end:
+    for _ in range(options.repeat):
         for subject, slices in found.items():
             slices.append(measured('_jitter.py', subject=subject, seconds=options.seconds))
     return found

@@ -26,6 +26,7 @@ _CASES = {
 }
 _OURS, _NONE = 'barc_sim', 'no recorder'
 _ROSBAG2 = {'rosbag2': None, 'rosbag2, depth 10,000': 10_000}
+QUICK = ('--repeat', '1', '--seconds', '1', '--case', '1 x 10,000/s of 50 B')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -19,6 +19,7 @@ _SUBJECTS = {
     'noise': 'simulate with noise',
     'numpy': 'batches with NumPy',
 }
+QUICK = ('--repeat', '1', '--seconds', '1')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import argparse
 
 _CASES = ('real time', 'real time, mirrored', 'real time, blocked', 'lock-step')
+QUICK = ('--repeat', '1', '--distance', '5')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from _compare import Found, add_number, in_turns, measured, table
@@ -35,11 +35,13 @@ _FLAGS = (
     '--remote-debugging-port=0',
 )
 _CASES = ('no view', 'nobody looks', 'a page counts', 'Chromium draws')
+QUICK = ('--repeat', '1', '--distance', '5')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     add_number(parser, '--repeat', 3, 'repetitions')
+    add_number(parser, '--distance', 180, 'length of a run', 'M')
 
 
 def measure(options: Namespace) -> Found:
@@ -47,7 +49,7 @@ def measure(options: Namespace) -> Found:
     return in_turns(
         {'the run': _CASES if _CHROMIUM else _CASES[:-1]},
         options.repeat,
-        lambda _, case: measured('view.py', case=case),
+        lambda _, case: measured('view.py', case=case, distance=options.distance),
     )
 
 
@@ -56,7 +58,7 @@ def report(found: Found) -> str:
     return table(found, ratio=False)
 
 
-def _drive(case: str) -> dict[str, float]:
+def _drive(task: dict[str, Any]) -> dict[str, float]:
     """Drive once, in this process; return the figures."""
     from _timed import TimedRun  # noqa: PLC0415
 
@@ -64,8 +66,9 @@ def _drive(case: str) -> dict[str, float]:
     from barc_sim.nodes.view import ViewNode  # noqa: PLC0415
     from barc_sim.ros.process import ros  # noqa: PLC0415
 
+    case, words = task['case'], ['--distance', str(task['distance'])]
     with tempfile.TemporaryDirectory() as folder, ros([]), StopSignals() as stop:
-        run = TimedRun('--bag-dir', folder)
+        run = TimedRun('--bag-dir', folder, *words)
         view = None if case == _CASES[0] else run.run.add(ViewNode)
         page = _open(case, view.url, folder) if view else None
         run.spin(stop)
@@ -127,4 +130,4 @@ def _count(url: str) -> float:
 
 if __name__ == '__main__':
     task = json.loads(sys.argv[1])
-    print(json.dumps(_drive(task['case']) if 'case' in task else _count(task['url'])))
+    print(json.dumps(_drive(task) if 'case' in task else _count(task['url'])))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _PATIENCE = 60.0  #: [s] for a command on a busy machine
 _ANSWERS = (0, 1, 2)  #: exit codes
-_INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)
+INTERRUPTED = (-signal.SIGINT, 128 + signal.SIGINT)
 #: What no user should read: the interpreter's, or a library's, in place of a sentence.
 _FAULTS = ('Traceback (most recent call last)', 'Fatal Python error', 'terminate called', ' at 0x')
 
@@ -81,7 +81,7 @@ def _wait(child: int, live: float | None) -> int | None:
         pid, status = os.waitpid(child, os.WNOHANG)
         if pid:
             code = os.waitstatus_to_exitcode(status)
-            return 0 if live is not None and asked and code in _INTERRUPTED else code
+            return 0 if live is not None and asked and code in INTERRUPTED else code
         if live is not None and not asked and since > live:
             os.kill(child, signal.SIGINT)
             asked = True

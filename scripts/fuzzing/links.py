@@ -59,8 +59,8 @@ _OF_ROS = {
     f'{_RUN} --engine ros --no-bag --ros-args --params-file values.yaml': 2,
     'topics': 1,
     'graph --save out/live.svg': 2,
-    'param load controller values.yaml': 2,
-    'param dump controller': 1,
+    'param load vehicle_simulator values.yaml': 2,
+    'param dump vehicle_simulator': 1,
 }
 #: Commands that last until Ctrl-C.
 _LASTING = {
@@ -106,7 +106,7 @@ def relay(linear_x, angular_z):
 """
 _FILES = {
     'road.csv': 'start_m,grade_deg\n0,0\n20,10\n',
-    'values.yaml': 'controller:\n  ros__parameters:\n    kp: 20.0\n',
+    'values.yaml': 'vehicle_simulator:\n  ros__parameters:\n    mass: 1000.0\n',
     'rubric.yaml': 'criteria:\n  model.x: 10\n  loop.lab_road: 10\n',
     'film.mp4': 'a film\n',
 }
@@ -211,13 +211,15 @@ def _run(command: str, folder: Path, notes: Path | None = None) -> Ended:
 
 @contextmanager
 def _node() -> Iterator[None]:
-    """Run a controller in a process of its own."""
+    """Run a simulator, which waits for a controller, in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        arguments = [sys.executable, '-m', 'barc_sim', 'node', 'controller']
+        arguments = [sys.executable, '-m', 'barc_sim', 'node', 'vehicle_simulator']
         environment = os.environ | {'PYTHONPATH': str(_ROOT), 'HOME': folder}
         with subprocess.Popen(  # noqa: S603 (our own)
             arguments, cwd=folder, env=environment, stderr=subprocess.PIPE
         ) as process:
+            assert process.stderr  # noqa: S101 (a pipe)
+            process.stderr.readline()  # that it waits
             try:
                 yield
             finally:

@@ -123,7 +123,13 @@ def test_a_home_that_is_not_there_is_not_made(tmp_path: Path) -> None:
     assert not home.exists()
 
 
+def test_a_backend_that_matplotlib_does_not_have_is_named(tmp_path: Path) -> None:
+    done = limited('tune', '--distance', '20', '--save', 'a.png', cwd=tmp_path, MPLBACKEND='none')
+    assert "MPLBACKEND is 'none'" in sentence(done)
+
+
 @needs_ros
+@pytest.mark.usefixtures('ros_domain')
 def test_a_middleware_that_ros_does_not_have_is_named(tmp_path: Path) -> None:
     for command in (ROS, ('show', 'ECU')):
         done = limited(*command, cwd=tmp_path, RMW_IMPLEMENTATION='rmw_nonsense')
