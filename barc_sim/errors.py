@@ -1,4 +1,4 @@
-"""What a user did that can't be done, in one sentence."""
+"""What a user did that can't be done, in one sentence; and text that is safe to show."""
 
 
 def escaped(text: str) -> str:
@@ -6,6 +6,12 @@ def escaped(text: str) -> str:
     return ''.join(
         c if c.isprintable() or c in '\n\t' else c.encode('unicode_escape').decode() for c in text
     )
+
+
+def one_line(text: str, width: int = 400) -> str:
+    """Return `text` as one line of at most `width` characters, escaped."""
+    line = ' '.join(escaped(text).split())
+    return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'
 
 
 class UserError(ValueError):

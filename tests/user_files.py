@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.check.code import JudgedCode
 from barc_sim.lab.confined.child import CodeServer
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.calls import BUDGET
-from barc_sim.lab.user_code.code import FILES, UserCode, find_files
+from barc_sim.lab.user_code.code import UserCode, find_files
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -93,7 +93,7 @@ def run(options: Namespace) -> int:
 
 def _composition(folder: Path) -> bool:
     """Print what is found of a `compose.py` in the folder; return whether nothing is wrong."""
-    from barc_sim.lab.user_code.code import COMPOSE  # noqa: PLC0415
+    from barc_sim.lab.handout import COMPOSE  # noqa: PLC0415
 
     file = folder / COMPOSE
     if not file.is_file():

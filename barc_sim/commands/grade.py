@@ -13,6 +13,7 @@ from barc_sim.cli.parser import number, whole
 from barc_sim.cli.process import INTERRUPTED
 from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import UserError
+from barc_sim.lab.handout import RUBRICS
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -46,9 +47,9 @@ def add_arguments(parser: Parser) -> None:
     rubrics = Path(__file__).parents[1] / 'lab' / 'grade' / 'rubrics'
     parser.add_argument(
         '--rubric',
-        default='lab',
+        default=RUBRICS[0],
         metavar='RUBRIC',
-        help=f'the points: lab, strict, extended or a file like those in {rubrics} (%(default)s)',
+        help=f'the points: {", ".join(RUBRICS)} or a file like those in {rubrics} (%(default)s)',
     )
     parser.add_argument(
         '--out', type=Path, default=Path('grades'), metavar='DIR', help='(%(default)s)'

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import os
 import shlex
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import barc_path
 from barc_sim.errors import UserError
-from barc_sim.lab.user_code.code import COMPOSE, FILES
+from barc_sim.lab.handout import COMPOSE, FILES, templates
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
-
-_FILES = ('README.md', *FILES.values(), COMPOSE)
 
 
 def add_arguments(parser: Parser) -> None:
@@ -44,17 +41,16 @@ def write(folder: Path) -> None:
     >>> sorted(path.name for path in Path('lab').iterdir())
     ['README.md', 'bike_model.py', 'compose.py', 'controller.py', 'relay.py']
     """
-    template = resources.files('barc_sim.lab') / 'templates'
-    texts = {name: (template / name).read_bytes() for name in _FILES}
+    files = templates()
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        there = [name for name in _FILES if os.path.lexists(folder / name)]
+        there = [name for name in files if os.path.lexists(folder / name)]
         if there:
             raise UserError(
                 f'{str(folder)!r} already has {", ".join(there)}: name another folder, or move '
                 'the old files'
             )
-        for name, text in texts.items():
+        for name, text in files.items():
             with (folder / name).open('xb') as file:
                 file.write(text)
     except OSError as error:
@@ -73,6 +69,6 @@ def run(options: Namespace) -> None:
     """
     write(options.folder)
     barc, folder = barc_path(), shlex.quote(str(options.folder))
-    print(f'{folder}: write {", ".join(_FILES[1:])}, as README.md explains')  # noqa: T201
+    print(f'{folder}: write {", ".join(FILES.values())}, {COMPOSE}, as README.md explains')  # noqa: T201
     print(f'check   {barc} check {folder}')  # noqa: T201
     print(f'run     {barc} acc --lab {folder}')  # noqa: T201

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import time
 import zipfile
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,8 +16,9 @@ from barc_sim.errors import UserError
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import settings, speed_figure
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
+from barc_sim.lab.handout import COMPOSE, FILES, templates
 from barc_sim.lab.report import Facts, page, read
-from barc_sim.lab.user_code.code import COMPOSE, FILES, files_in, find_name
+from barc_sim.lab.user_code.code import files_in, find_name
 from barc_sim.lab.user_code.source import compiled, find_gains
 from barc_sim.lab.user_code.source import read as read_source
 from barc_sim.simulation.metrics import RUN_UP
@@ -147,13 +147,8 @@ def _code(folder: Path) -> Iterator[Part]:
         found = find_name([*files], part) if part else name if name in files else None
         if found is None:
             yield Part('code', name, missing=True)
-        elif files[found] == _template(name):
+        elif files[found] == templates()[name]:
             yield Part('code', f'{found} is the template: nothing is written in it', missing=True)
-
-
-def _template(name: str) -> bytes:
-    file = resources.files('barc_sim.lab') / 'templates' / name
-    return file.read_bytes() if file.is_file() else b''
 
 
 def chosen_gains(folder: Path) -> ChosenGains | None:
@@ -252,6 +247,6 @@ def _description(folder: Path) -> Part:
     for stem in _DESCRIPTIONS:
         for file in files:
             same = file.stem.lower() == stem and file.is_file()
-            if same and file.read_bytes() not in (b'', _template(file.name)):
+            if same and file.read_bytes() not in (b'', templates().get(file.name)):
                 return Part('description', file.name, {file.name: file})
     return Part('description', 'write what you did, and why, in description.md', missing=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, number, whole
-from barc_sim.lab.user_code.code import FILES
+from barc_sim.lab.handout import FILES
 from barc_sim.nodes import MIRRORS
 from barc_sim.runs.carrier import add_engine_option
 from barc_sim.vehicle.parameters import REALTIME_FACTORS

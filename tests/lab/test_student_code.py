@@ -12,8 +12,9 @@ from barc_sim.lab.check.findings import CRITERIA, RELAY
 from barc_sim.lab.check.judging import Settings, judge, judge_folder
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, report
-from barc_sim.lab.grade.rubric import SHIPPED, load
+from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import Submission
+from barc_sim.lab.handout import RUBRICS
 from barc_sim.lab.user_code.code import UserCode, files_in
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def test_points_by_each_rubric_and_the_sentence(tmp_path: Path, name: str) -> No
     findings = judge(code, Settings(seed=SEED))
     points = [
         sum(rubric.points_for(f) for f in findings if f.criterion in rubric.points)
-        for rubric in map(load, SHIPPED)
+        for rubric in map(load, RUBRICS)
     ]
     assert points == pytest.approx(work.points, abs=0.006)
     messages = [finding.message for finding in findings]

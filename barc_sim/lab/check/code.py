@@ -9,8 +9,8 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
+from barc_sim.errors import one_line
 from barc_sim.lab.confined.process import Ended, Failed, Limits, Process
-from barc_sim.lab.text import one_line
 from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, TimedTwist, without_addresses
 from barc_sim.lab.user_code.code import files_in
 from barc_sim.lab.user_code.source import ChosenGains, UserCodeError

@@ -24,7 +24,7 @@ from barc_sim.lab.check.model import (
 )
 from barc_sim.lab.check.relay import judge_relay
 from barc_sim.lab.confined.process import Limits
-from barc_sim.lab.user_code.code import FILES
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.source import ChosenGains
 
 if TYPE_CHECKING:

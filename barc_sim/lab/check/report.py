@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from barc_sim.errors import one_line
 from barc_sim.lab.check.findings import Comparison
-from barc_sim.lab.text import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

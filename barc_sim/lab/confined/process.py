@@ -15,10 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, one_line
 from barc_sim.lab.confined import landlock, seccomp
 from barc_sim.lab.confined.child import NO_PIPES
-from barc_sim.lab.text import one_line
 
 if TYPE_CHECKING:
     from typing_extensions import Self

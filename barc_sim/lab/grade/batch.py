@@ -5,31 +5,28 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import tempfile
 import threading
-import time
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import islice
 from multiprocessing import connection
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.dask_cluster import client
+from barc_sim.cli.signals import uninterrupted
 from barc_sim.lab.grade.grade import report
 from barc_sim.lab.grade.submissions import read
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
     from concurrent.futures import Future
-    from multiprocessing.process import BaseProcess
     from pathlib import Path
 
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.grade import Report
     from barc_sim.lab.grade.rubric import Rubric
-    from barc_sim.lab.grade.submissions import Submission
-
-_LAST_ACTS = 1.0  # [s] for a process to clean up before it ends
 
 
 class Failure(NamedTuple):
@@ -42,39 +39,40 @@ class Failure(NamedTuple):
 def local(jobs: int) -> Iterator[Executor]:
     """Give `jobs` processes of this machine.
 
-    When the block ends, those still at work clean up and end; they also end with this process,
-    however it ends.
+    When the block ends, those still at work end, and their folders go; they also end with this
+    process, however it ends.
     """
     # New processes: a fork would copy the locks of other threads, but not the threads.
     context = multiprocessing.get_context('spawn')
     others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(jobs, context, initializer=_begin_worker)
-    try:
-        yield pool
-    finally:
-        # A second Ctrl-C would only delay the end.
-        before = _ignore_interrupts()
-        pool.shutdown(wait=False, cancel_futures=True)
-        _end([p for p in multiprocessing.active_children() if p not in others])
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
+    with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
+        pool = ProcessPoolExecutor(jobs, context, initializer=_begin_worker, initargs=(folder,))
+        try:
+            yield pool
+        finally:
+            # A second Ctrl-C would only delay the end.
+            with suppress(KeyboardInterrupt), uninterrupted():
+                pool.shutdown(wait=False, cancel_futures=True)
+                workers = [each for each in multiprocessing.active_children() if each not in others]
+                for worker in workers:
+                    worker.kill()
+                for worker in workers:
+                    worker.join()
 
 
-def _ignore_interrupts() -> Any:  # noqa: ANN401 (as signal.signal's)
-    """Ignore Ctrl-C, where that can be done: in the main thread; return what was done before."""
-    if threading.current_thread() is not threading.main_thread():
-        return None
-    return signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _begin_worker(folder: str) -> None:
+    """Make temporary folders in `folder`, leave Ctrl-C to the parent process, and end with it."""
+    tempfile.tempdir = folder
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent  # noqa: S101 (the pool's)
+    # Its end closes a pipe, also where it is killed.
+    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
 
 
-def _end(processes: Sequence[BaseProcess]) -> None:
-    """End the processes: idle ones by themselves, the others by a signal, then by force."""
-    for patience, end in ((0.3, 'terminate'), (1.0, 'kill'), (1.0, '')):
-        deadline = time.monotonic() + patience
-        for process in processes:
-            process.join(max(deadline - time.monotonic(), 0.0))
-            if end and process.is_alive():
-                getattr(process, end)()
+def _follow(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
 
 
 @contextmanager
@@ -105,7 +103,7 @@ def run(
     At most `at_once` are in work, so that their files do not fill the memory. When the block ends,
     no further submission is started.
     """
-    work = partial(_report, rubric=rubric, limits=limits, sandbox=sandbox)
+    work = partial(report, rubric=rubric, limits=limits, sandbox=sandbox)
     waiting = iter(paths)
     pending: dict[Future[Report], Path] = {}
 
@@ -125,43 +123,3 @@ def run(
     finally:
         for future in pending:
             future.cancel()
-
-
-class _Stopped(BaseException):
-    """Ends a worker; what it is doing cleans up."""
-
-
-def _begin_worker() -> None:
-    """Leave Ctrl-C to the parent process, and end with it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        # Its end closes a pipe, also where it is killed.
-        threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
-
-
-def _follow(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(_LAST_ACTS)
-    os._exit(1)
-
-
-def _report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
-    """Return the report of a submission; a SIGTERM ends this process, and what it has started."""
-    if multiprocessing.parent_process() is None or (
-        threading.current_thread() is not threading.main_thread()
-    ):
-        return report(submission, rubric=rubric, limits=limits, sandbox=sandbox)
-
-    def stop(*_: object) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise _Stopped
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        return report(submission, rubric=rubric, limits=limits, sandbox=sandbox)
-    except _Stopped:
-        os._exit(1)
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.errors import escaped
 from barc_sim.lab.check.figure import check_figure
 from barc_sim.lab.check.findings import LABELS, Comparison, Trajectory
 from barc_sim.lab.check.judging import judge_folder
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import PARTS, graded
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.html import data_url, render
-from barc_sim.lab.text import printable
-from barc_sim.lab.user_code.code import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -89,7 +89,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     for criterion, worth in rubric.worth(findings.values()).items():
         finding = findings[criterion]
         points = rubric.points_for(finding)
-        items.append(Item(criterion, points, worth, printable(finding.message), finding.evidence))
+        items.append(Item(criterion, points, worth, escaped(finding.message), finding.evidence))
     return Grade(
         name=submission.name,
         title=rubric.title,
@@ -97,9 +97,9 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         visibility=rubric.visibility,
         items=tuple(items),
         notes=notes,
-        gains=printable(str(found.gains or '')),
-        tolerated=tuple(map(printable, found.tolerated)),
-        printed=printable(found.printed),
+        gains=escaped(str(found.gains or '')),
+        tolerated=tuple(map(escaped, found.tolerated)),
+        printed=escaped(found.printed),
         hashes=tuple((name, hashlib.sha256(submission.files[name]).hexdigest()) for name in files),
     )
 

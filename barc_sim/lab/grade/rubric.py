@@ -15,15 +15,13 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import CRITERIA
 from barc_sim.lab.check.judging import Settings
 from barc_sim.lab.check.loop import Thresholds
+from barc_sim.lab.handout import RUBRICS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from barc_sim.lab.check.findings import Finding
 
-#: The names of the rubrics in `rubrics/`.
-SHIPPED = ('lab', 'strict', 'extended')
-DEFAULT = 'lab'
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
 _MAX_BYTES = 1 << 20  #: of a rubric
 _MOST = 10_000  # points for a criterion
@@ -66,8 +64,8 @@ class Rubric:
         return round(self.points[finding.criterion] * min(max(finding.score, 0.0), 1.0), 2)
 
 
-def load(rubric: str | Path = DEFAULT) -> Rubric:
-    """Return the rubric of that name in `SHIPPED`, or in the file at that path.
+def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
+    """Return the rubric of that name in `RUBRICS`, or in the file at that path.
 
     Raises
     ------
@@ -90,7 +88,7 @@ def load(rubric: str | Path = DEFAULT) -> Rubric:
 
 def path_of(rubric: str | Path) -> Path:
     """Return the file of a rubric."""
-    shipped = str(rubric) in SHIPPED
+    shipped = str(rubric) in RUBRICS
     return Path(__file__).parent / 'rubrics' / f'{rubric}.yaml' if shipped else Path(rubric)
 
 

@@ -16,6 +16,8 @@ from importlib import resources
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+from barc_sim.lab.handout import templates
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
@@ -135,10 +137,7 @@ def _tokens(text: str) -> Iterator[str]:
 
 @cache
 def _of_templates() -> Passages:
-    folder = resources.files('barc_sim.lab') / 'templates'
-    # Beside them, pip puts the folder of what it compiles.
-    files = [file for file in folder.iterdir() if file.name.endswith('.py')]
-    return _passages({file.name: file.read_bytes() for file in files})
+    return _passages(templates())
 
 
 @cache

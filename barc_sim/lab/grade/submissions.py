@@ -12,11 +12,11 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, escaped
 from barc_sim.lab.confined.archives import ENDINGS, MAX_ENTRIES
 from barc_sim.lab.confined.process import ON_LINUX, Ended, Failed, Limits, Process
-from barc_sim.lab.text import printable
-from barc_sim.lab.user_code.code import FILES, find_name
+from barc_sim.lab.handout import FILES
+from barc_sim.lab.user_code.code import find_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
@@ -111,7 +111,7 @@ def read(path: Path) -> Submission:
         notes.append(f'it cannot be read: {_reason(error)}')
     if len(notes) > _MAX_NOTES:
         notes[_MAX_NOTES:] = [f'and {len(notes) - _MAX_NOTES} more']
-    return Submission(printable(path.name), files, tuple(notes))
+    return Submission(escaped(path.name), files, tuple(notes))
 
 
 def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
@@ -185,7 +185,7 @@ def take(members: Iterable[Member], files: dict[str, bytes], notes: list[str]) -
         if len(files) >= MAX_FILES or sum(map(len, files.values())) > MAX_TOTAL:
             notes.append(f'more than {MAX_FILES} files or {MAX_TOTAL >> 20} MiB: the rest is out')
             break
-        name = printable(member.path)
+        name = escaped(member.path)
         parents = [str(parent) for parent in PurePosixPath(member.path).parents]
         if fault := _fault(member, files, folders, parents):
             notes.append(f'{name} {fault}')
@@ -230,7 +230,7 @@ def _fault(member: Member, files: dict[str, bytes], folders: set[str], parents: 
 
 
 def _reason(error: Exception) -> str:
-    return printable(getattr(error, 'strerror', None) or str(error) or type(error).__name__)
+    return escaped(getattr(error, 'strerror', None) or str(error) or type(error).__name__)
 
 
 def listed(folder: Path) -> Iterator[Member]:
@@ -278,8 +278,8 @@ def _from_the_graded(members: list[Member], notes: list[str]) -> Iterator[Member
     top = min(copies, key=lambda folder: len(folder.parts), default=PurePosixPath())
     for folder, names in copies.items():
         for name in names if folder != top else ():
-            first = printable(str(top / (name if name in copies[top] else copies[top][0])))
-            notes.append(f'{printable(str(folder / name))} is not graded: {first} comes first')
+            first = escaped(str(top / (name if name in copies[top] else copies[top][0])))
+            notes.append(f'{escaped(str(folder / name))} is not graded: {first} comes first')
     for member, path in zip(members, paths, strict=True):
         if '..' in path.parts or path.is_absolute():
             yield member

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from barc_sim.errors import UserError
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.calls import (
     BUDGET,
@@ -42,10 +43,6 @@ if TYPE_CHECKING:
     Relay = Callable[..., Sequence[float]]  #: of linear_x, angular_z and dt=; motor and servo
 
 _T = TypeVar('_T')
-#: The file of each part in a user's folder.
-FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
-#: The script of Task 3, which is run as it is.
-COMPOSE = 'compose.py'
 #: The start of the names of the user's files, as attachments of a bag.
 _ATTACHED = 'student/'
 #: [s] Time budget to load a file: it might import SciPy.

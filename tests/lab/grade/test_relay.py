@@ -14,8 +14,9 @@ from barc_sim.lab.check.findings import CRITERIA, RELAY, Finding
 from barc_sim.lab.check.judging import Settings, judge, judge_folder
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
-from barc_sim.lab.grade.rubric import SHIPPED, load
+from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import read
+from barc_sim.lab.handout import RUBRICS
 
 TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'relay.py').read_text()
 
@@ -127,7 +128,7 @@ def test_points_and_sentence_of_check_and_grade(work: tuple[Work, Path]) -> None
     assert {name: items[name].points for name in RELAY} == mine
 
 
-@pytest.mark.parametrize('rubric', SHIPPED)
+@pytest.mark.parametrize('rubric', RUBRICS)
 def test_without_task_3_the_points_are_of_100_and_with_it_of_120(
     tmp_path: Path, rubric: str
 ) -> None:

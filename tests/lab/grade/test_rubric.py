@@ -8,7 +8,8 @@ import pytest
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import CRITERIA
-from barc_sim.lab.grade.rubric import SHIPPED, load
+from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.handout import RUBRICS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,7 +21,7 @@ def loaded(path: Path, text: str) -> object:
     return load(file)
 
 
-@pytest.mark.parametrize('name', SHIPPED)
+@pytest.mark.parametrize('name', RUBRICS)
 def test_a_rubric_that_ships_gives_100_points(name: str) -> None:
     assert load(name).max_score == 100.0
 

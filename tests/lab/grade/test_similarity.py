@@ -10,7 +10,6 @@ from user_files import CONTROLLER as OTHER_CONTROLLER
 from user_files import MODEL as OTHER_MODEL
 
 import barc_sim
-from barc_sim.lab.grade import similarity
 from barc_sim.lab.grade.similarity import ALIKE, alike, in_words, passages
 
 PACKAGE = Path(barc_sim.__file__).parent
@@ -68,19 +67,6 @@ def test_templates_are_alike_to_nothing() -> None:
 
     assert template == frozenset()
     assert alike({'ada': template, 'bob': template}) == {'ada': [], 'bob': []}
-
-
-def test_templates_that_pip_has_compiled_are_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / 'templates' / '__pycache__').mkdir(parents=True)
-    (tmp_path / 'templates' / 'controller.py').write_text(CONTROLLER)
-    monkeypatch.setattr(similarity.resources, 'files', lambda _: tmp_path)
-    similarity._of_templates.cache_clear()  # noqa: SLF001
-
-    assert passages({'controller.py': CONTROLLER.encode()}) == frozenset()
-
-    similarity._of_templates.cache_clear()  # noqa: SLF001
 
 
 def test_what_most_of_a_class_has_is_the_handouts() -> None:

@@ -311,4 +311,4 @@ def test_a_name_cannot_steer_a_terminal(tmp_path: Path) -> None:
     path = tmp_path / '\x1b[2Jeve'
     path.mkdir()
 
-    assert read(path).name == '\ufffd[2Jeve'
+    assert read(path).name == '\\x1b[2Jeve'
