@@ -38,8 +38,8 @@ A controller of one's own::
 
 Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
 those of the PID in `control/pid.py`. `simulation/stepper.py` (`pass_deadline`) decides each
-deadline of a run, and `bags/samples.py` those of a bag. `lab/check/` judges a user's model
-and PID; the tables of mistakes that it names are `bike_mistakes.py` and `pid_mistakes.py` there.
+deadline of a run, and `bags/samples.py` those of a bag. `lab/hills/` judges a user's model
+and PID; `bike.txt` and `pid.txt` there have the mistakes that it names.
 """
 
 from __future__ import annotations

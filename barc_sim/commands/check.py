@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.check.judging import Report, Settings
+    from barc_sim.lab.hills.lab import Report, Settings
 
 FORMATS = ('png', 'pdf', 'svg')
 DPI = 150
@@ -65,9 +65,9 @@ def run(options: Namespace) -> int:
     UserError
         where there is nothing to check, or the figure cannot be saved.
     """
-    from barc_sim.lab.check.judging import judge_folder  # noqa: PLC0415
-    from barc_sim.lab.check.report import print_report  # noqa: PLC0415
     from barc_sim.lab.grade.rubric import load  # noqa: PLC0415
+    from barc_sim.lab.hills.lab import judge_folder  # noqa: PLC0415
+    from barc_sim.lab.hills.report import print_report  # noqa: PLC0415
     from barc_sim.lab.user_code.code import find_files  # noqa: PLC0415
 
     if options.save is not None and options.no_plot:
@@ -117,8 +117,9 @@ def _settings(settings: Settings, options: Namespace) -> Settings:
 
 def _draw(report: Report, path: Path, title: str, settings: str) -> None:
     """Save the figure, if any finding has data to draw."""
-    from barc_sim.lab.check import figure as check_figure  # noqa: PLC0415
-    from barc_sim.lab.check.findings import Comparison, Trajectory  # noqa: PLC0415
+    from barc_sim.lab.hills import figure as check_figure  # noqa: PLC0415
+    from barc_sim.lab.hills.loop import Comparison  # noqa: PLC0415
+    from barc_sim.lab.hills.model import Trajectory  # noqa: PLC0415
 
     evidence = [finding.evidence for finding in report.findings]
     comparison = next((item for item in evidence if isinstance(item, Comparison)), None)

@@ -1,6 +1,6 @@
 """The lab as data: what a student writes, and what is handed out for it.
 
-The criteria of its points stand in `check/findings.py`, and the points in `grade/rubrics/`.
+The criteria of its points stand in `hills/lab.py`, and the points in `grade/rubrics/`.
 """
 
 from __future__ import annotations

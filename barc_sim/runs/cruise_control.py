@@ -208,7 +208,7 @@ def _print_result(run: Run, cars: list[Car]) -> None:
 
 def _driven_with(options: Namespace, user_code: UserCode, controller: CruiseController) -> str:
     """Return the gains and the limit of a user's controller."""
-    from barc_sim.lab.check.judging import Settings, gains_used  # noqa: PLC0415 (slow)
+    from barc_sim.lab.hills.lab import Settings, gains_used  # noqa: PLC0415 (slow)
 
     named = _gains(options)
     settings = Settings(kp=named.get('kp'), ki=named.get('ki'), kd=named.get('kd'))

@@ -10,6 +10,7 @@ import argparse
 import re
 import sys
 from importlib import import_module
+from itertools import groupby
 from pathlib import Path
 from pkgutil import walk_packages
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -25,6 +26,8 @@ from sphinx.util.docutils import SphinxDirective
 import barc_sim
 from barc_sim.cli.parser import Parser
 from barc_sim.commands import functions
+from barc_sim.lab.hills.controller import PID_LAW
+from barc_sim.lab.hills.model import BIKE
 from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
@@ -252,18 +255,17 @@ class Columns(Generated):
 
 
 class Mistakes(Generated):
-    """Every sentence of the tables of mistakes in `lab/check`, by what it is about."""
+    """Every sentence of the tables of mistakes in `lab/hills`, by what it is about."""
 
     def lines(self) -> Iterator[str]:
         """Yield a title and a list for each group."""
-        for table in ('bike_mistakes', 'pid_mistakes'):
-            groups = import_module(f'barc_sim.lab.check.{table}').MISTAKES
-            for title, group in groups.items():
-                yield from (title, '-' * len(title), '')
-                sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)
-                for sentence in dict.fromkeys(sentences):
-                    yield f'- {escaped(sentence)}'
-                yield ''
+        mistakes = (*BIKE.mistakes, *PID_LAW.mistakes)
+        for title, group in groupby(mistakes, key=lambda mistake: mistake.topic):
+            yield from (title, '-' * len(title), '')
+            sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)
+            for sentence in dict.fromkeys(sentences):
+                yield f'- {escaped(sentence)}'
+            yield ''
 
 
 class Exports(Generated):

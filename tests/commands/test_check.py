@@ -10,9 +10,9 @@ from command_line import printed, refused
 from rich.console import Console
 
 from barc_sim.__main__ import main as barc
-from barc_sim.lab.check import report
-from barc_sim.lab.check.judging import judge_folder
 from barc_sim.lab.grade.rubric import load
+from barc_sim.lab.hills import report
+from barc_sim.lab.hills.lab import judge_folder
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -60,8 +60,8 @@ ATTACKS = {
                         except Exception:
                             pass
         try:
-            import barc_sim.lab.check.judging as judging
-            judging.judge = lambda *args: 100
+            import barc_sim.lab.hills.lab as lab
+            lab.judge = lambda *args: 100
         except ImportError:
             pass
     """,

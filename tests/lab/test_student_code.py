@@ -8,13 +8,13 @@ import pytest
 from student_code import WORKS, Work
 from user_files import LocalCode
 
-from barc_sim.lab.check.findings import CRITERIA, RELAY
-from barc_sim.lab.check.judging import Settings, judge, judge_folder
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, report
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import Submission
 from barc_sim.lab.handout import RUBRICS
+from barc_sim.lab.hills.lab import CRITERIA, Settings, judge, judge_folder
+from barc_sim.lab.hills.relay import LABELS as RELAY
 from barc_sim.lab.user_code.code import UserCode, files_in
 
 if TYPE_CHECKING:

@@ -1,16 +1,21 @@
 """A law as formulas, and the mistakes in it: wrong formulas, each with its sentence.
 
-A lab gives its right law, a formula for each quantity, a table of mistakes, and situations in which
-the user's code is called. A mistake replaces some formulas: a wrong program of a few lines. It is
-named if it gives the same numbers as the user's code, for the same inputs. Formulas are in Python,
-over arrays of NumPy.
+A lab has its laws in text files such as `hills/bike.txt`. After a description come texts in
+capitals, then the right formulas, indented. Each section has a topic, and mistakes: a line for the
+sentence, then the wrong formulas, indented. `name in x y` after a topic repeats its section with
+each of these values for `{name}`; texts are put in in the same way. Formulas are Python over arrays
+of NumPy.
+
+A mistake is thus a wrong program of a few lines. It is named if it gives the same numbers as the
+user's code, for the same inputs.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
     from types import CodeType
 
     Formulas = Mapping[str, str]
@@ -28,30 +34,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Range = tuple[float, float]  #: uniform between the two
 
-_FUNCTIONS = {
-    'atan': np.arctan,
-    **{name: getattr(np, name) for name in ('abs', 'clip', 'cos', 'maximum', 'sign', 'sin', 'tan')},
-    **{name: getattr(np, name) for name in ('degrees', 'radians')},
-}
+_NUMPY = ('abs', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
+_FUNCTIONS = {'atan': np.arctan, **{name: getattr(np, name) for name in _NUMPY}}
+_SAMPLE = 100  #: inputs with which pairs of mistakes are tried first
 
 
 class Mistake(NamedTuple):
     """A common mistake in a law."""
 
+    topic: str
     sentence: str  #: what to check, as the user reads it
     formulas: dict[str, str]  #: the wrong ones, by quantity
-
-
-def read(table: str) -> tuple[Mistake, ...]:
-    """Return the mistakes of a table: a line for the sentence, then wrong formulas, indented."""
-    mistakes: list[Mistake] = []
-    for line in filter(None, table.splitlines()):
-        if line.startswith(' '):
-            name, _, formula = line.strip().partition(' = ')
-            mistakes[-1].formulas[name] = formula
-        else:
-            mistakes.append(Mistake(line, {}))
-    return tuple(mistakes)
 
 
 class Situation(NamedTuple):
@@ -75,24 +68,28 @@ class Law:
 
     formulas: Formulas
     mistakes: tuple[Mistake, ...]  #: the likelier ones first
-    alternatives: tuple[Formulas, ...] = ({},)  #: equally right formulas
+    #: By result, changes to the formulas that are right, too.
+    alternatives: Mapping[str, tuple[Formulas, ...]] = field(default_factory=dict)
     functions: Mapping[str, Callable[..., Any]] = field(default_factory=dict)  #: of the formulas
 
     def compute(self, inputs: Inputs, changes: Formulas | None = None) -> Quantities:
         """Return all quantities; `changes` replace formulas, and inputs before they are used."""
         return Quantities(inputs, {**self.formulas, **(changes or {})}, self.functions)
 
-    def right(self, inputs: Inputs, name: str) -> list[Floats]:
-        """Return the right values of the quantity `name`, by each alternative."""
-        return [self.compute(inputs, each)[name] for each in self.alternatives]
+    def right(self, inputs: Inputs, name: str, mistakes: Formulas | None = None) -> list[Floats]:
+        """Return the values of the result `name` by each right form of it, with `mistakes`."""
+        mistakes = mistakes or {}
+        values: list[Floats] = []
+        for form in self.alternatives.get(name, ({},)):
+            made = self.compute(inputs, {**form, **mistakes})
+            values.append(made[name])
+            if not made.keys() & (form.keys() - mistakes.keys()):
+                break  # the other forms give the same
+        return values
 
     @np.errstate(all='ignore')
     def explain(
-        self,
-        inputs: Inputs,
-        results: Mapping[str, Floats],
-        wrong: Iterable[str],
-        agree: Agree,
+        self, inputs: Inputs, results: Mapping[str, Floats], wrong: Iterable[str], agree: Agree
     ) -> dict[str, str]:
         """Return a sentence for each wrong result that one mistake, or two, explain.
 
@@ -108,10 +105,11 @@ class Law:
             Whether two arrays are the same numbers.
         """
 
-        def explains(name: str, changes: Formulas) -> bool:
+        def explains(name: str, mistakes: Formulas, part: slice = slice(None)) -> bool:
+            got = results[name][part]
             return any(
-                agree(results[name], self.compute(inputs, {**each, **changes})[name])
-                for each in self.alternatives
+                agree(got, np.broadcast_to(values, got.shape))
+                for values in self.right(_sliced(inputs, part), name, mistakes)
             )
 
         explained = [
@@ -123,21 +121,64 @@ class Law:
         for sentence, names in sorted(explained, key=lambda item: -len(item[1])):
             found |= {name: sentence for name in wrong if name in names and name not in found}
         for name in (name for name in wrong if name not in found):
-            for first, second in combinations(self._that_change(name, inputs, agree), 2):
-                distinct = not first.formulas.keys() & second.formulas.keys()
-                if distinct and explains(name, first.formulas | second.formulas):
+            few = slice(None, None, max(len(results[name]) // _SAMPLE, 1))
+            for first, second in self._pairs(_sliced(inputs, few), name, agree):
+                both = first.formulas | second.formulas
+                if explains(name, both, few) and explains(name, both):
                     found[name] = f'two mistakes: {first.sentence}; and {second.sentence}'
                     break
         return found
 
-    def _that_change(self, name: str, inputs: Inputs, agree: Agree) -> list[Mistake]:
+    def _pairs(self, inputs: Inputs, name: str, agree: Agree) -> Iterator[tuple[Mistake, Mistake]]:
+        """Yield pairs of mistakes that each change the result `name`, in different formulas."""
         right = self.compute(inputs)[name]
         changed = [self.compute(inputs, each.formulas)[name] for each in self.mistakes]
-        return [
+        changing = [
             each
             for each, values in zip(self.mistakes, changed, strict=True)
             if not agree(np.broadcast_to(values, right.shape), right)
         ]
+        for first, second in combinations(changing, 2):
+            if not first.formulas.keys() & second.formulas.keys():
+                yield first, second
+
+
+def _sliced(inputs: Inputs, part: slice) -> Inputs:
+    return {name: values[part] if np.ndim(values) else values for name, values in inputs.items()}
+
+
+def read(file: Path, **values: object) -> tuple[Formulas, tuple[Mistake, ...]]:
+    """Return the right formulas and the mistakes of a law's file, with `values` put in."""
+    head, *sections = file.read_text(encoding='utf-8').split('\n# ')
+    right: dict[str, str] = {}
+    mistakes: list[Mistake] = []
+    for line in head.splitlines():
+        name, equals, text = line.strip().partition(' = ')
+        if equals:
+            target: dict[str, Any] = right if line.startswith(' ') else values
+            target[name] = text.format_map(values)
+    for section in sections:
+        title, _, text = section.partition('\n')
+        topic, *loops = title.split('; ')
+        for chosen in product(*map(_choices, loops)):
+            if len({value for _, value in chosen}) == len(loops):
+                mistakes += _mistakes(topic, text.format_map({**values, **dict(chosen)}))
+    return right, tuple(mistakes)
+
+
+def _choices(loop: str) -> list[tuple[str, str]]:
+    """Return the name and each value of a loop: words, or whole numbers such as `2..59`."""
+    name, _, text = loop.partition(' in ')
+    first, dots, last = text.partition('..')
+    values = map(str, range(int(first), int(last) + 1)) if dots else text.split()
+    return [(name, value) for value in values]
+
+
+def _mistakes(topic: str, text: str) -> Iterator[Mistake]:
+    """Yield the mistakes of a section."""
+    for entry in re.split(r'\n(?! )', text.strip()):
+        sentence, *lines = entry.splitlines()
+        yield Mistake(topic, sentence, dict(line.strip().split(' = ', 1) for line in lines))
 
 
 class Quantities(dict[str, Any]):

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import escaped
-from barc_sim.lab.check.figure import check_figure
-from barc_sim.lab.check.findings import LABELS, Comparison, Trajectory
-from barc_sim.lab.check.judging import judge_folder
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import PARTS, graded
 from barc_sim.lab.handout import FILES
+from barc_sim.lab.hills.figure import check_figure
+from barc_sim.lab.hills.lab import LABELS, judge_folder
+from barc_sim.lab.hills.loop import Comparison
+from barc_sim.lab.hills.model import Trajectory
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:

@@ -12,10 +12,9 @@ import yaml
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import CRITERIA
-from barc_sim.lab.check.judging import Settings
-from barc_sim.lab.check.loop import Thresholds
 from barc_sim.lab.handout import RUBRICS
+from barc_sim.lab.hills.lab import CRITERIA, Settings
+from barc_sim.lab.hills.loop import Thresholds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping

@@ -14,8 +14,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from barc_sim.errors import one_line
-from barc_sim.lab.check.findings import LABELS
 from barc_sim.lab.grade.similarity import in_words
+from barc_sim.lab.hills.lab import LABELS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.check.findings import Comparison
-from barc_sim.lab.check.loop import (
+from barc_sim.lab.hills.loop import (
     STEEPEST_DEG,
+    Comparison,
     Conditions,
     judge_lab_road,
     judge_random_roads,

@@ -10,8 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from barc_sim.control.pid import speed_controller
-from barc_sim.lab.check.figure import check_figure
-from barc_sim.lab.check.findings import Comparison, Trajectory
+from barc_sim.lab.hills.figure import check_figure
+from barc_sim.lab.hills.loop import Comparison
+from barc_sim.lab.hills.model import Trajectory
 from barc_sim.simulation.closed_loop import closed_loop
 
 

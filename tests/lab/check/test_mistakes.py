@@ -7,23 +7,31 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from barc_sim.lab.check.bike_mistakes import BIKE, EQUATIONS
-from barc_sim.lab.check.controller import judge_controller
 from barc_sim.lab.check.laws import Mistake
-from barc_sim.lab.check.model import GENERAL, REVERSE, SITUATIONS, close, states, with_lengths
-from barc_sim.lab.check.pid_mistakes import TERM_LAWS
+from barc_sim.lab.hills.controller import TERM_LAWS, judge_controller
+from barc_sim.lab.hills.model import (
+    BIKE,
+    EQUATIONS,
+    GENERAL,
+    REVERSE,
+    SITUATIONS,
+    Trial,
+    close,
+    joined,
+    with_lengths,
+)
 from barc_sim.vehicle.bike_model import bikeFE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 NAMES = tuple(f'{name}_next' for name in EQUATIONS)
-STATES = [
-    {**row._asdict(), **situation.fixed}
+TRIALS = [
+    Trial(situation, 7, 40)
     for situation in (*SITUATIONS, *REVERSE, *GENERAL, with_lengths(1.2, 1.9))
-    for row in states(situation, 7, 40)
 ]
-INPUTS = {name: np.array([state[name] for state in STATES]) for name in STATES[0]}
+INPUTS = joined([trial.inputs for trial in TRIALS])
+STATES = [dict(zip(INPUTS, row, strict=True)) for row in np.array([*INPUTS.values()]).T.tolist()]
 EXPECTED = dict(zip(NAMES, np.array([bikeFE(**state) for state in STATES]).T, strict=True))
 
 
@@ -116,11 +124,9 @@ def test_no_situation_passes_through_zero_speed() -> None:
 
 @pytest.mark.parametrize('name', EQUATIONS)
 def test_each_equation_has_situations_in_which_it_moves(name: str) -> None:
-    rows = [
-        row
-        for situation in SITUATIONS
-        if name in situation.concerns.split()
-        for row in states(situation, 3, 40)
+    moved = [
+        np.abs(trial.expected[name] - trial.inputs[name])
+        for trial in (Trial(situation, 3, 40) for situation in SITUATIONS)
+        if name in trial.situation.concerns.split()
     ]
-    moved = [abs(bikeFE(*row)[EQUATIONS.index(name)] - getattr(row, name)) for row in rows]
-    assert min(moved) > 1e-8  # ten times the tolerance
+    assert np.min(moved) > 1e-8  # ten times the tolerance

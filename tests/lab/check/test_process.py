@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from barc_sim.lab.check.findings import CRITERIA
-from barc_sim.lab.check.judging import Settings, judge_folder
 from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.hills.lab import CRITERIA, Settings, judge_folder
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import CONTROLLER, MODEL
 
-from barc_sim.lab.check.findings import CRITERIA, RELAY
-from barc_sim.lab.check.judging import Settings, judge
+from barc_sim.lab.hills.lab import CRITERIA, Settings, judge
+from barc_sim.lab.hills.relay import LABELS as RELAY
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import LocalCode
 
-from barc_sim.lab.check.judging import judge
+from barc_sim.lab.hills.lab import judge
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import replaced
 
-from barc_sim.lab.check.controller import judge_controller
-from barc_sim.lab.check.judging import Settings, judge
-from barc_sim.lab.check.model import judge_equations, judge_reverse, judge_trajectory
+from barc_sim.lab.hills.controller import judge_controller
+from barc_sim.lab.hills.lab import Settings, judge
+from barc_sim.lab.hills.model import judge_equations, judge_reverse, judge_trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable

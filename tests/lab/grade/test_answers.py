@@ -124,7 +124,7 @@ def report():
                 found.append(f'an open file: {{path}}')
         except OSError:
             pass
-    rooms = ('vehicle', 'control', 'simulation', 'lab.check', 'lab.grade')
+    rooms = ('vehicle', 'control', 'simulation', 'lab.check', 'lab.hills', 'lab.grade')
     rooms = tuple(f'barc_sim.{{room}}' for room in rooms)
     found += [name for name in sys.modules if name.startswith(rooms)]
     return found

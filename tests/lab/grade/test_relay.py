@@ -10,13 +10,14 @@ from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
 from user_files import CONTROLLER, MODEL, LocalCode, load_folder
 
 import barc_sim.lab
-from barc_sim.lab.check.findings import CRITERIA, RELAY, Finding
-from barc_sim.lab.check.judging import Settings, judge, judge_folder
+from barc_sim.lab.check.findings import Finding
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import read
 from barc_sim.lab.handout import RUBRICS
+from barc_sim.lab.hills.lab import CRITERIA, Settings, judge, judge_folder
+from barc_sim.lab.hills.relay import LABELS as RELAY
 
 TEMPLATE = (Path(barc_sim.lab.__file__).parent / 'templates' / 'relay.py').read_text()
 

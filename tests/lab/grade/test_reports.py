@@ -12,7 +12,6 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 
-from barc_sim.lab.check.findings import Comparison, Trajectory
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade import summary
@@ -20,6 +19,8 @@ from barc_sim.lab.grade.batch import Failure
 from barc_sim.lab.grade.grade import Grade, Item, Report
 from barc_sim.lab.grade.rubric import Rubric
 from barc_sim.lab.grade.submissions import Submission
+from barc_sim.lab.hills.loop import Comparison
+from barc_sim.lab.hills.model import Trajectory
 from barc_sim.simulation.closed_loop import closed_loop
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'

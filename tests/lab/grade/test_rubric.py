@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import CRITERIA
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.handout import RUBRICS
+from barc_sim.lab.hills.lab import CRITERIA
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,17 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from math import degrees, hypot, isfinite, pi, radians, sin
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.bike_mistakes import BIKE, EQUATIONS
 from barc_sim.lab.check.code import Row
-from barc_sim.lab.check.findings import NOT_A_CAR, Finding, Trajectory, judges
-from barc_sim.lab.check.laws import Situation
+from barc_sim.lab.check.findings import Finding, judges
+from barc_sim.lab.check.laws import Law, Situation, read
 from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.bike_model import L_F, L_R, Command, State, Vehicle, bikeFE
+from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Command, State, Vehicle
 from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
@@ -30,7 +30,28 @@ if TYPE_CHECKING:
     from barc_sim.lab.check.laws import Floats, Range
 
 TS = 0.02  #: [s]
+EQUATIONS = ('x', 'y', 'psi', 'v')  #: in the order of what bikeFE returns
+NOT_A_CAR = 1e6  #: In each unit; what code returns beyond is not drawn.
+LABELS = {
+    'model.x': 'Model: position x',
+    'model.y': 'Model: position y',
+    'model.psi': 'Model: heading \N{GREEK SMALL LETTER PSI}',
+    'model.v': 'Model: speed v',
+    'model.trajectory': 'Model: a whole drive',
+    'model.reverse': 'Model: in reverse',
+    'model.general': 'Model: another car',
+}
 _LAB = Vehicle()
+#: Inputs are the arguments of bikeFE with l_f and l_r; results are `x_next` to `v_next`.
+BIKE = Law(
+    *read(
+        Path(__file__).with_name('bike.txt'),
+        GRAVITY=GRAVITY,
+        MASS=_LAB.mass,
+        DRAG=_LAB.air_drag_coeff,
+        FRICTION=_LAB.friction,
+    )
+)
 #: A car that coasts on the flat; in the order of bikeFE's arguments.
 _COASTING: dict[str, Range] = {
     'x': (-200.0, 200.0),  # [m]
@@ -111,15 +132,11 @@ def with_lengths(l_f: float, l_r: float) -> Situation:
     return _situation('axles at other distances', 'x y psi', l_f=l_f, l_r=l_r, d_f=_STEERED)
 
 
-def states(situation: Situation, seed: int, count: int = 250) -> list[Row]:
-    """Return the arguments of `bikeFE` in `count` states."""
-    return [Row(*values) for values in situation.rows(seed, count)]
-
-
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
 #: After so many failures the code is not called again: each call can use its whole time budget.
 _MAX_FAILURES = 4
+_STATES = 250  #: of each situation
 _OTHER_L_F, _OTHER_L_R = 1.2, 1.9  #: [m]
 
 
@@ -130,44 +147,49 @@ def close(got: Floats, expected: Floats) -> Floats:
     return np.asarray(near & np.isfinite(got), dtype=np.bool_)
 
 
-@dataclass(eq=False)
-class Results:
+class Trial:
     """The states of one situation, with the expected and the actual results."""
 
-    situation: Situation
-    rows: list[Row]
-    expected: Floats  #: shape `(n, 4)`
-    got: Floats  #: shape `(n, 4)`, NaN if the code failed
-    failure: str = ''
+    def __init__(self, situation: Situation, seed: int, count: int = _STATES) -> None:
+        """Expect what the law computes; there are no results yet."""
+        self.situation = situation
+        self.rows = [Row(*values) for values in situation.rows(seed, count)]
+        self.inputs = dict(zip(Row._fields, np.array(self.rows).T, strict=True))
+        self.inputs |= {name: np.full(count, value) for name, value in situation.fixed.items()}
+        law = BIKE.compute(self.inputs)
+        self.expected = {name: law[f'{name}_next'] for name in EQUATIONS}
+        self.got = {name: np.full(count, np.nan) for name in EQUATIONS}  #: NaN if the code failed
+        self.failure = ''
+
+    def run(self, code: JudgedCode) -> None:
+        """Call `bikeFE` in each state."""
+        try:
+            results = np.array(code.bike_fe(self.rows, **self.situation.fixed))
+            self.got = dict(zip(EQUATIONS, results.T, strict=True))
+        except UserError as error:
+            self.failure = str(error)
 
     def right(self, name: str) -> Floats:
         """Return the states in which the equation of `name` is right, shape `(n,)`."""
-        column = EQUATIONS.index(name)
-        return close(self.got[:, column], self.expected[:, column])
+        return close(self.got[name], self.expected[name])
 
 
-def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[Results]:
+def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[Trial]:
     """Call `bikeFE` in all of the `situations`."""
-    results: list[Results] = []
-    for situation in situations:
-        rows, lengths = states(situation, seed), situation.fixed
-        expected = np.array([bikeFE(*row, **lengths) for row in rows])
-        part = Results(situation, rows, expected, np.full_like(expected, np.nan))
-        results.append(part)
-        failures = [other.failure for other in results if other.failure]
-        if len(failures) >= _MAX_FAILURES:
-            part.failure = failures[-1]
-            continue
-        try:
-            part.got = np.array(code.bike_fe(rows, **lengths), dtype=np.float64)
-        except UserError as error:
-            part.failure = str(error)
-    return results
+    trials = [Trial(situation, seed) for situation in situations]
+    failures: list[str] = []
+    for trial in trials:
+        if len(failures) < _MAX_FAILURES:
+            trial.run(code)
+        else:
+            trial.failure = failures[-1]
+        failures += filter(None, [trial.failure])
+    return trials
 
 
 def _at_other_lengths(code: JudgedCode, seed: int) -> tuple[Situation, ...]:
     """Return the situation at other axle distances, those that the function takes."""
-    rows = states(_TURN, seed)
+    rows = Trial(_TURN, seed).rows
     try:
         usual = code.bike_fe(rows)
     except UserError:
@@ -188,17 +210,13 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     as a mean over the situations that test it. The second is the same share over all other
     situations.
     """
-    results = _run(code, seed, SITUATIONS)
-    random = _randomness(code, results)
-    scores = {name: _score(results, name) for name in EQUATIONS}
-    wrong = [name for name in EQUATIONS if scores[name] < 1.0]
-    sentences = {} if random else _sentences(results, wrong)
+    trials = _run(code, seed, SITUATIONS)
+    if random := _randomness(code, trials):
+        return [Finding(f'model.{name}', 0.0, random) for name in EQUATIONS]
+    scores = {name: _score(trials, name) for name in EQUATIONS}
+    sentences = _sentences(trials, [name for name in EQUATIONS if scores[name] < 1.0])
     return [
-        Finding(
-            f'model.{name}',
-            0.0 if random else scores[name],
-            random or sentences.get(name) or _right(results),
-        )
+        Finding(f'model.{name}', scores[name], sentences.get(name) or _right(trials))
         for name in EQUATIONS
     ]
 
@@ -220,92 +238,95 @@ def judge_general(code: JudgedCode, seed: int) -> Judged:
 
 def _judge_beyond(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> Judged:
     """Judge the results in states that the lab's road has not."""
-    results = _run(code, seed, situations)
-    score = float(np.mean([part.right(name).mean() for part in results for name in EQUATIONS]))
-    wrong = [name for name in EQUATIONS if _score(results, name) < 1.0]
+    trials = _run(code, seed, situations)
+    score = float(np.mean([trial.right(name) for trial in trials for name in EQUATIONS]))
+    wrong = [name for name in EQUATIONS if _score(trials, name) < 1.0]
     if not wrong:
-        return score, _right(results)
+        return score, _right(trials)
     # A cause must explain the results on the lab's road, too.
-    return score, _sentences(results, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
+    return score, _sentences(trials, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
 
 
-def _score(results: Sequence[Results], name: str) -> float:
+def _score(trials: Sequence[Trial], name: str) -> float:
     tested: list[float] = []
     other: list[float] = []
-    for part in results:
-        share = float(part.right(name).mean())
-        (tested if name in part.situation.concerns.split() else other).append(share)
+    for trial in trials:
+        share = float(trial.right(name).mean())
+        (tested if name in trial.situation.concerns.split() else other).append(share)
     return float(np.mean(tested or [1.0]) * np.mean(other or [1.0]))
 
 
-def _right(results: Sequence[Results]) -> str:
-    return f'right in all {sum(len(part.rows) for part in results):,} states'
+def _right(trials: Sequence[Trial]) -> str:
+    return f'right in all {sum(len(trial.rows) for trial in trials):,} states'
 
 
 def _sentences(
-    results: Sequence[Results], wrong: Sequence[str], others: Sequence[Results] = ()
+    trials: Sequence[Trial], wrong: Sequence[str], others: Sequence[Trial] = ()
 ) -> dict[str, str]:
     """Return a sentence for each wrong equation: the failure, the mistake, or the largest error."""
-    if failed := [part for part in results if part.failure]:
-        where = '' if len(failed) == len(results) else f' ({failed[0].situation.name})'
-        failure = f'{failed[0].failure}{where}'
-        return dict.fromkeys(wrong, failure)
-    named = _mistakes([part for part in (*others, *results) if not part.failure], wrong)
-    return {name: named.get(name) or _largest(results, name) for name in wrong}
-
-
-def _mistakes(results: Sequence[Results], wrong: Sequence[str]) -> dict[str, str]:
-    """Return the sentence of the mistake in each wrong equation, if the table has it."""
-    rows = [{**row._asdict(), **part.situation.fixed} for part in results for row in part.rows]
-    inputs = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    got = np.concatenate([part.got for part in results]).T
-    found = BIKE.explain(
-        inputs,
-        {f'{name}_next': values for name, values in zip(EQUATIONS, got, strict=True)},
+    if failed := [trial for trial in trials if trial.failure]:
+        where = '' if len(failed) == len(trials) else f' ({failed[0].situation.name})'
+        return dict.fromkeys(wrong, f'{failed[0].failure}{where}')
+    whole = [trial for trial in (*others, *trials) if not trial.failure]
+    named = BIKE.explain(
+        joined([trial.inputs for trial in whole]),
+        {f'{name}_next': got for name, got in joined([trial.got for trial in whole]).items()},
         [f'{name}_next' for name in wrong],
         lambda one, other: bool(close(one, other).all()),
     )
-    return {name.removesuffix('_next'): sentence for name, sentence in found.items()}
+    return {name: named.get(f'{name}_next') or _largest_error(trials, name) for name in wrong}
 
 
-def _largest(results: Sequence[Results], name: str) -> str:
+def joined(parts: Sequence[dict[str, Floats]]) -> dict[str, Floats]:
+    """Return the arrays of several parts, one after the other."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _largest_error(trials: Sequence[Trial], name: str) -> str:
     """Return a sentence on where an equation is wrong, and on its largest error."""
-    bad = [part.situation.name for part in results if not part.right(name).all()]
-    where = 'everywhere' if len(bad) == len(results) else f'in: {", ".join(bad)}'
-    column = EQUATIONS.index(name)
-    errors = [np.abs(part.got[:, column] - part.expected[:, column]) for part in results]
-    part, error = max(zip(results, errors, strict=True), key=lambda item: float(item[1].max()))
+    bad = [trial.situation.name for trial in trials if not trial.right(name).all()]
+    where = 'everywhere' if len(bad) == len(trials) else f'in: {", ".join(bad)}'
+    errors = [np.abs(trial.got[name] - trial.expected[name]) for trial in trials]
+    trial, error = max(zip(trials, errors, strict=True), key=lambda item: float(item[1].max()))
     row = int(error.argmax())
     return (
-        f'{name}_next is wrong {where}. The largest error: {_call_text(part.rows[row])} gave '
-        f'{part.got[row, column]:.9g}, expected {part.expected[row, column]:.9g}'
+        f'{name}_next is wrong {where}. The largest error: {_call_text(trial.rows[row])} gave '
+        f'{trial.got[name][row]:.9g}, expected {trial.expected[name][row]:.9g}'
     )
 
 
-def _randomness(code: JudgedCode, results: Sequence[Results]) -> str:
+def _randomness(code: JudgedCode, trials: Sequence[Trial]) -> str:
     """Return a message if the same arguments give different results, else an empty string."""
-    part = next((part for part in results if not part.failure), None)
-    if part is None:
+    trial = next((trial for trial in trials if not trial.failure), None)
+    if trial is None:
         return ''
     try:
-        again = np.array(code.bike_fe(part.rows), dtype=np.float64)
+        again = np.array(code.bike_fe(trial.rows))
     except UserError as error:
         return f'a second call with the same arguments fails: {error}'
-    differing = np.flatnonzero(~np.all(part.got == again, axis=1))
+    before = np.array([*trial.got.values()]).T
+    differing = np.flatnonzero(~np.all(before == again, axis=1))
     if not differing.size:
         return ''
     k = int(differing[0])
-    first, then = ([f'{value:.9g}' for value in values[k]] for values in (part.got, again))
+    first, then = (', '.join(f'{value:.9g}' for value in values[k]) for values in (before, again))
     return (
         'the same arguments give different results: does bikeFE use random numbers or change a '
-        f'global variable? {_call_text(part.rows[k])} first gave [{", ".join(first)}], then '
-        f'[{", ".join(then)}]'
+        f'global variable? {_call_text(trial.rows[k])} first gave [{first}], then [{then}]'
     )
 
 
 def _call_text(row: Row) -> str:
-    values = zip(row._fields, row, strict=True)
-    return f'bikeFE({", ".join(f"{name}={value:.6g}" for name, value in values)})'
+    return f'bikeFE({", ".join(f"{name}={value:.6g}" for name, value in row._asdict().items())})'
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Two models under the same commands; states in columns x, y [m], psi [rad], v [m/s]."""
+
+    t: Floats  #: [s], shape `(n,)`
+    user: Floats  #: shape `(n, 4)`, NaN from where the code failed
+    reference: Floats  #: shape `(n, 4)`
 
 
 #: [m, m, rad, m/s] Above the effect of friction's sign at a standstill, below that of any mistake.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import Limits
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import RELAY, Finding
+from barc_sim.lab.check.findings import Finding
 from barc_sim.lab.user_code.calls import NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.parameters import PARAMETERS
 
@@ -17,6 +17,15 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.code import JudgedCode
 
+LABELS = {
+    'relay.forward': 'Relay: up and down',
+    'relay.steering': 'Relay: left and right',
+    'relay.units': 'Relay: m/s² and radians',
+    'relay.release': 'Relay: a released key',
+    'relay.rate': 'Relay: commands a second',
+    'relay.limits': "Relay: the car's limits",
+    'relay.silence': 'Relay: no driver',
+}
 _PRESSED, _RELEASED, _END = 1.0, 3.0, 5.0  #: [s]
 _PERIOD = 0.05  #: [s] between the Twists of a held key
 _HELD = 2.9  #: [s] The relay has had 1.9 s to turn the wheels.
@@ -56,7 +65,7 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
         silent = code.relay_commands(_twists(_UP, released=False), _END)
     except UserError as error:
         skipped = NOT_WRITTEN in str(error)
-        return [Finding(name, 0.0, str(error), skipped=skipped) for name in RELAY]
+        return [Finding(name, 0.0, str(error), skipped=skipped) for name in LABELS]
     judges: Mapping[str, Callable[[], tuple[float, str]]] = {
         'relay.forward': partial(_direction, 'motor', (_UP, _DOWN), _FORWARD, drives),
         'relay.steering': partial(_direction, 'servo', (_LEFT, _RIGHT), _STEERING, drives),
@@ -66,7 +75,7 @@ def judge_relay(code: JudgedCode) -> list[Finding]:
         'relay.limits': partial(_bounded, _POSSIBLE, _WITHIN, drives),
         'relay.silence': partial(_silence, silent),
     }
-    return [Finding(name, *judges[name]()) for name in RELAY]
+    return [Finding(name, *judges[name]()) for name in LABELS]
 
 
 def _twists(key: _Key, *, released: bool = True) -> list[TimedTwist]:

@@ -16,7 +16,8 @@ from barc_sim.simulation.metrics import RUN_UP
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from barc_sim.lab.check.findings import Comparison, Trajectory
+    from barc_sim.lab.hills.loop import Comparison
+    from barc_sim.lab.hills.model import Trajectory
 
 WIDTH = 9.6  #: [inch]
 _RUN, _MODEL = 6.4, 2.6  #: [inch] heights of the two parts

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,12 +20,12 @@ import numpy as np
 
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import CRITERIA, NOT_A_CAR, Finding, judges
-from barc_sim.lab.check.model import TS
-from barc_sim.lab.check.pid_mistakes import TERM_LAWS
+from barc_sim.lab.check.findings import Finding, judges
+from barc_sim.lab.check.laws import Law, read
+from barc_sim.lab.hills.model import NOT_A_CAR, TS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from collections.abc import Sequence as SequenceOf
 
     from barc_sim.lab.check.code import JudgedCode, JudgedController, Sample
@@ -33,6 +34,77 @@ if TYPE_CHECKING:
 
     Gains = tuple[float, float, float]  # kp, ki, kd
 
+
+def _total(values: Floats) -> Floats:
+    """Return the sums up to each call."""
+    return np.cumsum(values, axis=-1)
+
+
+def _before(values: Floats, calls: int = 1) -> Floats:
+    """Return the values some calls before; the first value before the first call."""
+    earlier: Floats = values[:, np.maximum(np.arange(values.shape[1]) - calls, 0)]
+    return earlier
+
+
+def _delayed(values: Floats, calls: int = 1) -> Floats:
+    """Return the values some calls before; 0 before the first call."""
+    return np.where(np.arange(values.shape[1]) < calls, 0.0, _before(values, calls))
+
+
+def _window(values: Floats, calls: int) -> Floats:
+    """Return the sums of the last values."""
+    return _total(values) - _delayed(_total(values), calls)
+
+
+def _bounded_total(values: Floats, low: Floats, high: Floats) -> Floats:
+    """Return the sums up to each call, each kept within its bounds."""
+    sums = np.zeros_like(values)
+    total = np.zeros(len(values))
+    for k, column in enumerate(values.T):
+        total = np.clip(total + column, low.ravel(), high.ravel())
+        sums[:, k] = total
+    return sums
+
+
+#: The integral adds each error, or the mean of two; the first one in full, half or not at all.
+_AREAS = (
+    'total(e) * dt',
+    '(total(e) - e[:, :1]) * dt',
+    '(total(e) - 0.5 * e) * dt',
+    '(total(e) - 0.5 * e - 0.5 * e[:, :1]) * dt',
+    '(total(e) - 0.5 * e + 0.5 * e[:, :1]) * dt',
+)
+PID_LAW = Law(
+    *read(Path(__file__).with_name('pid.txt')),
+    alternatives={
+        # The sum is used after, or before the error of this call is added.
+        'I': tuple({'area': form} for area in _AREAS for form in (area, f'delayed({area})')),
+        'D': ({'change': 'e - before(e)'}, {'change': 'before(measured) - measured'}),
+    },
+    functions={
+        'total': _total,
+        'before': _before,
+        'delayed': _delayed,
+        'window': _window,
+        'bounded_total': _bounded_total,
+    },
+)
+#: By term, the law with the mistakes in that term.
+TERM_LAWS = {
+    name: replace(
+        PID_LAW, mistakes=tuple(each for each in PID_LAW.mistakes if each.topic[0] == name)
+    )
+    for name in 'PID'
+}
+LABELS = {
+    'pid.proportional': 'PID: proportional term',
+    'pid.integral': 'PID: integral term',
+    'pid.derivative': 'PID: derivative term',
+    'pid.dt': 'PID: the time step',
+    'pid.first_call': 'PID: the first call',
+    'pid.windup': 'PID: integral at the limit',
+    'pid.reset': 'PID: fresh start of a new run',
+}
 _TOLERANCE = 1e-9  #: [m/s²]
 _LENGTH = 120  #: calls of a sequence
 
@@ -72,9 +144,7 @@ def constant(error: float, count: int) -> Sequence:
     return Sequence(np.full(count, 8.0), np.full(count, 8.0 - error))
 
 
-def judge_controller(
-    code: JudgedCode, seed: int, wanted: Collection[str] = CRITERIA
-) -> Iterator[Finding]:
+def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
     reset = judge_reset(code, seed)
     ignored = _ignores_gains(code, seed)
@@ -82,19 +152,12 @@ def judge_controller(
         Finding(term.criterion, 0.0, ignored) if ignored else _judge_term(code, term, seed)
         for term in TERMS
     ]
-    others = {
-        'pid.dt': partial(_judge_dt, terms),
-        'pid.first_call': partial(_judge_first_call, code, terms[-1], seed),
-        'pid.windup': partial(judge_windup, code),
-    }
-    for finding in (*terms, *(judge() for name, judge in others.items() if name in wanted)):
+    others = (_judge_dt(terms), _judge_first_call(code, terms[-1], seed), judge_windup(code))
+    for finding in (*terms, *others):
         # Randomness comes first in the message: it changes every other result.
         random = not finding.passed and reset.message.startswith(_RANDOM)
-        yield (
-            replace(finding, message=f'{reset.message}. So: {finding.message}')
-            if random
-            else finding
-        )
+        message = f'{reset.message}. So: {finding.message}' if random else finding.message
+        yield replace(finding, message=message)
     yield reset
 
 
@@ -137,47 +200,59 @@ class Trials:
 
     term: Term
     outputs: Floats
-    inputs: dict[str, Floats]  #: of the term's law
+    inputs: dict[str, Floats]  #: of the law
 
     @property
     def expected(self) -> list[Floats]:
         """The right outputs, by each form of the term."""
         return TERM_LAWS[self.term.name].right(self.inputs, self.term.name)
 
-    def ratio(self, expected: Floats) -> float:
-        """Return the constant factor between the outputs and others; 0 if there is none."""
-        got, expected = (values[:, self.term.first :] for values in (self.outputs, expected))
+    def ratio(self, got: Floats, expected: Floats) -> float:
+        """Return the constant factor between outputs; 0 if there is none."""
+        got, expected = (values[:, self.term.first :] for values in (got, expected))
         ratio = float(np.vdot(got, expected) / np.vdot(expected, expected))
         fits = np.abs(got - ratio * expected).max() <= _RELATIVE * np.abs(got).max()
         return ratio if fits else 0.0
 
-    def proportional(self, _: Floats, expected: Floats) -> bool:
-        """Return whether the outputs are `expected`, up to a constant factor but 0."""
-        if np.any(self.outputs[:, self.term.first :]):
-            return bool(self.ratio(expected))
+    def proportional(self, got: Floats, expected: Floats) -> bool:
+        """Return whether outputs are others, up to a constant factor but 0."""
+        if np.any(got[:, self.term.first :]):
+            return bool(self.ratio(got, expected))
         return not np.any(expected)
+
+    def factor(self) -> float:
+        """Return the factor of a right term, which is positive; 0 if the term is wrong."""
+        factor = max(self.ratio(self.outputs, form) for form in self.expected)
+        if factor <= 0.0 and self.term.first:
+            usual = (value for value in _FACTORS if self.share(value) == 1.0)
+            factor = next(usual, 0.0)
+        return 1.0 if abs(factor - 1.0) <= _RELATIVE else max(factor, 0.0)
 
     def share(self, factor: float) -> float:
         """Return the share of outputs that are right but for `factor`, by the best form."""
-        forms = [factor * form for form in self.expected]
-        first = self.term.first
-        return float(
-            np.mean(
-                [
-                    max(
-                        _agreement(row[first:], form[k, first:], filtered=first > 0)
-                        for form in forms
-                    )
-                    for k, row in enumerate(self.outputs)
-                ]
-            )
-        )
+        shares = []
+        for form in self.expected:
+            raw = (factor * form)[:, self.term.first :]
+            got = self.outputs[:, self.term.first :]
+            tried = [raw, _low_passed(got, raw)] if self.term.first else [raw]
+            shares += [np.mean(np.abs(got - values) <= _TOLERANCE, axis=1) for values in tried]
+        return float(np.mean(np.max(shares, axis=0)))
 
 
 _RELATIVE = 1e-7
 #: Factors to a whole term that are usual: with or without dt.
 _FACTORS = (1.0, TS, 1.0 / TS, TS * TS)
 _HALF = 0.5
+
+
+def _low_passed(outputs: Floats, raw: Floats) -> Floats:
+    """Return `raw` after the low-pass filter that the first two outputs show; NaN without one."""
+    pole = (outputs[:, 1] - raw[:, 1]) / (outputs[:, 0] - raw[:, 1])
+    pole[~((pole > 0.0) & (pole < 1.0))] = np.nan
+    values: Floats = outputs.copy()
+    for k in range(1, values.shape[1]):
+        values[:, k] = pole * values[:, k - 1] + (1.0 - pole) * raw[:, k]
+    return values
 
 
 def _trials(
@@ -213,40 +288,15 @@ def _judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
         trials = _trials(code, term, seed)
     except UserError as error:
         return Finding(term.criterion, 0.0, str(error))
-    gains = ' and '.join(f'{gain:g}' for gain in term.gains)
-    right = f'right in all {trials.outputs.size} outputs, for gains of {gains}'
-    if trials.share(1.0) == 1.0:
-        return Finding(term.criterion, 1.0, right, factor=1.0)
-    factor = max(map(trials.ratio, trials.expected))
-    if factor > 0.0:
-        message = f'{right}; {_remark(term.name, factor)}, or choose gains that absorb it'
+    if factor := trials.factor():
+        gains = ' and '.join(f'{gain:g}' for gain in term.gains)
+        message = f'right in all {trials.outputs.size} outputs, for gains of {gains}'
+        if factor != 1.0:
+            message += f'; {_remark(term.name, factor)}, or choose gains that absorb it'
         return Finding(term.criterion, 1.0, message, factor=factor)
     score = max(map(trials.share, _FACTORS))
     # A smaller share is chance: outputs of a wrong term that happen to be right.
     return Finding(term.criterion, score if score > _HALF else 0.0, _cause(code, trials, seed))
-
-
-def _agreement(got: Floats, expected: Floats, *, filtered: bool) -> float:
-    """Return the share of right outputs among non-zero ones, times that among zeros."""
-
-    def share(values: Floats) -> float:
-        right, nonzero = np.abs(got - values) <= _TOLERANCE, np.abs(values) > _TOLERANCE
-        zeros = 1.0 if nonzero.all() else np.mean(right[~nonzero])
-        return float(np.mean(right[nonzero]) * zeros)
-
-    low_passed = _low_passed(got, expected) if filtered else None
-    return max(share(expected), 0.0 if low_passed is None else share(low_passed))
-
-
-def _low_passed(outputs: Floats, raw: Floats) -> Floats | None:
-    """Return `raw` after the low-pass filter that the first two outputs show, if there is one."""
-    pole = (outputs[1] - raw[1]) / (outputs[0] - raw[1])
-    if not 0.0 < pole < 1.0:
-        return None
-    values = [float(outputs[0])]
-    for value in raw[1:]:
-        values.append(pole * values[-1] + (1.0 - pole) * float(value))
-    return np.array(values)
 
 
 def _cause(code: JudgedCode, trials: Trials, seed: int) -> str:
@@ -261,8 +311,7 @@ def _cause(code: JudgedCode, trials: Trials, seed: int) -> str:
             pass
     if hint := _rounding(large.outputs):
         return hint
-    law = TERM_LAWS[term.name]
-    found = law.explain(
+    found = TERM_LAWS[term.name].explain(
         trials.inputs, {term.name: trials.outputs}, [term.name], trials.proportional
     )
     return found.get(term.name) or _largest_error(trials)

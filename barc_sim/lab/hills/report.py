@@ -9,14 +9,15 @@ from rich.table import Table
 from rich.text import Text
 
 from barc_sim.errors import one_line
-from barc_sim.lab.check.findings import Comparison
+from barc_sim.lab.hills.loop import Comparison
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from barc_sim.lab.check.findings import Finding, Stretch
-    from barc_sim.lab.check.judging import Report
+    from barc_sim.lab.check.findings import Finding
     from barc_sim.lab.grade.rubric import Rubric
+    from barc_sim.lab.hills.lab import Report
+    from barc_sim.lab.hills.loop import Stretch
 
 _PIPE = 10_000  #: columns: a line is never broken
 _LINES, _WIDTH = 5, 100  #: of the text that user code printed

@@ -7,14 +7,14 @@ from functools import cache
 from itertools import pairwise
 from math import inf, isfinite, nan
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import NOT_A_CAR, Comparison, Stretch, judges
-from barc_sim.lab.check.model import TS
+from barc_sim.lab.check.findings import judges
+from barc_sim.lab.hills.model import NOT_A_CAR, TS
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
 from barc_sim.simulation.metrics import summary
@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.source import ChosenGains
     from barc_sim.simulation.log import Log
 
+LABELS = {
+    'loop.lab_road': "Cruise control: the lab's road",
+    'loop.random_roads': 'Cruise control: other roads',
+}
 STEEPEST_DEG = 25.0
 _RANDOM_ROADS = 4
 _GRADES = 5
@@ -76,6 +80,25 @@ class Conditions:
         """Return them as text."""
         limit = f'limited to {self.limit:g} m/s²' if isfinite(self.limit) else 'without a limit'
         return f'with {self.gains}, {limit}'
+
+
+class Stretch(NamedTuple):
+    """A stretch of one grade, with the speed error on it."""
+
+    start: float  #: [m]
+    theta_deg: float
+    rms_error: float  #: [m/s]
+    max_error: float  #: [m/s] maximum absolute error
+    remark: str  #: what the speed does
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The closed loop over one road, with the user's controller and with the reference."""
+
+    user: Log
+    reference: Log
+    stretches: tuple[Stretch, ...] = ()  #: of the user's
 
 
 @judges('loop.lab_road')

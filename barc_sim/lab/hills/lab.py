@@ -1,0 +1,113 @@
+"""The lab of the hills as data: its parts, their criteria, and how each of them is judged.
+
+It uses no ROS, no clock and only seeded random numbers: a score is the same on every machine.
+Tolerances are far above the differences between maths libraries, and far below any mistake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+from typing import TYPE_CHECKING
+
+from barc_sim.control.pid import KD, KI, KP
+from barc_sim.lab.check.code import JudgedCode
+from barc_sim.lab.check.findings import Finding, Part, judge_parts
+from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.hills import controller, loop, model, relay
+from barc_sim.lab.user_code.source import ChosenGains
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+    from pathlib import Path
+
+_DEFAULT = ChosenGains(KP, KI, KD, "barc_sim's own, because controller.py chooses none")
+#: Of `check`, whose user waits and has written the code.
+_CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
+
+
+def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
+    wanted, seed = settings.criteria, settings.seed
+    if any(f'model.{name}' in wanted for name in model.EQUATIONS):
+        yield from model.judge_equations(code, seed)
+    if 'model.trajectory' in wanted:
+        yield model.judge_trajectory(code)
+    if 'model.reverse' in wanted:
+        yield model.judge_reverse(code, seed)
+    if 'model.general' in wanted:
+        yield model.judge_general(code, seed)
+
+
+def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
+    yield from controller.judge_controller(code, settings.seed)
+    conditions = loop.Conditions(
+        gains_used(code.chosen_gains(), settings), settings.acceleration_limit, settings.thresholds
+    )
+    if 'loop.lab_road' in settings.criteria:
+        yield loop.judge_lab_road(code, conditions)
+    if 'loop.random_roads' in settings.criteria:
+        yield loop.judge_random_roads(code, conditions, settings.seed)
+
+
+PARTS = {
+    'model': Part(model.LABELS, _judge_model),
+    'controller': Part({**controller.LABELS, **loop.LABELS}, _judge_controller),
+    'relay': Part(relay.LABELS, lambda code, _: relay.judge_relay(code)),
+}
+#: Every criterion, with its name for readers, in the order of a report; a rubric names them.
+LABELS = {name: label for part in PARTS.values() for name, label in part.labels.items()}
+CRITERIA = tuple(LABELS)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How user code is judged."""
+
+    seed: int = 0  #: of the states, the sequences of speeds and the random roads
+    kp: float | None = None  #: on the roads; None: the file's own
+    ki: float | None = None
+    kd: float | None = None
+    acceleration_limit: float = inf  #: [m/s²] on the roads; the lab's car has none
+    thresholds: loop.Thresholds = field(default_factory=loop.Thresholds)
+    criteria: Collection[str] = CRITERIA
+
+
+def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
+    """Return a finding for each criterion of `settings`, in the order of `CRITERIA`."""
+    settings = settings or Settings()
+    return judge_parts(code, PARTS, settings.criteria, settings)
+
+
+def gains_used(chosen: ChosenGains | None, settings: Settings) -> ChosenGains:
+    """Return the gains with which the code drives: the command line's, the file's or barc_sim's."""
+    chosen = chosen or _DEFAULT
+    options = (settings.kp, settings.ki, settings.kd)
+    if options == (None, None, None):
+        return chosen
+    kp, ki, kd = (c if g is None else g for g, c in zip(options, chosen[:3], strict=True))
+    rest = '' if None not in options else f', the others from {chosen.origin}'
+    return ChosenGains(kp, ki, kd, f'the command line{rest}')
+
+
+@dataclass(frozen=True)
+class Report:
+    """The findings on a folder, and the text that its code printed."""
+
+    findings: list[Finding]  #: of each criterion asked for
+    printed: str  #: the first output of its code
+    gains: ChosenGains | None  #: that drove the roads
+    tolerated: tuple[str, ...]  #: a phrase each
+
+
+def judge_folder(
+    folder: Path, settings: Settings, limits: Limits = _CHECKED, *, sandbox: bool = False
+) -> Report:
+    """Return the findings on the files in `folder`, whose functions a process with limits calls.
+
+    There may be no files. Without `sandbox` their code is not confined: it is the user's own.
+    """
+    with JudgedCode(folder, limits, sandbox=sandbox) as code:
+        found = judge(code, settings)
+        gains = gains_used(code.chosen_gains(), settings) if code.has('controller') else None
+        tolerated = code.tolerated()
+    return Report(found, code.printed, gains, tolerated)
