@@ -115,7 +115,7 @@ def _watch(world: World) -> None:
     seen, since, end = _Seen((), {}), 0.0, time.monotonic() + _PATIENCE
     while (now := time.monotonic()) < end and not (seen.nodes and now > since + _STABLE):
         time.sleep(0.05)
-        nodes = [node for domain in [*world.nodes.values()] for node in [*domain]]
+        nodes = [*world.nodes]
         publishers = {
             topic: sorted(
                 node.get_name() for node in nodes for p in [*node.publishers] if p.topic == topic

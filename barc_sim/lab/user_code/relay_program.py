@@ -191,11 +191,10 @@ class RelayWorld(World):
         message.linear.x, message.angular.z = float(linear_x), float(angular_z)
         self._twist_pub.publish(message)
 
-    def _on_command(self, command: Any, info: dict[str, int]) -> None:  # noqa: ANN401 (an ECU)
+    def _on_command(self, command: Any) -> None:  # noqa: ANN401 (an ECU)
         self._move()
         self._motor = command.motor if isfinite(command.motor) else 0.0
-        t = info['received_timestamp'] / SECOND
-        self.commands.append((t, command.motor, command.servo))
+        self.commands.append((self.seconds, command.motor, command.servo))
 
     def _move(self) -> None:
         now = self.seconds
@@ -211,7 +210,7 @@ class RelayWorld(World):
 
     def _note_topics(self) -> None:
         """Note the topics of the program's nodes."""
-        for node in self.node.context.nodes:
+        for node in self.nodes:
             if node is not self.node:
                 self.published |= {each.full_name.strip('/') for each in node.publishers}
                 self.subscribed |= {each.full_name.strip('/') for each in node.subscriptions}
@@ -223,7 +222,7 @@ class RelayWorld(World):
 
     def has_nodes(self) -> bool:
         """Return whether the program has made a node."""
-        return len(self.node.context.nodes) > 1
+        return len(self.nodes) > 1
 
     def modules(self, *, ros_1: bool) -> dict[str, Any]:
         """Return the modules of a program, which replace those of their names."""

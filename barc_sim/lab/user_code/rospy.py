@@ -34,7 +34,7 @@ def _lenient(type_name: str) -> type[Any]:
         def __init__(self, *values: Any, **named: Any) -> None:
             super().__init__()
             for name, field in kind.__fields__.items():
-                if not (field.inner or field.base or name == 'header'):
+                if not (field.is_many or field.base or name == 'header'):
                     setattr(self, name, _lenient(field.type.__msgtype__)())
             for name, value in (*zip(order, values, strict=False), *named.items()):
                 setattr(self, name, value)
@@ -101,7 +101,7 @@ class _Rospy:
         def publish(*values: Any, **named: Any) -> None:
             whole = len(values) == 1 and isinstance(values[0], kind) and not named
             message = values[0] if whole else data_class(*values, **named)
-            made.publish(kind.__copy__(message))
+            made.publish(message.__copy__())
 
         return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
 

@@ -9,14 +9,11 @@ import sys
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from barc_sim.errors import UserError
 from barc_sim.ros.local.executor import World, set_world, world
-from barc_sim.ros.local.messages import message_type, packages
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from barc_sim.ros.local.messages import LACKS, message_type, packages
 
 __all__ = ['World', 'find_module', 'install', 'world']
 
@@ -41,16 +38,12 @@ _NAMES = {
     'rclpy.parameter': 'parameters: Parameter parameter_value_to_python',
     'rclpy.publisher': 'node: Publisher',
     'rclpy.qos': """context: DurabilityPolicy HistoryPolicy QoSProfile ReliabilityPolicy
-        qos_profile_parameter_events qos_profile_sensor_data qos_profile_services_default
-        qos_profile_system_default""",
-    'rclpy.serialization': 'messages: deserialize_message serialize_message',
+        qos_profile_sensor_data qos_profile_system_default""",
     'rclpy.signals': 'context: SignalHandlerOptions',
     'rclpy.subscription': 'node: Subscription',
     'rclpy.task': 'executor: Future',
     'rclpy.time': 'executor: Time',
-    'rclpy.topic_endpoint_info': 'node: TopicEndpointInfo',
 }
-_LACKS = 'is not part of what stands in for ROS 2 here (barc_sim/ros/local): install ROS 2 for it'
 
 
 class _StandIn(ModuleType):
@@ -65,7 +58,7 @@ class _StandIn(ModuleType):
                 return message_type(f'{package}/{kind}/{name}')
             except LookupError:
                 pass
-        raise ImportError(f'{self.__name__}.{name} {_LACKS}')
+        raise ImportError(f'{self.__name__}.{name} {LACKS}')
 
 
 _made: dict[str, ModuleType] = {}
@@ -76,9 +69,7 @@ def _modules() -> dict[str, ModuleType]:
     if not _made:
         kinds = packages()
         for name in [*_NAMES, *(kind.partition('.')[0] for kind in kinds), *kinds]:
-            if name in _made:
-                continue
-            module = _made[name] = _StandIn(name)
+            module = _made.setdefault(name, _StandIn(name))
             module.__path__ = []
             parent, _, child = name.rpartition('.')
             if parent:
@@ -101,14 +92,14 @@ def find_module(name: str) -> ModuleType | None:
         It is a module of rclpy that has no stand-in.
     """
     if name not in _modules() and name.startswith('rclpy.'):
-        raise ImportError(f'{name} {_LACKS}', name=name)
+        raise ImportError(f'{name} {LACKS}', name=name)
     return _modules().get(name)
 
 
 class _Finder:
     """Finds the stand-ins, as a finder on `sys.meta_path` does."""
 
-    def find_spec(self, name: str, *_: Sequence[str] | ModuleType | None) -> ModuleSpec | None:
+    def find_spec(self, name: str, *_: object) -> ModuleSpec | None:
         return ModuleSpec(name, self, is_package=True) if find_module(name) else None  # type: ignore[arg-type]
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import re
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,14 +18,7 @@ from barc_sim.ros.local.messages import message_type
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-_TAKES = {
-    '-r': 'remap',
-    '--remap': 'remap',
-    '-p': 'param',
-    '--param': 'param',
-    '--params-file': 'file',
-    '--log-level': 'level',
-}
+_PARAMETER, _REMAPPING = ('-p', '--param'), ('-r', '--remap')
 _MAX_PARAMETERS = 1 << 20  #: bytes of a file
 
 
@@ -34,7 +27,7 @@ class NotInitializedException(Exception):
 
 
 class _Rule(NamedTuple):
-    """A remapping, or a parameter, of the nodes that `node` matches."""
+    """A remapping, or a parameter, of the nodes that `node` matches; of all where it is empty."""
 
     node: str
     name: str
@@ -45,42 +38,38 @@ class Arguments:
     """The remappings and parameters of `--ros-args`; the log level is the world's."""
 
     def __init__(self, words: list[str], world: World) -> None:
-        self.remaps: list[_Rule] = []
-        self.parameters: list[_Rule] = []
+        self._remappings: list[_Rule] = []
+        self._parameters: list[_Rule] = []
         rest = iter(words)
         for word in rest:
-            if word != '--ros-args':
-                continue
-            for option in rest:
-                if option == '--':
-                    break
-                if option != '--ros-args':
-                    self._add(option, next(rest, None), world)
+            if word == '--ros-args':
+                for option in iter(lambda: next(rest, '--'), '--'):
+                    if option != '--ros-args':
+                        self._add(option, next(rest, ''), world)
 
-    def _add(self, option: str, text: str | None, world: World) -> None:
-        if option not in _TAKES or text is None:
-            raise RuntimeError(f'found unknown ROS arguments, or one without value: {option!r}')
-        kind = _TAKES[option]
+    def _add(self, option: str, text: str, world: World) -> None:
         target, assigned, value = text.partition(':=')
-        if kind == 'level':
-            name, level = (target, value) if assigned else ('', text)
-            if level.upper() not in LoggingSeverity.__members__:
+        node, _, name = target.rpartition(':')
+        if option == '--log-level':
+            level = (value if assigned else text).upper()
+            if level not in LoggingSeverity.__members__:
                 raise RuntimeError(f"Couldn't parse log level rule: '--log-level {text}'")
-            world.log_levels[name] = LoggingSeverity[level.upper()]
-        elif kind == 'file':
-            self.parameters += _of_file(Path(text))
+            world.log_levels[target if assigned else ''] = LoggingSeverity[level]
+        elif option == '--params-file':
+            self._parameters += _of_file(Path(text))
+        elif option not in _PARAMETER + _REMAPPING:
+            raise RuntimeError(f'found unknown ROS arguments: {option!r}')
         elif not (assigned and target):
+            kind = 'param' if option in _PARAMETER else 'remap'
             raise RuntimeError(f"Couldn't parse {kind} rule: {text!r}: expected NAME:=VALUE")
+        elif option in _PARAMETER:
+            self._parameters.append(_Rule(node, name, _value(value)))
         else:
-            node, _, name = target.rpartition(':')
-            if kind == 'param':
-                self.parameters.append(_Rule(node or '/**', name, _value(value)))
-            else:
-                self.remaps.append(_Rule(node, name, value))
+            self._remappings.append(_Rule(node, name, value))
 
     def remap(self, node: str, *names: str) -> str | None:
         """Return the new name by the node's first rule for one of `names`, if there is one."""
-        for rule in self.remaps:
+        for rule in self._remappings:
             if rule.node in ('', node) and rule.name in names:
                 return str(rule.value)
         return None
@@ -88,13 +77,10 @@ class Arguments:
     def of(self, node: str) -> dict[str, Any]:
         """Return the parameters for the node of this full name; the last one given counts."""
         return {
-            rule.name: rule.value for rule in self.parameters if _pattern(rule.node).fullmatch(node)
+            rule.name: rule.value
+            for rule in self._parameters
+            if fnmatchcase(node, f'/{rule.node.lstrip("/")}' if rule.node else '*')
         }
-
-
-def _pattern(node: str) -> re.Pattern[str]:
-    pattern = re.escape(f'/{node.lstrip("/")}').replace(r'/\*\*', '(/.*)?').replace(r'\*', '[^/]*')
-    return re.compile(pattern)
 
 
 def _value(text: str) -> Any:
@@ -135,27 +121,25 @@ def _domain() -> int:
 
 
 class Context:
-    """What `init` begins and `shutdown` ends; its nodes see those of the same domain."""
+    """What `init` begins and `shutdown` ends."""
 
     def __init__(self) -> None:
         self.world = current()
-        self.is_ok = self.begun = False
+        self.is_ok = self.has_begun = False
         self._callbacks: list[Callable[[], object]] = []
 
-    def init(self, args: list[str] | None = None, *, domain_id: int | None = None) -> None:
-        if self.begun:
+    def init(self, args: list[str] | None = None) -> None:
+        if self.has_begun:
             raise RuntimeError('Context.init() must only be called once')
         words = [] if self.world.simulated else sys.argv
         self.arguments = Arguments(words if args is None else args, self.world)
-        self._domain = _domain() if domain_id is None else domain_id
-        self.nodes: list[Any] = self.world.nodes.setdefault(self._domain, [])
-        self.is_ok = self.begun = True
+        self._domain = _domain()
+        self.is_ok = self.has_begun = True
 
     def all(self, kind: str, name: str) -> list[Any]:
         """Return what nodes have of a kind, as `publishers`, under this full name."""
-        return [
-            each for node in self.nodes for each in getattr(node, kind) if each.full_name == name
-        ]
+        every = (each for node in self.world.nodes for each in getattr(node, kind))
+        return [each for each in every if each.full_name == name]
 
     def ok(self) -> bool:
         return self.is_ok
@@ -172,7 +156,7 @@ class Context:
                 self._callbacks.pop(0)()
 
     def on_shutdown(self, callback: Callable[[], object]) -> None:
-        if self.begun and not self.is_ok:
+        if self.has_begun and not self.is_ok:
             callback()
         else:
             self._callbacks.append(callback)
@@ -190,18 +174,12 @@ def get_default_context() -> Context:
 SignalHandlerOptions = IntEnum('SignalHandlerOptions', 'NO SIGINT SIGTERM ALL', start=0)
 
 
-def init(
-    *,
-    args: list[str] | None = None,
-    context: Context | None = None,
-    domain_id: int | None = None,
-    signal_handler_options: Any = None,
-) -> None:
-    del signal_handler_options  # Ctrl-C is a KeyboardInterrupt
+def init(*, args: list[str] | None = None, context: Context | None = None, **_: Any) -> None:
+    """Begin; Ctrl-C is a KeyboardInterrupt whatever the options say."""
     default = get_default_context()
-    if context is None and default.begun and not default.is_ok:
+    if context is None and default.has_begun and not default.is_ok:
         default = default.world.default_context = Context()
-    (context or default).init(args, domain_id=domain_id)
+    (context or default).init(args)
 
 
 def shutdown(*, context: Context | None = None, **_: Any) -> None:
@@ -242,17 +220,13 @@ class QoSProfile:
         """How many messages a queue holds; None: all."""
         return None if self.history == HistoryPolicy.KEEP_ALL else max(self.depth, 1)
 
-    @property
-    def latched(self) -> bool:
-        """Whether the last messages are kept for subscriptions to come."""
-        return bool(self.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-
     def refuses(self, offered: QoSProfile) -> str:
         """Return the policy by which a subscription gets nothing of a publisher, or ''."""
         best_effort = offered.reliability == ReliabilityPolicy.BEST_EFFORT
         if best_effort and self.reliability == ReliabilityPolicy.RELIABLE:
             return 'RELIABILITY'
-        return 'DURABILITY' if self.latched and not offered.latched else ''
+        latched = DurabilityPolicy.TRANSIENT_LOCAL
+        return 'DURABILITY' if self.durability == latched != offered.durability else ''
 
 
 def as_profile(qos: QoSProfile | int) -> QoSProfile:
@@ -266,7 +240,7 @@ def as_profile(qos: QoSProfile | int) -> QoSProfile:
     return QoSProfile(depth=qos)
 
 
-qos_profile_services_default = qos_profile_system_default = QoSProfile(depth=10)
+qos_profile_system_default = QoSProfile(depth=10)
 qos_profile_parameter_events = QoSProfile(depth=1000)
 qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 QOS_ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -282,10 +256,10 @@ class Logger:
 
     def __init__(self, name: str, world: World, rosout: Any = None) -> None:
         self.name, self._world, self.rosout = name, world, rosout
-        self._places: dict[tuple[Any, int], float] = {}
+        self._last: dict[tuple[Any, int], float] = {}  # [s] of each place that logs
 
     def get_child(self, name: str) -> Logger:
-        return Logger(f'{self.name}.{name}' if self.name else name, self._world, self.rosout)
+        return Logger(f'{self.name}.{name}', self._world, self.rosout)
 
     def set_level(self, level: int) -> None:
         self._world.log_levels[self.name] = level
@@ -297,28 +271,41 @@ class Logger:
         return LoggingSeverity(levels.get(name) or LoggingSeverity.INFO)
 
     def debug(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.DEBUG, filters)
+        return self._log(message, LoggingSeverity.DEBUG, **filters)
 
     def info(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.INFO, filters)
+        return self._log(message, LoggingSeverity.INFO, **filters)
 
     def warning(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.WARN, filters)
+        return self._log(message, LoggingSeverity.WARN, **filters)
 
     warn = warning
 
     def error(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.ERROR, filters)
+        return self._log(message, LoggingSeverity.ERROR, **filters)
 
     def fatal(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.FATAL, filters)
+        return self._log(message, LoggingSeverity.FATAL, **filters)
 
-    def _log(self, message: str, severity: LoggingSeverity, filters: dict[str, Any]) -> bool:
+    def _log(
+        self,
+        message: str,
+        severity: LoggingSeverity,
+        *,
+        throttle_duration_sec: float = 0.0,
+        skip_first: bool = False,
+        once: bool = False,
+    ) -> bool:
         if self._world.silent or severity < self.get_effective_level():
             return False
         frame = sys._getframe(2)  # noqa: SLF001 (who logs)
-        if filters and not self._passes((frame.f_code, frame.f_lineno), **filters):
+        place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND
+        last = self._last.get(place)
+        if last is None:
+            self._last[place] = now
+        if skip_first if last is None else once or now < last + throttle_duration_sec:
             return False
+        self._last[place] = now
         sec, nanosec = divmod(self._world.date(), SECOND)
         text = os.environ.get('RCUTILS_CONSOLE_OUTPUT_FORMAT')
         text = text or '[{severity}] [{time}] [{name}]: {message}'
@@ -327,27 +314,19 @@ class Logger:
             text = text.replace(f'{{{key}}}', value)
         print(text, file=sys.stderr, flush=True)  # noqa: T201
         if self.rosout:
-            place = {'file': frame.f_code.co_filename, 'function': frame.f_code.co_name}
             stamp = message_type('builtin_interfaces/msg/Time')(sec=sec, nanosec=nanosec)
-            fields = {'level': int(severity), 'name': self.name, 'msg': message, 'stamp': stamp}
-            log = message_type('rcl_interfaces/msg/Log')
-            self.rosout.publish(log(**fields, **place, line=frame.f_lineno))
+            self.rosout.publish(
+                message_type('rcl_interfaces/msg/Log')(
+                    stamp=stamp,
+                    level=int(severity),
+                    name=self.name,
+                    msg=message,
+                    file=frame.f_code.co_filename,
+                    function=frame.f_code.co_name,
+                    line=frame.f_lineno,
+                )
+            )
         return True
-
-    def _passes(
-        self,
-        place: tuple[Any, int],
-        *,
-        throttle_duration_sec: float = 0.0,
-        skip_first: bool = False,
-        once: bool = False,
-    ) -> bool:
-        """Return whether the filters of a call at `place` let its message pass."""
-        now, last = self._world.now() / SECOND, self._places.get(place)
-        if throttle_duration_sec and last is not None and now < last + throttle_duration_sec:
-            return False
-        self._places[place] = now
-        return last is None if once else not (skip_first and last is None)
 
 
 def get_logger(name: str) -> Logger:

@@ -15,6 +15,7 @@ from collections import deque
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import IntEnum
+from functools import total_ordering
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
@@ -35,7 +36,11 @@ class ExternalShutdownException(Exception):
 
 
 class World:
-    """What the programs of one process share: the time, the contexts and, by domain, the nodes."""
+    """What the programs of one process share: the time, the nodes and the levels of the log.
+
+    `now` returns the time [ns] that paces timers, `date` the one since the epoch, or since the
+    start of simulated time.
+    """
 
     def __init__(
         self,
@@ -50,20 +55,14 @@ class World:
         Topics of the `flat_names` have no namespaces; a `silent` world has no log.
         """
         self.simulated, self.now_ns, self.end = simulated, 0, end * SECOND
+        self.now: Callable[[], int] = (lambda: self.now_ns) if simulated else time.monotonic_ns
+        self.date: Callable[[], int] = self.now if simulated else time.time_ns
         self.flat_names, self.silent = flat_names, silent
         self.default_context: Any = None
-        self.nodes: dict[int, list[Any]] = {}
+        self.nodes: list[Any] = []
         self.log_levels: dict[str, int] = {}
         #: Executors that run while others wait: the world around a program.
         self.around: list[Executor] = []
-
-    def now(self) -> int:
-        """Return the time [ns] that paces timers."""
-        return self.now_ns if self.simulated else time.monotonic_ns()
-
-    def date(self) -> int:
-        """Return the time [ns] since the epoch, or since the start of simulated time."""
-        return self.now_ns if self.simulated else time.time_ns()
 
     def sleep(self, nanoseconds: int) -> None:
         """Let time pass."""
@@ -126,27 +125,31 @@ def world(other: World) -> Iterator[World]:
 ClockType = IntEnum('ClockType', 'ROS_TIME SYSTEM_TIME STEADY_TIME')
 
 
-class _Nanoseconds:
-    """What times and durations share: they compare with their own kind."""
+@total_ordering
+class Duration:
+    """A time [ns] from one to another; `Time` is one from the start of its clock."""
 
-    nanoseconds: int
     clock_type: Any = None
 
-    def _other(self, other: Any) -> int:
+    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
+        self.nanoseconds = int(seconds * SECOND) + int(nanoseconds)
+
+    def _of(self, other: Any) -> int:
         if self.clock_type != other.clock_type:
             raise TypeError("Can't compare times with different clock types")
         return int(other.nanoseconds)
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and self.nanoseconds == self._other(other)
+        return type(other) is type(self) and self.nanoseconds == self._of(other)
 
     def __lt__(self, other: Any) -> bool:
-        return self.nanoseconds < self._other(other)
-
-    def __le__(self, other: Any) -> bool:
-        return self.nanoseconds <= self._other(other)
+        return self.nanoseconds < self._of(other)
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        clock = f', clock_type={self.clock_type.name}' if self.clock_type else ''
+        return f'{type(self).__name__}(nanoseconds={self.nanoseconds}{clock})'
 
     def to_msg(self) -> Any:
         sec, nanosec = divmod(self.nanoseconds, SECOND)
@@ -154,33 +157,21 @@ class _Nanoseconds:
         return message_type(name)(sec=sec, nanosec=nanosec)
 
 
-class Duration(_Nanoseconds):
-    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
-        self.nanoseconds = int(seconds * SECOND) + int(nanoseconds)
-
-    def __repr__(self) -> str:
-        return f'Duration(nanoseconds={self.nanoseconds})'
-
-
-class Time(_Nanoseconds):
+class Time(Duration):
     def __init__(
         self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: Any = ClockType.SYSTEM_TIME
     ) -> None:
-        if seconds < 0:
-            raise ValueError('Seconds value must not be negative')
-        self.nanoseconds, self.clock_type = int(seconds * SECOND) + int(nanoseconds), clock_type
-
-    def __repr__(self) -> str:
-        return f'Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})'
+        super().__init__(seconds=seconds, nanoseconds=nanoseconds)
+        if self.nanoseconds < 0:
+            raise ValueError('a time must not be negative')
+        self.clock_type = clock_type
 
     def __add__(self, other: Duration) -> Time:
-        if self.nanoseconds + other.nanoseconds < 0:
-            raise ValueError('Subtraction leads to negative time.')
         return Time(nanoseconds=self.nanoseconds + other.nanoseconds, clock_type=self.clock_type)
 
     def __sub__(self, other: Any) -> Any:
         if isinstance(other, Time):
-            return Duration(nanoseconds=self.nanoseconds - self._other(other))
+            return Duration(nanoseconds=self.nanoseconds - self._of(other))
         return self + Duration(nanoseconds=-other.nanoseconds)
 
     @classmethod
@@ -190,15 +181,15 @@ class Time(_Nanoseconds):
 
 class Clock:
     def __init__(self, *, clock_type: Any = ClockType.SYSTEM_TIME) -> None:
-        self.clock_type, self.world = clock_type, current()
+        self.clock_type, self._world = clock_type, current()
 
     def now(self) -> Time:
         steady = self.clock_type == ClockType.STEADY_TIME
-        ns = self.world.now() if steady else self.world.date()
+        ns = self._world.now() if steady else self._world.date()
         return Time(nanoseconds=ns, clock_type=self.clock_type)
 
     def sleep_for(self, rel_time: Duration) -> bool:
-        self.world.sleep(max(rel_time.nanoseconds, 0))
+        self._world.sleep(max(rel_time.nanoseconds, 0))
         return True
 
 
@@ -218,11 +209,11 @@ class Timer:
     def run(self) -> Any:
         """Call back, if it is still time."""
         now, period = self._now(), self.timer_period_ns
-        if self.due is not None and now >= self.due:
-            self.due += period * (1 + (now - self.due) // period) if period else now - self.due
-            self.schedule()
-            return self.callback()
-        return None
+        if self.due is None or now < self.due:
+            return None
+        self.due += period * (1 + (now - self.due) // period) if period else now - self.due
+        self.schedule()
+        return self.callback()
 
     def reset(self) -> None:
         self.due = self._now() + self.timer_period_ns
@@ -252,40 +243,30 @@ class Rate:
 
 
 class Future:
+    _result: Any = None
+    _is_done = False
+
     def __init__(self) -> None:
-        self._done = self._cancelled = False
-        self._result: Any = None
         self._callbacks: list[Callable[[Future], object]] = []
 
     def __await__(self) -> Generator[Future, None, Any]:
-        if not (self._done or self._cancelled):
+        if not self._is_done:
             yield self
         return self._result
 
     def done(self) -> bool:
-        return self._done
-
-    def cancelled(self) -> bool:
-        return self._cancelled
+        return self._is_done
 
     def result(self) -> Any:
         return self._result
 
     def set_result(self, result: Any) -> None:
-        self._result, self._done = result, True
-        self._call_back()
-
-    def cancel(self) -> None:
-        if not self._done:
-            self._cancelled = True
-            self._call_back()
-
-    def _call_back(self) -> None:
+        self._result, self._is_done = result, True
         while self._callbacks:
             self._callbacks.pop(0)(self)
 
     def add_done_callback(self, callback: Callable[[Future], object]) -> None:
-        if self._done or self._cancelled:
+        if self._is_done:
             callback(self)
         else:
             self._callbacks.append(callback)
@@ -316,9 +297,8 @@ class Executor:
         self._ready: deque[Any] = deque()
         self._agenda: list[tuple[int, int, Timer]] = []
         self._numbers = count()
-        self._is_shutdown = self.waits = False
+        self._is_shutdown = self._waits = False
         self._asleep = threading.Lock()
-        self.thread = 0  # that spins
         self.context.on_shutdown(self.wake)
 
     def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
@@ -334,7 +314,6 @@ class Executor:
             node.executor.remove_node(node)
         self._nodes.append(node)
         node.use_executor(self)
-        self.wake()
         return True
 
     def remove_node(self, node: Any) -> None:
@@ -349,13 +328,13 @@ class Executor:
     def push(self, receiver: Any) -> None:
         """Call `receiver` once it is its turn; from any thread."""
         self._ready.append(receiver)
-        if self.waits:
+        if self._waits:
             self.wake()
 
     def at(self, due: int, timer: Timer) -> None:
         """Call `timer` at `due` [ns]; from any thread."""
         heapq.heappush(self._agenda, (due, next(self._numbers), timer))
-        if self.waits:
+        if self._waits:
             self.wake()
 
     def wake(self) -> None:
@@ -386,12 +365,12 @@ class Executor:
             if result is not None and inspect.iscoroutine(result):
                 _Coroutine(result, self).run()
             return True
-        self.waits = True
+        self._waits = True
         try:
             soonest = self.next_due()
             self._wait(min((t for t in (soonest, until) if t is not None), default=None))
         finally:
-            self.waits = False
+            self._waits = False
         if not self.context.is_ok and not self._is_shutdown:
             raise ExternalShutdownException
         return False
@@ -416,16 +395,10 @@ class Executor:
     def _spin(self, future: Future, timeout: float | None, *, once: bool = False) -> None:
         forever = timeout is None or timeout < 0
         until = None if forever else self.world.now() + int((timeout or 0) * SECOND)
-        before, self.thread = self.thread, threading.get_ident()
-        context, turn = self.context, self.turn
-        try:
-            while context.is_ok and not self._is_shutdown:
-                if future.done() or future.cancelled() or (turn(until) and once):
-                    return
-                if until is not None and self.world.now() >= until:
-                    return
-        finally:
-            self.thread = before
+        context, turn, is_done = self.context, self.turn, future.done
+        while context.is_ok and not self._is_shutdown and not is_done():
+            if (turn(until) and once) or (until is not None and self.world.now() >= until):
+                return
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         del timeout_sec
@@ -436,21 +409,12 @@ class Executor:
         return True
 
 
-class SingleThreadedExecutor(Executor):
-    pass
-
-
-class MultiThreadedExecutor(Executor):
-    """The name: on one thread, too."""
+#: One thread calls back, so that nothing runs at the same time.
+SingleThreadedExecutor = MultiThreadedExecutor = Executor
 
 
 class CallbackGroup:
-    """The name: one thread calls back, so that nothing runs at the same time."""
+    """The name: all callbacks exclude one another."""
 
 
-class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    pass
-
-
-class ReentrantCallbackGroup(CallbackGroup):
-    pass
+MutuallyExclusiveCallbackGroup = ReentrantCallbackGroup = CallbackGroup

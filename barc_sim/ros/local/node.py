@@ -2,32 +2,44 @@
 
 from __future__ import annotations
 
-import inspect
 import re
-import threading
 from collections import deque
 from functools import partial, partialmethod
-from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.ros.local.context import (
     QOS_ROSOUT,
     Arguments,
     Context,
+    DurabilityPolicy,
     Logger,
     NotInitializedException,
     QoSProfile,
     as_profile,
     get_default_context,
     qos_profile_parameter_events,
+    qos_profile_system_default,
 )
-from barc_sim.ros.local.executor import SECOND, Clock, ClockType, Executor, Future, Rate, Timer
-from barc_sim.ros.local.executor import MutuallyExclusiveCallbackGroup as _Group
-from barc_sim.ros.local.messages import deserialize_message, message_type, serialize_message
+from barc_sim.ros.local.executor import (
+    SECOND,
+    CallbackGroup,
+    Clock,
+    ClockType,
+    Executor,
+    Future,
+    Rate,
+    Timer,
+)
+from barc_sim.ros.local.messages import LACKS, message_type
 from barc_sim.ros.local.parameters import Parameter, Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+_DOCUMENTED = '(create|destroy|get|set|add|remove|count|declare|undeclare|describe|wait)_'
+#: What a node has, by kind.
+_KINDS = ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guards')
+_KEPT = (DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.BEST_AVAILABLE)
 
 
 class InvalidTopicNameException(Exception):
@@ -46,10 +58,13 @@ def _checked(name: str) -> str:
 class _Entity:
     """What a node has: a full name on the graph, and a queue of what has arrived."""
 
-    def __init__(self, node: Node, full_name: str, kind: Any, qos: QoSProfile) -> None:
-        self.node, self.full_name, self.kind, self.qos_profile = node, full_name, kind, qos
-        self.topic = self.topic_name = self.srv_name = self.service_name = full_name
+    def __init__(
+        self, node: Node, name: str, kind: Any, qos: QoSProfile, callback: Any = None
+    ) -> None:
+        self.node, self.full_name, self.kind, self.qos_profile = node, name, kind, qos
+        self.topic = self.topic_name = self.srv_name = self.service_name = name
         self.msg_type = self.srv_type = kind
+        self.callback = callback
         self.queue: deque[Any] = deque(maxlen=qos.length)
 
     @property
@@ -59,12 +74,15 @@ class _Entity:
 
     def offer(self, arrived: Any) -> None:
         """Take what has arrived; a full queue drops its oldest."""
-        queue = self.queue
+        queue, executor = self.queue, self.node.executor
         full = len(queue) == queue.maxlen
         queue.append(arrived)
-        executor = self.node.executor
         if executor is not None and not full:
             executor.push(self)
+
+    def run(self) -> Any:
+        """Call back with the oldest of what has arrived."""
+        return self.callback(self.queue.popleft()) if self.queue else None
 
     def destroy(self) -> None:
         self.queue.clear()
@@ -75,13 +93,11 @@ class Publisher(_Entity):
     number = 0
 
     def publish(self, msg: Any) -> None:
-        if msg.__class__ is not self.kind:
-            if not isinstance(msg, bytes):
-                raise TypeError(f'Expected {self.kind}, got {type(msg)}')
-            msg = deserialize_message(msg, self.kind)
+        if not isinstance(msg, self.kind):
+            raise TypeError(f'Expected {self.kind}, got {type(msg)}')
         self.number += 1
-        if self.qos_profile.latched:
-            self.queue.append((self.kind.__copy__(msg), self.number))
+        if self.is_latched:
+            self.queue.append((msg.__copy__(), self.number))
         for subscription in self.subscriptions:
             subscription.receive(msg, self.number)
 
@@ -93,18 +109,20 @@ class Publisher(_Entity):
 
     def match(self) -> None:
         """Find the subscriptions that get this publisher's messages."""
-        same = self.node.context.all('subscriptions', self.full_name)
-        refused = {each: each.qos_profile.refuses(self.qos_profile) for each in same}
-        for subscription, policy in refused.items():
-            if policy and not subscription.warned:
-                subscription.warned = True
-                subscription.node.get_logger().warning(
+        self.is_latched = self.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        found = []
+        for each in self.node.context.all('subscriptions', self.full_name):
+            refused = each.qos_profile.refuses(self.qos_profile)
+            if refused and not each.has_warned:
+                each.has_warned = True
+                each.node.get_logger().warning(
                     f"New publisher discovered on topic '{self.full_name}', offering incompatible "
-                    f'QoS. No messages will be received from it. Last incompatible policy: {policy}'
+                    f'QoS. No messages will be received from it. Last incompatible policy: '
+                    f'{refused}'
                 )
-        self.subscriptions = tuple(
-            each for each in same if each.kind is self.kind and not refused[each]
-        )
+            if each.kind is self.kind and not refused:
+                found.append(each)
+        self.subscriptions = tuple(found)
 
     def destroy(self) -> None:
         super().destroy()
@@ -112,49 +130,21 @@ class Publisher(_Entity):
 
 
 class Subscription(_Entity):
-    warned = False
+    has_warned = raw = False
 
-    def __init__(self, callback: Any, raw: bool, *of: Any) -> None:
-        super().__init__(*of)
-        self.callback, self.raw, self._copy = callback, raw, self.kind.__copy__
-        self._received = count(1)
-        try:
-            inspect.signature(callback).bind(None)
-            self._informed = False
-        except (TypeError, ValueError):
-            self._informed = True
-
-    def receive(self, msg: Any, number: int) -> None:
+    def receive(self, msg: Any, _: int) -> None:
         """Keep a message of a publisher until the executor calls back."""
-        kept = serialize_message(msg) if self.raw else self._copy(msg)
-        if self._informed:
-            info = dict.fromkeys(
-                ('source_timestamp', 'received_timestamp'), self.node.context.world.date()
-            )
-            info['publication_sequence_number'] = number
-            info['reception_sequence_number'] = next(self._received)
-            kept = (kept, info)
-        self.offer(kept)
-
-    def run(self) -> Any:
-        if not self.queue:
-            return None
-        arrived = self.queue.popleft()
-        return self.callback(*arrived) if self._informed else self.callback(arrived)
+        self.offer(msg.__serialize__() if self.raw else msg.__copy__())
 
 
 class Service(_Entity):
-    def __init__(self, callback: Any, *of: Any) -> None:
-        super().__init__(*of)
-        self.callback = callback
-
     def run(self) -> None:
         if self.queue:
-            request, respond = self.queue.popleft()
+            request, client, future = self.queue.popleft()
             response = self.callback(request, self.kind.Response())
             if not isinstance(response, self.kind.Response):
                 raise TypeError(f'Expected {self.kind.Response}, got {type(response)}')
-            respond(response)
+            client.offer((future, response.__copy__()))
 
 
 class Client(_Entity):
@@ -163,27 +153,13 @@ class Client(_Entity):
             raise TypeError(f'Expected {self.kind.Request}, got {type(request)}')
         future = Future()
         for server in self.node.context.all('services', self.full_name)[:1]:
-            server.offer((self.kind.Request.__copy__(request), partial(self._respond, future)))
+            server.offer((request.__copy__(), self, future))
         return future
-
-    def _respond(self, future: Future, response: Any) -> None:
-        self.offer((future, self.kind.Response.__copy__(response)))
 
     def run(self) -> None:
         if self.queue:
             future, response = self.queue.popleft()
             future.set_result(response)
-
-    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
-        """Wait for the response; in a callback, others are called meanwhile."""
-        future, executor = self.call_async(request), self.node.executor
-        if executor is not None and executor.thread in (0, threading.get_ident()):
-            executor.spin_until_future_complete(future, timeout_sec)
-        else:
-            done = threading.Event()
-            future.add_done_callback(lambda _: done.set())
-            done.wait(timeout_sec)
-        return future.result()
 
     def service_is_ready(self) -> bool:
         return bool(self.node.context.all('services', self.full_name))
@@ -197,14 +173,8 @@ class Client(_Entity):
 
 
 class GuardCondition(_Entity):
-    def __init__(self, callback: Any, node: Node) -> None:
-        super().__init__(node, '', None, QoSProfile(depth=1))
-        self.callback, self.trigger = callback, partial(self.offer, None)
-
-    def run(self) -> None:
-        if self.queue:
-            self.queue.clear()
-            self.callback()
+    def trigger(self) -> None:
+        self.offer(None)
 
 
 class TopicEndpointInfo(NamedTuple):
@@ -218,6 +188,8 @@ class TopicEndpointInfo(NamedTuple):
 
 
 class Node(Parameters):
+    executor: Executor | None = None
+
     def __init__(
         self,
         node_name: str,
@@ -230,10 +202,9 @@ class Node(Parameters):
         parameter_overrides: list[Parameter] | None = None,
     ) -> None:
         self.context = context or get_default_context()
-        if not self.context.ok():
+        if not self.context.is_ok:
             raise NotInitializedException('rclpy.init() has not been called: cannot create node')
-        self.executor: Executor | None = None
-        self.default_callback_group = _Group()
+        self.default_callback_group = CallbackGroup()
         own = Arguments(['--ros-args', *(cli_args or ())], self.context.world)
         self._arguments = (own, self.context.arguments)
         self._name = self._remapped('__node', '__name') or _checked(node_name)
@@ -245,7 +216,7 @@ class Node(Parameters):
         self.clients: list[Client] = []
         self.timers: list[Timer] = []
         self.guards: list[GuardCondition] = []
-        self.context.nodes.append(self)
+        self.context.world.nodes.append(self)
         self._clock = Clock(clock_type=ClockType.ROS_TIME)
         name = self.get_fully_qualified_name()
         self._logger = Logger(name.strip('/').replace('/', '.'), self.context.world)
@@ -254,9 +225,8 @@ class Node(Parameters):
             self._logger.rosout = self.create_publisher(log, '/rosout', QOS_ROSOUT)
         event = message_type('rcl_interfaces/msg/ParameterEvent')
         events = self.create_publisher(event, '/parameter_events', qos_profile_parameter_events)
-        overrides = self.context.arguments.of(name) | own.of(name)
-        given = {each: Parameter(each, value=value) for each, value in overrides.items()}
-        given |= {each.name: each for each in parameter_overrides or ()}
+        given = self.context.arguments.of(name) | own.of(name)
+        given |= {each.name: each.value for each in parameter_overrides or ()}
         super().__init__(self, events, given)
         if self.declare_parameter('use_sim_time', False).value:
             raise ValueError('use_sim_time is for nodes of ROS 2: there is no /clock without it')
@@ -265,8 +235,7 @@ class Node(Parameters):
             self.serve()
 
     def __getattr__(self, name: str) -> Any:
-        known = re.match('(create|destroy|get|set|add|remove|count|declare|undeclare|wait)_', name)
-        lacks = ' in what stands in for ROS 2 here (barc_sim/ros/local)' if known else ''
+        lacks = f': it {LACKS}' if re.match(_DOCUMENTED, name) else ''
         raise AttributeError(f'{type(self).__name__!r} object has no attribute {name!r}{lacks}')
 
     def get_name(self) -> str:
@@ -331,23 +300,28 @@ class Node(Parameters):
         **_: Any,
     ) -> Subscription:
         name, qos = self.resolve_topic_name(topic), as_profile(qos_profile)
-        made = Subscription(callback, raw, self, name, msg_type, qos)
+        made = Subscription(self, name, msg_type, qos, callback)
+        made.raw = raw
+        return self.connect(made)
+
+    def connect(self, made: Subscription) -> Subscription:
+        """Add a subscription, which gets what publishers have kept for it."""
         self.subscriptions.append(made)
-        for publisher in self.context.all('publishers', name):
+        for publisher in self.context.all('publishers', made.full_name):
             publisher.match()
-            if qos.latched and made in publisher.subscriptions:
+            if made in publisher.subscriptions and made.qos_profile.durability in _KEPT:
                 for msg, number in [*publisher.queue]:
                     made.receive(msg, number)
         return made
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Any, **_: Any) -> Service:
-        name = self.resolve_service_name(srv_name)
-        self.services.append(Service(callback, self, name, srv_type, QoSProfile(depth=10)))
+        name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
+        self.services.append(Service(self, name, srv_type, qos, callback))
         return self.services[-1]
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
-        name = self.resolve_service_name(srv_name)
-        self.clients.append(Client(self, name, srv_type, QoSProfile(depth=10)))
+        name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
+        self.clients.append(Client(self, name, srv_type, qos))
         return self.clients[-1]
 
     def create_timer(
@@ -367,12 +341,11 @@ class Node(Parameters):
 
     def create_guard_condition(self, callback: Any, callback_group: Any = None) -> GuardCondition:
         del callback_group
-        self.guards.append(GuardCondition(callback, self))
+        newest = QoSProfile(depth=1)
+        self.guards.append(GuardCondition(self, '', None, newest, lambda _: callback()))
         return self.guards[-1]
 
     def create_rate(self, frequency: float) -> Rate:
-        if not frequency > 0:
-            raise ValueError('frequency must be > 0')
         return Rate(1.0 / frequency, self.context.world)
 
     def _destroy(self, kind: str, entity: Any) -> bool:
@@ -394,27 +367,25 @@ class Node(Parameters):
     destroy_guard_condition = partialmethod(_destroy, 'guards')
 
     def destroy_node(self) -> None:
-        if self in self.context.nodes:
-            for kind in ('publishers', 'subscriptions', 'services', 'clients', 'timers', 'guards'):
+        nodes = self.context.world.nodes
+        if self in nodes:
+            for kind in _KINDS:
                 for entity in [*getattr(self, kind)]:
                     self._destroy(kind, entity)
-            self.context.nodes.remove(self)
+            nodes.remove(self)
             if self.executor is not None:
                 self.executor.remove_node(self)
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(each.get_name(), each.get_namespace()) for each in self.context.nodes]
+        return [(each.get_name(), each.get_namespace()) for each in self.context.world.nodes]
 
     def get_node_names(self) -> list[str]:
-        return [each.get_name() for each in self.context.nodes]
+        return [name for name, _ in self.get_node_names_and_namespaces()]
 
-    def get_fully_qualified_node_names(self) -> list[str]:
-        return [each.get_fully_qualified_name() for each in self.context.nodes]
-
-    def _types(self, kinds: tuple[str, ...], *of: str, **_: Any) -> list[tuple[str, list[str]]]:
+    def _types(self, kinds: tuple[str, ...], *of: str) -> list[tuple[str, list[str]]]:
         """Return names and types of all nodes' entities, or of the node of a name and namespace."""
         found: dict[str, set[str]] = {}
-        for node in self.context.nodes:
+        for node in self.context.world.nodes:
             if not of or (node.get_name(), node.get_namespace()) == of:
                 for each in (each for kind in kinds for each in getattr(node, kind)):
                     found.setdefault(each.full_name, set()).add(each.type_name)
@@ -424,8 +395,6 @@ class Node(Parameters):
     get_service_names_and_types = partialmethod(_types, ('services',))
     get_publisher_names_and_types_by_node = partialmethod(_types, ('publishers',))
     get_subscriber_names_and_types_by_node = partialmethod(_types, ('subscriptions',))
-    get_service_names_and_types_by_node = partialmethod(_types, ('services',))
-    get_client_names_and_types_by_node = partialmethod(_types, ('clients',))
 
     def _count(self, kind: str, name: str) -> int:
         return len(self.context.all(kind, self._expanded(name)))
@@ -433,7 +402,6 @@ class Node(Parameters):
     count_publishers = partialmethod(_count, 'publishers')
     count_subscribers = partialmethod(_count, 'subscriptions')
     count_services = partialmethod(_count, 'services')
-    count_clients = partialmethod(_count, 'clients')
 
     def _info(self, kind: str, topic: str) -> list[TopicEndpointInfo]:
         return [
@@ -451,8 +419,7 @@ class Node(Parameters):
     get_subscriptions_info_by_topic = partialmethod(_info, 'subscriptions')
 
 
-def create_node(node_name: str, **options: Any) -> Node:
-    return Node(node_name, **options)
+create_node = Node
 
 
 def _spin(how: str, node: Node, *given: Any, executor: Any = None, **options: Any) -> None:

@@ -6,7 +6,7 @@ import array
 from enum import Enum
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from barc_sim.ros.local.messages import message_type
+from barc_sim.ros.local.messages import LACKS, message_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -45,31 +45,19 @@ class Type(Enum):
     NOT_SET, BOOL, INTEGER, DOUBLE, STRING = range(5)
     BYTE_ARRAY, BOOL_ARRAY, INTEGER_ARRAY, DOUBLE_ARRAY, STRING_ARRAY = range(5, 10)
 
-    @property
-    def field(self) -> str:
-        """The field of ParameterValue that holds such a value."""
-        return f'{self.name.lower()}_value'
-
     @classmethod
     def from_parameter_value(cls, value: Any) -> Type:
         if value is None:
             return cls.NOT_SET
-        many = isinstance(value, (list, tuple, array.array))
-        for kind, single in _KINDS.items():
-            is_array = kind.name.endswith('ARRAY')
-            if many and is_array and all(isinstance(each, single) for each in value):
-                return kind
-            if not many and not is_array and isinstance(value, single):
-                return kind
+        is_many = isinstance(value, (list, tuple, array.array))
+        for name, kind in _KINDS.items():
+            if all(isinstance(each, kind) for each in (value if is_many else [value])):
+                return cls[f'{name}_ARRAY' if is_many else name]
         raise TypeError(f"The given value is not one of the allowed types '{value}'.")
 
 
 #: What a value, or each item of one, must be; a bool is an int, too.
-_SINGLES = {'BYTE': bytes, 'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}
-_KINDS = {
-    **{Type[name]: single for name, single in _SINGLES.items() if name != 'BYTE'},
-    **{Type[f'{name}_ARRAY']: single for name, single in _SINGLES.items()},
-}
+_KINDS = {'BOOL': bool, 'INTEGER': int, 'DOUBLE': float, 'STRING': str}
 
 
 class Parameter:
@@ -77,24 +65,18 @@ class Parameter:
 
     def __init__(self, name: str, type_: Any = None, value: Any = None) -> None:
         found = Type.from_parameter_value(value)
-        if (
-            type_ is not None
-            and type_ is not found
-            and not (found.name == 'BYTE_ARRAY' and not value)
-        ):
+        if type_ not in (None, found):
             raise ValueError(f"Type '{type_}' and value '{value}' do not agree")
-        self.name, self.type_, self.value = name, type_ or found, value
+        self.name, self.type_, self.value = name, found, value
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
-        kind = Type(param_msg.value.type)
-        value = None if kind is Type.NOT_SET else getattr(param_msg.value, kind.field)
-        return cls(param_msg.name, kind, value)
+        return cls(param_msg.name, value=parameter_value_to_python(param_msg.value))
 
     def get_parameter_value(self) -> Any:
         made = _interface('ParameterValue')(type=self.type_.value)
-        if self.type_ is not Type.NOT_SET:
-            setattr(made, self.type_.field, self.value)
+        if self.value is not None:
+            setattr(made, f'{self.type_.name.lower()}_value', self.value)
         return made
 
     def to_parameter_msg(self) -> Any:
@@ -102,7 +84,7 @@ class Parameter:
 
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
-    value = Parameter.from_parameter_msg(_interface('Parameter')(value=parameter_value)).value
+    value = getattr(parameter_value, f'{Type(parameter_value.type).name.lower()}_value', None)
     return list(value) if isinstance(value, array.array) else value
 
 
@@ -113,7 +95,7 @@ def _result(reason: str = '') -> Any:
 class Parameters:
     """The parameters of a node."""
 
-    def __init__(self, node: Any, events: Any, overrides: dict[str, Parameter]) -> None:
+    def __init__(self, node: Any, events: Any, overrides: dict[str, Any]) -> None:
         self._node, self._events, self._overrides = node, events, overrides
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
@@ -126,14 +108,11 @@ class Parameters:
         if name in self._parameters:
             raise ParameterAlreadyDeclaredException([name])
         descriptor = descriptor or _interface('ParameterDescriptor')()
-        if isinstance(value, Type):
-            descriptor.type, value = value.value, None
-        elif not descriptor.dynamic_typing:
-            descriptor.type = Type.from_parameter_value(value).value
-            if not descriptor.type:
-                raise ValueError(f'the parameter {name!r} is declared without a value: give one')
-        if not ignore_override and name in self._overrides:
-            value = self._overrides[name].value
+        if value is None or isinstance(value, Type) or descriptor.dynamic_typing:
+            raise ValueError(f'parameter {name!r} without a value or of any type {LACKS}')
+        descriptor.name, descriptor.type = name, Type.from_parameter_value(value).value
+        if not ignore_override:
+            value = self._overrides.get(name, value)
         parameter = Parameter(name, value=value)
         result = self._set([parameter], {name: descriptor})
         if result.reason.startswith('Wrong parameter type'):
@@ -163,19 +142,14 @@ class Parameters:
     def get_parameter_or(self, name: str, alternative_value: Any = None) -> Parameter:
         return self._parameters.get(name) or alternative_value or Parameter(name)
 
-    def describe_parameter(self, name: str) -> Any:
-        self.get_parameter(name)
-        return self._descriptors[name]
-
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
         names = [
             name
             for name in self._parameters
             if (not depth or name.count('.') < depth)
-            and (not prefixes or any(f'{name}.'.startswith(f'{each}.') for each in prefixes))
+            and (not prefixes or f'{name}.'.startswith(tuple(f'{each}.' for each in prefixes)))
         ]
-        parents = dict.fromkeys(name.rpartition('.')[0] for name in names if '.' in name)
-        return _interface('ListParametersResult')(names=names, prefixes=[*parents])
+        return _interface('ListParametersResult')(names=names)
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
         return [self.set_parameters_atomically([each]) for each in parameter_list]
@@ -188,12 +162,15 @@ class Parameters:
         """Check and set parameters, with the descriptors of those that are being declared."""
         descriptors = self._descriptors | declared
         for each in parameters:
-            if reason := self._fault(each, descriptors[each.name], declaring=bool(declared)):
+            descriptor = descriptors[each.name]
+            if descriptor.read_only and not declared:
+                return _result(f'Trying to set a read-only parameter: {each.name}.')
+            if reason := _fault(each, descriptor):
                 return _result(reason)
         for callback in self._on_set:
             result = callback(parameters)
-            if not getattr(result, 'successful', False):
-                return result or _result('Callback returned an invalid type')
+            if not result.successful:
+                return result
         self._descriptors = descriptors
         event = _interface('ParameterEvent')(node=self._node.get_fully_qualified_name())
         event.stamp = self._node.get_clock().now().to_msg()
@@ -206,34 +183,6 @@ class Parameters:
             after(parameters)
         return _result()
 
-    def _fault(self, parameter: Parameter, descriptor: Any, *, declaring: bool) -> str:
-        """Return why a parameter cannot be set, or ''."""
-        name, value, kind = parameter.name, parameter.value, parameter.type_
-        descriptor.name = name
-        if descriptor.read_only and not declaring:
-            return f'Trying to set a read-only parameter: {name}.'
-        if descriptor.dynamic_typing:
-            descriptor.type = kind.value
-        elif kind.value != descriptor.type and not (declaring and kind is Type.NOT_SET):
-            return f"Wrong parameter type, expected '{Type(descriptor.type)}' got '{kind}'"
-        ranges = {
-            Type.INTEGER: descriptor.integer_range,
-            Type.DOUBLE: descriptor.floating_point_range,
-        }
-        for allowed in ranges.get(kind, ()):
-            low, high = sorted((allowed.from_value, allowed.to_value))
-            if not low <= value <= high:
-                mark = '.' if kind is Type.INTEGER else ''
-                return (
-                    f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
-                )
-            if allowed.step and (value - low) % allowed.step and value != high:
-                return (
-                    f'The parameter value for {name} is not a valid step. Min: {low}, max: {high}, '
-                    f'value: {value}, step: {allowed.step}'
-                )
-        return ''
-
     def add_on_set_parameters_callback(self, callback: Any) -> None:
         self._on_set.insert(0, callback)
 
@@ -242,27 +191,14 @@ class Parameters:
 
     def serve(self) -> None:
         """Serve the parameters under rclpy's names."""
-        for kind, short, callback in (
-            ('DescribeParameters', 'describe_parameters', self._on_describe),
-            ('GetParameters', 'get_parameters', self._on_get),
-            ('ListParameters', 'list_parameters', self._on_list),
-            ('SetParameters', 'set_parameters', self._on_set_request),
-        ):
-            self._node.create_service(_interface(kind, 'srv'), f'~/{short}', callback)
+        get, set_ = _interface('GetParameters', 'srv'), _interface('SetParameters', 'srv')
+        self._node.create_service(get, '~/get_parameters', self._on_get_request)
+        self._node.create_service(set_, '~/set_parameters', self._on_set_request)
 
-    def _on_describe(self, request: Any, response: Any) -> Any:
-        if all(map(self.has_parameter, request.names)):
-            response.descriptors = [*map(self.describe_parameter, request.names)]
-        return response
-
-    def _on_get(self, request: Any, response: Any) -> Any:
+    def _on_get_request(self, request: Any, response: Any) -> Any:
         if all(map(self.has_parameter, request.names)):
             found = self.get_parameters(request.names)
             response.values = [each.get_parameter_value() for each in found]
-        return response
-
-    def _on_list(self, request: Any, response: Any) -> Any:
-        response.result = self.list_parameters(request.prefixes, request.depth)
         return response
 
     def _on_set_request(self, request: Any, response: Any) -> Any:
@@ -273,3 +209,22 @@ class Parameters:
                 result = _result(str(error))
             response.results.append(result)
         return response
+
+
+def _fault(parameter: Parameter, descriptor: Any) -> str:
+    """Return why a parameter cannot have its value, or ''."""
+    name, value, kind = parameter.name, parameter.value, parameter.type_
+    if kind.value != descriptor.type:
+        return f"Wrong parameter type, expected '{Type(descriptor.type)}' got '{kind}'"
+    is_whole = kind is Type.INTEGER
+    for allowed in descriptor.integer_range if is_whole else descriptor.floating_point_range:
+        low, high = sorted((allowed.from_value, allowed.to_value))
+        if not low <= value <= high:
+            mark = '.' if is_whole else ''
+            return f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
+        if allowed.step and (value - low) % allowed.step and value != high:
+            return (
+                f'The parameter value for {name} is not a valid step. Min: {low}, max: {high}, '
+                f'value: {value}, step: {allowed.step}'
+            )
+    return ''

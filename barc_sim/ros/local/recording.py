@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import Message, topic
-from barc_sim.ros.local.context import QoSProfile, ReliabilityPolicy
-from barc_sim.ros.local.messages import message_type, serialize_message, store
+from barc_sim.ros.local.context import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from barc_sim.ros.local.messages import message_type, store
 from barc_sim.ros.local.node import Subscription
 
 if TYPE_CHECKING:
@@ -15,9 +16,18 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.local.node import Node
 
+#: Of a subscription that gets whatever is offered.
+_ANY = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.BEST_AVAILABLE,
+)
+
 
 class LocalSubscriptions:
     """Subscribes to the wanted topics; `take` returns their messages, serialized.
+
+    A message is serialized and kept where it is published, without an executor.
 
     Attributes
     ----------
@@ -29,7 +39,7 @@ class LocalSubscriptions:
 
     def __init__(self, node: Node, wants: Callable[[str], bool], depth: int) -> None:
         self._node, self._wants, self._depth = node, wants, depth
-        self._subscriptions: dict[str, _Tap] = {}
+        self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[Message] = deque()
         self.unknown: Mapping[str, str] = {}
 
@@ -41,13 +51,24 @@ class LocalSubscriptions:
         for name, (kind, *_) in self._node.get_topic_names_and_types():
             wanted = name not in self._subscriptions and self._wants(name)
             if wanted and self._node.get_publishers_info_by_topic(name):
-                self._subscriptions[name] = _Tap(self._node, name, kind, self._keep)
+                made = Subscription(self._node, name, message_type(kind), _ANY)
+                made.receive = self._receiver(name, kind)  # type: ignore[assignment,method-assign]
+                self._subscriptions[name] = self._node.connect(made)
         yield from ()
 
-    def _keep(self, message: Message) -> None:
-        self._messages.append(message)
-        if len(self._messages) > self._depth:
-            self.on_full()
+    def _receiver(self, name: str, kind: str) -> Callable[[Any, int], None]:
+        """Return what keeps a message of a topic."""
+        described, keep = topic(name, kind, store()), self._messages.append
+        messages, depth, date = self._messages, self._depth, self._node.context.world.date
+        made = partial(tuple.__new__, Message)  # quicker than its own __new__
+
+        def receive(msg: Any, number: int) -> None:
+            now = date()
+            keep(made((described, msg.__serialize__(), now, now, number)))
+            if len(messages) > depth:
+                self.on_full()
+
+        return receive
 
     def on_full(self) -> None:
         """Do nothing; a recorder replaces it to write what waits."""
@@ -64,21 +85,3 @@ class LocalSubscriptions:
         """Destroy the subscriptions."""
         while self._subscriptions:
             self._node.destroy_subscription(self._subscriptions.popitem()[1])
-
-
-class _Tap(Subscription):
-    """Keeps each message when it is published, without an executor."""
-
-    def __init__(self, node: Node, name: str, kind: str, keep: Callable[[Message], object]) -> None:
-        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        super().__init__(keep, True, node, name, message_type(kind), qos)
-        self._topic = topic(name, kind, store())
-        node.subscriptions.append(self)
-        for publisher in node.context.all('publishers', name):
-            publisher.match()
-            for message, number in [*publisher.queue]:
-                self.receive(message, number)
-
-    def receive(self, msg: Any, number: int) -> None:
-        now = self.node.context.world.date()
-        self.callback(Message(self._topic, serialize_message(msg), now, now, number))

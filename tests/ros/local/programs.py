@@ -21,7 +21,7 @@ from rcl_interfaces.msg import (
     ParameterEvent,
     SetParametersResult,
 )
-from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -29,7 +29,6 @@ from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
-from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.task import Future
 from rclpy.time import Time
 from std_msgs.msg import Float64, Header, String
@@ -113,32 +112,14 @@ def a_full_queue_drops_its_oldest(node: Node) -> None:
     print(got)
 
 
-def raw_messages_and_serialization(node: Node) -> None:
+def raw_messages(node: Node) -> None:
     done = Future()
     node.create_subscription(String, 'note', done.set_result, 10, raw=True)
     publisher = node.create_publisher(String, 'note', 10)
     wait_for(node, publisher.get_subscription_count)
     publisher.publish(String(data='wet'))
     spin(node, done)
-    print(deserialize_message(done.result(), String))
-    publisher.publish(serialize_message(String(data='dry')))
-    data = serialize_message(ControllerState(names=['a', 'bcd'], values=[0.5], saturated=True))
-    print(len(data), deserialize_message(data, ControllerState).names)
-
-
-def information_about_a_message(node: Node) -> None:
-    done: Future = Future()
-
-    def on_note(note: String, info: dict[str, Any]) -> None:
-        done.set_result((note.data, info))
-
-    node.create_subscription(String, 'note', on_note, 10)
-    publisher = node.create_publisher(String, 'note', 10)
-    wait_for(node, publisher.get_subscription_count)
-    publisher.publish(String(data='wet'))
-    spin(node, done)
-    text, info = done.result()
-    print(text, sorted(info), info['source_timestamp'] <= info['received_timestamp'])
+    print(done.result())
 
 
 def latched_messages(node: Node) -> None:
@@ -189,12 +170,10 @@ def declared_parameters(node: Node) -> None:
         print(name, value, result.successful, result.reason)
     print([(each.name, each.value) for each in node.get_parameters(['speed', 'laps', 'gains.kp'])])
     print(node.has_parameter('gains.kp'), node.has_parameter('mass'))
-    print(node.list_parameters(['gains'], 0))
-    print(node.describe_parameter('laps').type, node.get_parameter('speed').type_)
+    print(node.list_parameters(['gains'], 0).names, node.get_parameter('speed').type_)
     attempt(lambda: node.get_parameter('mass'))
     attempt(lambda: node.declare_parameter('speed', 1.0))
     attempt(lambda: node.declare_parameter('top', 12.0, speeds))
-    attempt(lambda: node.declare_parameter('typed', Parameter.Type.DOUBLE).value)
     attempt(lambda: Parameter('x', Parameter.Type.BOOL, 1.0))
     attempt(lambda: Parameter('x', value={}))
     print(node.get_parameter_or('mass', Parameter('mass', value=1.0)).value)
@@ -249,7 +228,6 @@ def parameters_over_services(node: Node) -> None:
         print(call(SetParameters, 'set_parameters', SetParameters.Request(parameters=[message])))
     print(call(GetParameters, 'get_parameters', GetParameters.Request(names=['kp'])).values)
     print(call(GetParameters, 'get_parameters', GetParameters.Request(names=['kp', 'x'])).values)
-    print(sorted(call(ListParameters, 'list_parameters', ListParameters.Request()).result.names))
     executor.shutdown()
     other.destroy_node()
 
@@ -337,9 +315,7 @@ def times_and_durations(_: Node) -> None:
     a, b = Time(seconds=5, nanoseconds=3), Time(seconds=2)
     print(a, repr(a - b), a > b, a == b, a + Duration(seconds=1.5), a.to_msg())
     print(Time.from_msg(a.to_msg()), [Duration(seconds=-1)], Duration(seconds=1) <= Duration())
-    attempt(lambda: a - Duration(seconds=9))
     attempt(lambda: a < Time(clock_type=ClockType.STEADY_TIME))
-    attempt(lambda: Time(seconds=-1))
     attempt(lambda: a == 3)
     print(Duration(nanoseconds=1_500_000_000).to_msg(), [b - a])
 
@@ -391,8 +367,8 @@ def the_graph(node: Node) -> None:
     wait_for(node, node.count_publishers, '/east/note')
     wait_for(node, node.count_services, '/east/reset')
     wait_for(node, node.count_subscribers, '/east/note')
-    print(sorted(node.get_fully_qualified_node_names()), node.count_publishers('note'))
-    print(dict(node.get_topic_names_and_types())['/east/note'], node.count_clients('/east/reset'))
+    print(sorted(node.get_node_names_and_namespaces()), node.count_publishers('note'))
+    print(dict(node.get_topic_names_and_types())['/east/note'])
     print(dict(node.get_service_names_and_types())['/east/reset'])
     print(node.get_publisher_names_and_types_by_node('other', '/east'))
     (info,) = node.get_publishers_info_by_topic('/east/note')

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip('rclpy')
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import deserialize_message
 
 from barc_sim.bags.schemas import share
 from barc_sim.ros.local import messages
@@ -50,7 +50,7 @@ def values(kind: type[Any]) -> st.SearchStrategy[dict[str, Any]]:
             one = _BASES[field.base]
         else:
             one = st.integers(low, high) if field.base else values(field.type)
-        if not field.inner:
+        if not field.is_many:
             return one
         number = field.bound if field.fixed else 0
         return st.lists(one, min_size=number, max_size=number or field.bound or 3)
@@ -64,9 +64,9 @@ def filled(message: Any, given: dict[str, Any], kind: type[Any], within: Any) ->
         field = kind.__fields__[name]
         made = value
         if not field.base:
-            items = value if field.inner else [value]
+            items = value if field.is_many else [value]
             many = [filled(within(field)(), each, field.type, within) for each in items]
-            made = many if field.inner else many[0]
+            made = many if field.is_many else many[0]
         setattr(message, name, made)
     return message
 
@@ -74,7 +74,7 @@ def filled(message: Any, given: dict[str, Any], kind: type[Any], within: Any) ->
 @pytest.mark.parametrize('name', TYPES)
 @settings(max_examples=25)
 @given(data=st.data())
-def test_rclpy_reads_what_is_written_here_and_back(name: str, data: st.DataObject) -> None:
+def test_rclpy_reads_what_is_written_here(name: str, data: st.DataObject) -> None:
     theirs, ours = both(name)
     given = data.draw(values(ours))
     of_ros = filled(
@@ -82,8 +82,7 @@ def test_rclpy_reads_what_is_written_here_and_back(name: str, data: st.DataObjec
     )
     of_ours = filled(ours(), given, ours, lambda field: field.type)
     # Not byte by byte: rclpy's padding is not always zero.
-    assert messages.deserialize_message(serialize_message(of_ros), ours) == of_ours
-    assert repr(deserialize_message(messages.serialize_message(of_ours), theirs)) == repr(of_ros)
+    assert repr(deserialize_message(of_ours.__serialize__(), theirs)) == repr(of_ros)
     assert ours.__copy__(of_ours) == of_ours
 
 
@@ -112,16 +111,17 @@ def test_defaults_are_those_of_rclpy(package: str) -> None:
         ('geometry_msgs/PoseWithCovariance', 'covariance', [0.0]),
     ],
 )
-def test_what_rclpy_would_assert_is_refused_where_it_is_set(
+def test_what_rclpy_would_assert_is_refused_where_it_is_published(
     name: str, field: str, value: object
 ) -> None:
     theirs, ours = both(name)
     with pytest.raises(AssertionError, match=f"'{field}'"):
         setattr(theirs(check_fields=True), field, value)
     with pytest.raises(AssertionError, match=f"'{field}'"):
-        setattr(ours(), field, value)
-    with pytest.raises(AssertionError, match=f"'{field}'"):
-        ours(**{field: value})
+        ours(**{field: value}).__copy__()
+    if value != 1:  # a whole number is recorded as a float
+        with pytest.raises(AssertionError, match=f"'{field}'"):
+            ours(**{field: value}).__serialize__()
 
 
 def test_a_single_float_is_rounded_where_it_is_sent() -> None:
