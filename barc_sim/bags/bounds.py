@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import json
 from time import thread_time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import yaml
 
 from barc_sim.errors import UserError
+from barc_sim.vehicle.road import STEEPEST_DEG
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +55,7 @@ class Budget:
     def __init__(self, files: Sequence[Path]) -> None:
         """Begin the reading of a bag's files, which takes time from now on."""
         size = sum(file.stat().st_size for file in files)
-        self.name = str(files[0])
+        self.file = files[0]
         self._bytes = 4 * MAX_RECORD + 1000 * size
         self._records = 10_000 + size // 8
         self._seconds = max(8.0, size / (3 << 20))
@@ -67,19 +68,13 @@ class Budget:
         late = (size or not self._records % 64) and thread_time() > self._end
         if late or min(self._bytes, self._records) < 0:
             raise UserError(
-                f'{self.name!r} unpacks to more than a recording of its size can hold, or takes '
-                f'more than {self._seconds:.0f} s to read: name another bag'
+                f'{str(self.file)!r} unpacks to more than a recording of its size can hold, or '
+                f'takes more than {self._seconds:.0f} s to read: name another bag'
             )
 
 
 def from_json(text: str) -> Any:  # noqa: ANN401 (any JSON)
-    """Return the value of a bag's JSON.
-
-    Raises
-    ------
-    ValueError
-        It is no JSON, too long or too deep.
-    """
+    """Return the value of a bag's JSON; ValueError: it is none, too long or too deep."""
     _check_length(text)
     try:
         return json.loads(text, parse_int=_whole)
@@ -110,13 +105,7 @@ class _Loader(yaml.SafeLoader):
 
 
 def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
-    """Return the value of a bag's YAML, which has no aliases.
-
-    Raises
-    ------
-    ValueError
-        It is no YAML, too long or too deep, or has an alias.
-    """
+    """Return the value of a bag's YAML; ValueError: it is none, too long, deep, or has aliases."""
     _check_length(text)
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
@@ -129,60 +118,47 @@ def _check_length(text: str) -> None:
         raise ValueError(f'{len(text)} characters')
 
 
-def check_entries(path: Path, entries: dict[str, str]) -> dict[str, str]:
-    """Return the metadata; UserError: it is more than that of a run."""
+def refuse(path: Path, found: str, most: str) -> NoReturn:
+    """Raise the UserError for what exceeds a bound."""
+    raise UserError(
+        f'{str(path)!r} has {found}, where a run has at most {most}: name the bag of a run'
+    )
+
+
+def check_entries(path: Path, entries: dict[str, str]) -> None:
+    """Refuse metadata that is more than that of a run."""
     for name, text in entries.items():
         most = MAX_LONG_TEXT if name in LONG else MAX_TEXT
         if len(text) > most or len(name) > MAX_TEXT:
-            raise UserError(
-                f'{str(path)!r} has {len(text)} characters of metadata {name[:40]!r}, where a run '
-                f'has at most {most}: name the bag of a run'
-            )
+            refuse(path, f'{len(text)} characters of metadata {name[:40]!r}', f'{most}')
     if len(entries) > MAX_TEXT or sum(map(len, entries.values())) > MAX_METADATA:
-        raise UserError(f'{str(path)!r} has {len(entries)} entries of metadata: name another bag')
-    return entries
+        refuse(path, f'{len(entries)} entries of metadata', f'{MAX_METADATA} characters')
 
 
 def check_topics(path: Path, topics: int, definitions: int = 0) -> None:
-    """Raise UserError for more topics, or bytes of definitions, than in a recording."""
+    """Refuse more topics, or bytes of definitions, than in a recording."""
     if topics > MAX_TOPICS or definitions > MAX_DEFINITIONS:
-        raise UserError(
-            f'{str(path)!r} has {topics} topics with {definitions} bytes of definitions, where at '
-            f'most {MAX_TOPICS} and {MAX_DEFINITIONS} are read: name another bag'
-        )
+        found = f'{topics} topics with {definitions} bytes of definitions'
+        refuse(path, found, f'{MAX_TOPICS} and {MAX_DEFINITIONS}')
 
 
 def check_attachments(path: Path, attached: dict[str, bytes]) -> None:
-    """Raise UserError if the attached files of a bag are longer than those of a run."""
+    """Refuse attached files that are longer than those of a run."""
     size = sum(map(len, attached.values()))
     if size > MAX_ATTACHED or any(len(name) > MAX_TEXT for name in attached):
-        raise UserError(
-            f'{str(path)!r} has {size} bytes of attached files, where a run has at most '
-            f'{MAX_ATTACHED}: name the bag of a run'
-        )
+        refuse(path, f'{size} bytes of attached files', f'{MAX_ATTACHED}')
 
 
-def check_log(path: Path, log: Log) -> Log:
-    """Return the log; UserError: its stamps, places or grades are none of a run."""
+def check_log(path: Path, log: Log) -> None:
+    """Refuse stamps, places or grades that are none of a run."""
     gaps = np.diff(log.t, prepend=0.0)
     k = int(np.argmax(gaps))
     if gaps[k] > MAX_GAP or log.t[-1] > MAX_DURATION:
-        raise UserError(
-            f'{str(path)!r} has states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of '
-            f'them, where a run has at most {MAX_DURATION:g} s and {MAX_GAP:g} s: '
-            'name the bag of a run'
-        )
+        found = f'states of {log.t[-1]:.6g} s, with {gaps[k]:.6g} s between two of them'
+        refuse(path, found, f'{MAX_DURATION:g} s and {MAX_GAP:g} s')
     far = float(np.fmax.reduce(np.abs([log.distance, log.y]), axis=None, initial=0.0))
     if far > MAX_DISTANCE:
-        raise UserError(
-            f'{str(path)!r} has a state {far:.6g} m from the start, where a run has at most '
-            f'{MAX_DISTANCE:g} m: name the bag of a run'
-        )
-    steep = np.abs(log.theta_deg) >= 90.0  # noqa: PLR2004 (upright)
-    if steep.any():
-        theta = log.theta_deg[steep][0]
-        raise UserError(
-            f'{str(path)!r} has a grade of {theta:.6g} degrees, where a road has less than 90: '
-            'name the bag of a run'
-        )
-    return log
+        refuse(path, f'a state {far:.6g} m from the start', f'{MAX_DISTANCE:g} m')
+    steepest = float(np.fmax.reduce(np.abs(log.theta_deg), initial=0.0))
+    if steepest >= STEEPEST_DEG:
+        refuse(path, f'a grade of {steepest:.6g} degrees', f'less than {STEEPEST_DEG:g}')

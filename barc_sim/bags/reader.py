@@ -72,11 +72,6 @@ def info(path: Path | str) -> dict[str, str]:
     return load(path, messages=False).info
 
 
-def attachments(path: Path | str) -> dict[str, bytes]:
-    """Return the files attached to the bag, by name, with errors as for `info`."""
-    return load(path, messages=False).attachments
-
-
 def counts(path: Path | str) -> dict[str, int]:
     """Return the number of messages by topic, without namespaces, with errors as for `info`.
 
@@ -150,17 +145,13 @@ class Bag:
                 f'{name!r} has several cars, {", ".join(cars)}: name one, as in '
                 f'--namespace {cars[0]}'
             )
-        return bounds.check_log(self.path, join(samples[cars[0]]))
+        log = join(samples[cars[0]])
+        bounds.check_log(self.path, log)
+        return log
 
 
 def load(path: Path | str, *, messages: bool = True) -> Bag:
-    """Read a bag; without its `messages`, its metadata and its attached files alone.
-
-    Raises
-    ------
-    UserError
-        There is no bag at `path`, or it exceeds what a run records.
-    """
+    """Read a bag; without its `messages`, its metadata and its attached files alone."""
     bag = Bag(Path(path))
     found = files(bag.path)
     budget = budget_of(found)
@@ -245,13 +236,7 @@ class _FileReading:
 
 
 class _Decoder:
-    """Decodes the messages of a topic by their definition in the bag.
-
-    Raises
-    ------
-    ValueError
-        The definition is not that of the topic.
-    """
+    """Decodes the messages of a topic by their definition in the bag, if that is the topic's."""
 
     def __init__(self, topic: str, definition: bytes) -> None:
         self._type = MESSAGE_TYPES[topic]
@@ -324,10 +309,8 @@ class Samples:
             places.append(len(self._stamps))
             of_term.append(value)
         if len(self._terms) > bounds.MAX_TERMS:
-            raise UserError(
-                f'{str(self._bag)!r} has a controller with more than {bounds.MAX_TERMS} terms: '
-                'name another bag'
-            )
+            most = bounds.MAX_TERMS
+            bounds.refuse(self._bag, f'a controller with more than {most} terms', f'{most}')
         self._stamps.append(stamp)
         self._published.append(published)
         self._values.extend(values)

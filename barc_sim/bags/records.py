@@ -21,7 +21,14 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
 
-from barc_sim.bags.bounds import MAX_ATTACHED, MAX_METADATA, MAX_RECORD, MAX_TOPICS, Budget
+from barc_sim.bags.bounds import (
+    MAX_ATTACHED,
+    MAX_METADATA,
+    MAX_RECORD,
+    MAX_TOPICS,
+    Budget,
+    refuse,
+)
 from barc_sim.bags.file import CHUNK_SIZE, MAGIC
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
@@ -64,13 +71,7 @@ class Damage:
 
 
 def files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag; `path` is its directory, or one of the files.
-
-    Raises
-    ------
-    UserError
-        There are none.
-    """
+    """Return the MCAP files of a bag; `path` is its directory, or one of the files."""
     if not path.exists():
         raise UserError(f'there is no bag {str(path)!r}: name the directory of a bag')
     if not path.is_dir():
@@ -78,13 +79,12 @@ def files(path: Path) -> list[Path]:
     found = [file for file in path.glob('*.mcap') if not file.name.startswith('.')]
     if not found:
         raise UserError(f'{str(path)!r} has no .mcap file in it: name the directory of a bag')
-    return sorted(found, key=_order)
 
+    def order(file: Path) -> tuple[int, str]:  # run_10.mcap after run_9.mcap
+        number = re.search(r'_(\d+)\.mcap$', file.name)
+        return int(number[1]) if number else -1, file.name
 
-def _order(file: Path) -> tuple[int, str]:
-    """Return a key that sorts `run_10.mcap` after `run_9.mcap`."""
-    number = re.search(r'_(\d+)\.mcap$', file.name)
-    return int(number[1]) if number else -1, file.name
+    return sorted(found, key=order)
 
 
 def budget_of(found: list[Path]) -> Budget:
@@ -112,23 +112,9 @@ def records(
 ) -> Iterator[McapRecord]:
     """Yield a file's records up to the last whole one, without the chunks that are damaged.
 
-    These are the schemas, channels, messages, attachments and metadata.
-
-    Parameters
-    ----------
-    file
-        The file.
-    budget
-        That of the reading of a bag; without it, of this file.
-    messages
-        False to skip the chunks, and with them the messages.
-    damage
-        Filled with the damage found; without it, damage is a warning in the log.
-
-    Raises
-    ------
-    UserError
-        It cannot be read, is not an MCAP file, or exceeds the budget.
+    These are the schemas, channels, messages, attachments and metadata; without `messages` the
+    chunks are skipped. `budget` is that of the reading of a bag, else of this file. The damage is
+    put into `damage`, else into the log as a warning.
     """
     found = Damage() if damage is None else damage
     with _opened(file) as stream:
@@ -183,10 +169,7 @@ def _raw(
         if not opcode or at > size or (length > MAX_RECORD and opcode != Opcode.ATTACHMENT):
             raise ValueError('record')
         if length > MAX_RECORD:
-            raise UserError(
-                f'{budget.name!r} has {length} bytes of attached files, where a run has at most '
-                f'{MAX_ATTACHED}: name the bag of a run'
-            )
+            refuse(budget.file, f'{length} bytes of attached files', f'{MAX_ATTACHED}')
         budget.charge(length)
         if not messages and opcode in _OF_MESSAGES:
             stream.seek(length, os.SEEK_CUR)

@@ -46,18 +46,8 @@ def recover(path: Path) -> Recovered:
     """Rewrite the damaged files of a bag, with their summaries, and its metadata.yaml.
 
     A damaged file is replaced once its successor is whole. If more than its last chunk was
-    unreadable, the old one is kept as `<name>.damaged`.
-
-    Parameters
-    ----------
-    path
-        The bag's directory, or a file in it.
-
-    Raises
-    ------
-    UserError
-        There is no bag, it is still being recorded, nothing in it can be read, or the files cannot
-        be written; the bag is unchanged then.
+    unreadable, the old one is kept as `<name>.damaged`. UserError: there is no bag, it is still
+    being recorded, nothing in it can be read, or the files cannot be written; the bag is unchanged.
     """
     directory = files(path)[0].parent
     check_plain(directory)

@@ -63,17 +63,7 @@ def definition(type_name: str) -> str:
     A message's definition is the text of its `.msg` file; a type of a service or an action has no
     such file, so that its definition is made from its type description. The layout is rosbag2's:
     the type's own text first; then, depth first and by name, each dependency once, under a line of
-    80 `=` and its name as `MSG: std_msgs/Header`.
-
-    Parameters
-    ----------
-    type_name
-        As in `std_msgs/msg/Header`.
-
-    Raises
-    ------
-    LookupError
-        No installed package has the definition of the type or of one of its dependencies.
+    80 `=` and its name as `MSG: std_msgs/Header`. LookupError: one of them is not installed.
     """
     package, kind, base = _parts(type_name)
     if kind != 'msg':
@@ -154,15 +144,9 @@ def share(package: str) -> Path:
 
 
 def definition_of(name: str, descriptions: Iterable[Mapping[str, Any]]) -> str:
-    """Return the `ros2msg` schema of a type, from type descriptions.
+    """Return the `ros2msg` schema of a type, from its description and those that it refers to.
 
-    Parameters
-    ----------
-    name
-        As in `std_srvs/srv/SetBool_Event`.
-    descriptions
-        The descriptions of the type and of those that it refers to, as JSON of
-        type_description_interfaces/msg/IndividualTypeDescription.
+    They are JSON of type_description_interfaces/msg/IndividualTypeDescription.
     """
     by_name = {description['type_name']: description for description in descriptions}
 
@@ -225,13 +209,7 @@ def installed() -> dict[str, Path]:
 
 
 def find_type(name: str) -> str:
-    """Return the full name of a type: of `ECU`, `barc_interfaces/ECU` or itself.
-
-    Raises
-    ------
-    UserError
-        if there is no such type, or there are several.
-    """
+    """Return the full name of a type: of `ECU`, `barc_interfaces/ECU` or itself."""
     known = installed()
     if name in known:
         return name

@@ -86,14 +86,6 @@ def test_a_term_may_have_the_name_of_a_pids_and_none_of_another_column(tmp_path:
     assert_same(bag.read(written(tmp_path, expected)), expected)
 
 
-def test_the_file_alone_is_enough(run: Path, log: Log) -> None:
-    assert_same(bag.read(run / 'run_0.mcap'), log)
-
-
-def test_a_car_in_a_namespace_is_found(tmp_path: Path, log: Log) -> None:
-    assert_same(bag.read(written(tmp_path, log, '/fleet/car2')), log)
-
-
 def test_of_several_cars_one_has_to_be_named(tmp_path: Path, log: Log) -> None:
     path = written(tmp_path, log, '/car2', '')
     with pytest.raises(UserError, match=r'several cars, /, /car2: name one, as in --namespace /'):
@@ -262,14 +254,6 @@ def test_every_topic_finds_its_state_by_the_stamp() -> None:
         np.testing.assert_array_equal(values, [np.nan, 10.0, np.nan, 30.0])
     for values in (log.friction, log.gravity, log.reference, log.derivative):
         np.testing.assert_array_equal(values, [np.nan, 10.0, np.nan, 30.0])
-
-
-def test_quantities_the_run_did_not_have_are_nan() -> None:
-    log = join({STATE: [state(0), state(1)]})
-    assert np.isnan(log.motor).all()
-    assert np.isnan(log.reference).all()
-    assert np.isnan(log.theta_deg).all()
-    assert not log.saturated.any()
 
 
 def test_saturated_is_what_the_controller_published() -> None:

@@ -95,7 +95,7 @@ def test_a_killed_runs_bag_becomes_whole(killed: Path) -> None:
     assert topic['topic_metadata']['offered_qos_profiles'] == VALUE.offered_qos
     assert topic['topic_metadata']['type_description_hash'] == VALUE.type_hash
     assert bag.info(killed) == {'command': 'acc'}
-    assert bag.attachments(killed) == ATTACHED
+    assert bag.load(killed).attachments == ATTACHED
     assert {file.name for file in killed.iterdir()} == {'run_0.mcap', 'metadata.yaml'}
 
 

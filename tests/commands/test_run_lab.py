@@ -78,7 +78,7 @@ def test_gains_go_to_the_users_class_and_its_files_with_their_hashes_to_the_bag(
     log = bag.read(path)
     assert np.array_equal(log.motor, 0.5 * (8.0 - log.v_x))
     assert np.isnan(log.proportional).all()
-    attached = bag.attachments(path)
+    attached = bag.load(path).attachments
     printed = json.loads(bag.info(path)['student_code'])
     assert printed['files'] == {'controller': 'controller.py'}
     assert attached.keys() == {'student/controller.py', 'student/gain.py'}
@@ -117,7 +117,7 @@ def test_an_error_in_the_run_ends_it_with_all_up_to_there_in_the_bag(
     assert len(bag.read(path)) == 30
     assert bag.info(path)['failure'].startswith(sentence)
     assert bag.info(path)['steps'] == '30'
-    assert 'student/controller.py' in bag.attachments(path)
+    assert 'student/controller.py' in bag.load(path).attachments
 
 
 def test_an_error_in_the_model_ends_the_run_in_the_same_way(start: Start, tmp_path: Path) -> None:
@@ -177,9 +177,9 @@ def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     process.wait()
     path = bag.newest(tmp_path / 'bags')
     expected = {'student/controller.py': (folder / 'controller.py').read_bytes()}
-    assert bag.attachments(path) == expected
+    assert bag.load(path).attachments == expected
     recover(path)
-    assert bag.attachments(path) == expected
+    assert bag.load(path).attachments == expected
 
 
 def test_a_folder_that_goes_away_in_the_run_is_not_missed(start: Start, tmp_path: Path) -> None:
@@ -194,7 +194,7 @@ def test_a_folder_that_goes_away_in_the_run_is_not_missed(start: Start, tmp_path
     folder.rmdir()
     code, _, _ = finish(process)
     assert code == 0
-    assert 'student/gain.py' in bag.attachments(bag.newest(tmp_path / 'bags'))
+    assert 'student/gain.py' in bag.load(bag.newest(tmp_path / 'bags')).attachments
 
 
 def test_a_relay_that_fails_ends_the_drive(start: Start, tmp_path: Path) -> None:

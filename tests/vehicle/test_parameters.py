@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import cos, inf, isfinite
 
 import pytest
 
@@ -53,6 +53,12 @@ def test_car_drives_at_each_bound(name: str, bound: float) -> None:
         seen = car.observe()
         car.advance(Command(1.0, 0.1))
     assert all(map(isfinite, (*car.state, *seen.measured, *seen.forces)))
+
+
+def test_no_command_turns_the_wheels_beyond_a_right_angle() -> None:
+    (bounds,) = (each.between for each in PARAMETERS if each.name == 'refuse_servo_above')
+    assert bounds
+    assert bounds[0] == 0.0 < cos(bounds[1])
 
 
 def test_live_parameters_change_a_car_that_drives() -> None:
