@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import random
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -60,11 +62,29 @@ def _signal_handlers() -> Iterator[None]:
 
 
 @contextmanager
+def _reserved_domain() -> Iterator[int]:
+    """Reserve a ROS domain that no other process of this machine uses.
+
+    A bound port is the reservation, as in ament's domain_coordinator; so is that of the domain's
+    first participant, which may not have reserved it. From 102 on, Linux gives the ports to others.
+    """
+    for domain in random.sample(range(1, 102), 101):
+        with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
+            try:
+                reservation.bind(('localhost', 22119 + domain))
+                participant.bind(('', 7400 + 250 * domain + 10))
+            except OSError:
+                continue
+            participant.close()
+            yield domain
+            return
+    raise RuntimeError('all ROS domains of this machine are in use')
+
+
+@contextmanager
 def _own_domain(log_dir: Path) -> Iterator[int]:
     """Reserve a ROS domain for this process, and for those that it starts."""
-    from barc_sim.ros.peers import reserved_domain  # noqa: PLC0415 (ROS may be absent)
-
-    with reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
+    with _reserved_domain() as domain, pytest.MonkeyPatch.context() as patch:
         patch.setenv('ROS_DOMAIN_ID', str(domain))
         patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         patch.setenv('ROS_LOG_DIR', str(log_dir))

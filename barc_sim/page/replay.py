@@ -9,21 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.figures.style import QUANTITIES, term_colours
-from barc_sim.page.facts import driven_road, facts, lap_facts, road_facts
 from barc_sim.page.feed import columns_in, rows_of
-from barc_sim.page.protocol import encode
-from barc_sim.page.server import ViewServer, open_page
+from barc_sim.page.protocol import driven_road, encode, facts, lap_facts, road_facts
+from barc_sim.page.server import Host, ViewServer, open_page
 from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
-    from barc_sim.page.protocol import Request
-    from barc_sim.page.server import Page
     from barc_sim.simulation.log import Log
 
-_LONG = 3600.0
+_LONG = 3600.0  #: [s]
 
 
-class Replay:
+class Replay(Host):
     """A recorded run, sent whole to every page that opens; the page plays it."""
 
     def __init__(self, log: Log, title: str, other: tuple[Log, str] | None = None) -> None:
@@ -49,19 +46,6 @@ class Replay:
     def greet(self) -> list[str | bytes]:
         """Return the messages with the whole run."""
         return list(self._messages)
-
-    def receive(self, page: Page, request: Request) -> None:
-        """Do nothing: a recorded run cannot be driven."""
-
-    def leave(self, page: Page) -> None:
-        """Do nothing."""
-
-    def pulse(self) -> float:
-        """Do nothing, rarely."""
-        return _LONG
-
-    def file(self, name: str) -> None:
-        """Return None: there is nothing to download."""
 
 
 def other_run(log: Log, title: str) -> list[str | bytes]:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from barc_sim.control.pid import PID
 from barc_sim.control.types import TYPES
-from barc_sim.page.facts import OF_SIMULATOR, facts, lap_facts, stretch_facts
 from barc_sim.page.protocol import (
     CONTROLLER,
+    OF_SIMULATOR,
     OTHERS,
     SIMULATOR,
     TUNABLE,
@@ -21,8 +21,11 @@ from barc_sim.page.protocol import (
     Status,
     Tune,
     encode,
+    facts,
+    lap_facts,
+    stretch_facts,
 )
-from barc_sim.page.server import ViewServer
+from barc_sim.page.server import Host, ViewServer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -152,7 +155,7 @@ class DriverArbiter:
         return self._command in _HELD and now - self._received > IDLE
 
 
-class RunPage:
+class RunPage(Host):
     """Serves the page at `url`; the server's thread does the work, between two steps.
 
     Attributes

@@ -8,6 +8,7 @@ import logging
 import os
 import socket
 import webbrowser
+from abc import ABC, abstractmethod
 from contextlib import suppress
 from functools import partial
 from http import HTTPStatus
@@ -15,7 +16,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from secrets import compare_digest, token_bytes, token_hex, token_urlsafe
 from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, broadcast, serve
@@ -60,6 +61,7 @@ _MAX_MESSAGE = 256  #: [byte] from a page
 _MAX_UNSENT = 1 << 20  #: [byte] unsent to a slow page, before it misses states
 _MAX_MESSAGES_PER_SECOND = 200  #: messages from a page, so that none keeps the process busy
 _PING = 5.0  #: [s]
+_HOUR = 3600.0  #: [s]
 _CHECKOUT = Path(__file__).resolve().parents[2]
 _SECRET_LENGTH = 32  #: [byte]
 _TOKEN_LENGTH = 22  #: characters
@@ -91,23 +93,29 @@ class Page:
             raise RequestError(f'more than {_MAX_MESSAGES_PER_SECOND} messages in a second')
 
 
-class Host(Protocol):
-    """The source of a page's content; the server's thread calls all of it."""
+class Host(ABC):
+    """The source of a page's content, which needs no more than to greet a page.
 
+    The server's thread calls all of it.
+    """
+
+    @abstractmethod
     def greet(self) -> Iterable[str | bytes]:
         """Return the messages for a new page."""
 
-    def receive(self, page: Page, request: Request) -> None:
+    def receive(self, page: Page, request: Request) -> None:  # noqa: B027 (nothing, by default)
         """Handle a request of a page."""
 
-    def leave(self, page: Page) -> None:
+    def leave(self, page: Page) -> None:  # noqa: B027
         """Handle that a page has closed."""
 
     def pulse(self) -> float:
         """Do the periodic work; return the time to the next call [s]."""
+        return _HOUR
 
-    def file(self, name: str) -> File | None:
+    def file(self, name: str) -> File | None:  # noqa: ARG002 (here there are none)
         """Return a file to download; called in a thread of its own."""
+        return None
 
 
 class _Connection(ServerConnection):

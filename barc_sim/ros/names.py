@@ -29,7 +29,6 @@ ROAD_MARKERS = 'road_markers'  #: the road, once, latched (transient local)
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
 #: timing, age of the command, noise, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
-OF_EVERY_NODE = {'/rosout', '/parameter_events'}  #: topics that every node publishes
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.
 #: starts afresh: state, noise, and every node that commands

@@ -1,13 +1,11 @@
-"""The nodes that take part: their graph, living publishers, a claim to a topic, a free domain."""
+"""The nodes that take part: their graph, living publishers, a simulator's claim to its topic."""
 
 from __future__ import annotations
 
 import hashlib
 import os
-import random
 import socket
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +13,6 @@ from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -25,9 +21,6 @@ _HOST = slice(4)  #: the vendor and the host
 _PROCESS = slice(4, 6)  #: the lower half of the process's number
 _PARTICIPANT = slice(12)
 _HALF = 1 << 16
-#: Above 101, Linux hands the ports of a domain out to others; 0 is everybody's.
-_DOMAINS = range(1, 102)
-_FIRST_RESERVATION = 22119
 
 
 def node_graph(node: Node) -> NodeGraph:
@@ -83,38 +76,12 @@ def claim(node: Node, topic: str) -> socket.socket:
     return held
 
 
-@contextmanager
-def reserved_domain() -> Iterator[int]:
-    """Reserve a ROS domain that no other process of this machine uses.
-
-    A bound port is the reservation, as in ament's domain_coordinator: the end of the process frees
-    it, however it ends.
-    """
-    for domain in random.sample(_DOMAINS, len(_DOMAINS)):
-        with socket.socket() as reservation, socket.socket(type=socket.SOCK_DGRAM) as participant:
-            try:
-                reservation.bind(('localhost', _FIRST_RESERVATION + domain))
-                # The port of the domain's first participant: it may not have reserved the domain.
-                participant.bind(('', _first_port(domain) + 10))
-            except OSError:
-                continue
-            participant.close()
-            yield domain
-            return
-    raise UserError('all ROS domains of this machine are in use: end a run, then try again')
-
-
-def _first_port(domain: int) -> int:
-    """Return the first UDP port of a domain (RTPS 2.3, 9.6.1.1)."""
-    return 7400 + 250 * domain
-
-
 def others_here(domain: int) -> bool:
     """Return whether another process of this machine takes part in the ROS domain.
 
-    DDS gives the participants of a domain UDP ports of a range of its own.
+    DDS gives the participants of a domain UDP ports of a range of its own (RTPS 2.3, 9.6.1.1).
     """
-    first = _first_port(domain)
+    first = 7400 + 250 * domain
     own = {str(f.readlink()) for f in Path('/proc/self/fd').iterdir() if f.is_symlink()}
     for line in Path('/proc/net/udp').read_text(encoding='ascii').splitlines()[1:]:
         _, address, *_, inode = line.split()[:10]

@@ -9,8 +9,7 @@ import pytest
 
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import speed_controller
-from barc_sim.page.facts import driven_road, facts
-from barc_sim.page.protocol import CAR, OTHERS, TUNABLE
+from barc_sim.page.protocol import CAR, OTHERS, TUNABLE, driven_road, facts
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.actuators import Actuator

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,7 +13,7 @@ pytest.importorskip('rclpy')
 from rclpy.node import Node
 
 from barc_sim.errors import UserError
-from barc_sim.ros.peers import claim, others_here, reserved_domain
+from barc_sim.ros.peers import claim, others_here
 
 if TYPE_CHECKING:
     from rclpy.context import Context
@@ -69,10 +68,3 @@ def test_topics_of_other_namespaces_are_free_however_long(ros: Context) -> None:
         claim(nodes[-1], 'z_vhcl')
     for one in held:
         one.close()
-
-
-def test_reserved_domain_is_nobody_elses() -> None:
-    with ExitStack() as reservations:
-        domains = [reservations.enter_context(reserved_domain()) for _ in range(20)]
-    assert len({*domains}) == len(domains)
-    assert {*domains} <= {*range(1, 102)}

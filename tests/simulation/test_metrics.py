@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from barc_sim.control.pid import PID
-from barc_sim.page.facts import lap_facts, stretch_facts
+from barc_sim.page.protocol import lap_facts, stretch_facts
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.simulation.metrics import Laps, SegmentErrors, SpeedErrors, Summary, laps_of, summary
