@@ -5,8 +5,8 @@ from __future__ import annotations
 import errno
 import threading
 import time
+from bisect import bisect_left
 from collections import Counter, deque
-from math import inf
 from operator import attrgetter
 from typing import TYPE_CHECKING, Protocol
 
@@ -15,7 +15,7 @@ from barc_sim.bags.recording import short_of_space
 from barc_sim.simulation.log import CLOCK
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from barc_sim.bags.messages import Message
     from barc_sim.bags.writer import BagWriter
@@ -132,27 +132,30 @@ class WriterThread:
 
     def _drain(self) -> None:
         if not self._waiting:
-            messages = self._take_simulated() if self.use_sim_time else self._source()
+            messages = self._take()
             if self.paused:
                 return
-            # In order of reception, as readers expect.
-            self._waiting.extend(sorted(messages, key=_RECEIVED))
+            self._waiting.extend(messages)
         while self._waiting:
             self._unflushed = True
             topic, data, received, published, number = self._waiting.popleft()
+            if self.use_sim_time:
+                received = self._clock.time_of(topic.name, data, received)
             self._writer.write(topic, data, received=received, published=published, sequence=number)
 
-    def _take_simulated(self) -> Iterable[Message]:
-        """Return the waiting messages, stamped with the simulated time.
+    def _take(self) -> list[Message]:
+        """Return the waiting messages in order of reception, as readers expect.
 
         The source takes one topic after the other, so that a `/clock` older than a message may come
         with the next poll: messages received since this poll began wait for the next.
         """
-        begun = inf if self._closing.is_set() else time.time_ns()
-        messages, self._late = [*self._late], []
-        for message in self._source():
-            (messages if message.received < begun else self._late).append(message)
-        return self._clock.stamp(sorted(messages, key=_RECEIVED))
+        now = time.time_ns()
+        messages = sorted((*self._late, *self._source()), key=_RECEIVED)
+        number = len(messages)
+        if self.use_sim_time and not self._closing.is_set():
+            number = bisect_left(messages, now, key=_RECEIVED)
+        self._late = messages[number:]
+        return messages[:number]
 
     def _check_disk(self) -> None:
         """Check what the system does not report, or reports too late.
@@ -233,7 +236,7 @@ class WriterThread:
 
 
 class SimulatedClock:
-    """Stamps messages with the latest `/clock` received before them.
+    """The simulated time of messages: the latest `/clock` received before them.
 
     Messages before the first `/clock` keep their time. `ros2 bag record --use-sim-time` does the
     same, but in the order of its executor; here the order is that of reception. A clock that jumps
@@ -243,9 +246,8 @@ class SimulatedClock:
     def __init__(self) -> None:
         self._now: int | None = None
 
-    def stamp(self, messages: Iterable[Message]) -> Iterator[Message]:
-        """Yield messages, given in order of reception, as received at the simulated time."""
-        for message in messages:
-            if message.topic.name == CLOCK:
-                self._now = leading_time(message.data)
-            yield message if self._now is None else message._replace(received=self._now)
+    def time_of(self, topic: str, data: bytes, received: int) -> int:
+        """Return the time [ns] of the next message in order of reception."""
+        if topic == CLOCK:
+            self._now = leading_time(data)
+        return received if self._now is None else self._now

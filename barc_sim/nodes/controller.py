@@ -77,9 +77,9 @@ class CruiseController(Node):
         self.add_post_set_parameters_callback(self._on_parameters)
 
         topic = names.PID_STATE if self._control.is_pid else names.CONTROLLER_STATE
-        self._computed_type = PidState if self._control.is_pid else ControllerState
-        self._computed_pub = self.create_publisher(self._computed_type, topic, names.QOS)
-        self._ecu = ECU()
+        # To make new messages would cost more.
+        self._ecu, self._computed = ECU(), PidState() if self._control.is_pid else ControllerState()
+        self._computed_pub = self.create_publisher(type(self._computed), topic, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
@@ -118,5 +118,7 @@ class CruiseController(Node):
         self._ecu.header, self._ecu.motor = header, answer.acceleration
         self._ecu_pub.publish(self._ecu)
         if self._computed_pub.get_subscription_count():
-            computed = self._control.computed(answer)
-            self._computed_pub.publish(self._computed_type(header=header, **computed))
+            self._computed.header = header
+            for name, value in self._control.computed(answer).items():
+                setattr(self._computed, name, value)
+            self._computed_pub.publish(self._computed)

@@ -11,16 +11,16 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.bags.messages import split_time
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros import names
 from barc_sim.ros.node_helpers import (
     RateLimitedWarning,
     RefusedInput,
     declare,
-    fill,
-    to_header,
     to_nanoseconds,
     to_state_at_rest,
 )
@@ -111,12 +111,16 @@ class VehicleSimulator(Node):
         self._warnings: dict[float, RateLimitedWarning] = {}
         self._on_step = on_step
 
+        # One header for all messages of a state; to make new messages would cost more.
+        self._header = Header()
+        self._time = ClockMessage(clock=self._header.stamp)
+        self._state, self._error = ZDynBkMdl(header=self._header), EZDynBkMdl(header=self._header)
+        self._environment = Environment(header=self._header)
         self._may_keep_clock, self.keeps_clock = keeps_clock, False
         if values['clock'] or values['realtime_factor'] != 1.0:
             self.begin_clock()
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
         self._environment_pub = self.create_publisher(Environment, names.ENVIRONMENT, names.QOS)
-        self._error, self._environment, self._state = EZDynBkMdl(), Environment(), ZDynBkMdl()
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
         self.create_subscription(
@@ -141,11 +145,13 @@ class VehicleSimulator(Node):
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
-        self._seen, self._header = seen, to_header(stamp_ns)
+        self._seen = seen
+        self._header.stamp.sec, self._header.stamp.nanosec = split_time(stamp_ns)
         self._publish_clock()
         if self._environment_pub.get_subscription_count():
-            message = fill(self._environment, self._header, seen.forces)
+            message = self._environment
             message.theta, message.elevation = seen.theta_deg, seen.elevation
+            message.friction, message.drag, message.gravity = seen.forces
             self._environment_pub.publish(message)
         self._publish_state()
         if self._on_step:
@@ -182,13 +188,15 @@ class VehicleSimulator(Node):
 
     def _publish_clock(self) -> None:
         if self.keeps_clock and self._clock_pub.get_subscription_count():
-            self._clock_pub.publish(ClockMessage(clock=self._header.stamp))
+            self._clock_pub.publish(self._time)
 
     def _publish_state(self) -> None:
-        header, seen = self._header, self._seen
+        state, error = self._state, self._error
         if self._error_pub.get_subscription_count():
-            self._error_pub.publish(fill(self._error, header, seen.error))
-        self._state_pub.publish(fill(self._state, header, seen.measured))
+            error.s, error.ey, error.epsi, error.v_x, error.v_y, error.psi_dot = self._seen.error
+            self._error_pub.publish(error)
+        state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot = self._seen.measured
+        self._state_pub.publish(state)
 
     def _on_command(self, command: ECU) -> None:
         why = self.stepper.take_command(

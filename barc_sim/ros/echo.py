@@ -18,14 +18,13 @@ from rclpy.serialization import deserialize_message
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
 from barc_sim.ros.executor import PolledCallbackGroup
-from barc_sim.ros.polled import Taker, polled
+from barc_sim.ros.polled import Taken, Taker, polled
 from barc_sim.ros.topics import message_class, request
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from barc_sim.ros.observer import GraphObserver
-    from barc_sim.ros.polled import Taken
 
 #: Elements of a long sequence and characters of a long string that are shown.
 TRUNCATE = 128
@@ -63,7 +62,7 @@ class Messages:
 
     def take(self) -> Iterator[Taken]:
         """Yield the messages that have arrived, serialized."""
-        for taken in self._taker.take(self._subscription):
+        for taken in map(Taken._make, self._taker.take(self._subscription)):
             self.losses.count(taken.publisher, taken.number)
             yield taken
 

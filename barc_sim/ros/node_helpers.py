@@ -72,14 +72,6 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
     return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
 
 
-def fill(message: Any, header: Header, record: Any) -> Any:  # noqa: ANN401 (of one's fields)
-    """Return `message` with `header` and the fields of a NamedTuple; a new one would cost more."""
-    message.header = header
-    for name, value in zip(record._fields, record, strict=True):
-        setattr(message, name, value)
-    return message
-
-
 def to_nanoseconds(stamp: Time) -> int:
     """Return `stamp` in nanoseconds."""
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)

@@ -109,6 +109,10 @@ class Taken(NamedTuple):
     publisher: bytes  #: its GID
 
 
+#: Those of `Taken`, which takes 0.4 us to make.
+_Fields = tuple[bytes, int, int, int, bytes]
+
+
 class _Allocator(ctypes.Structure):  # rcutils_allocator_t
     _fields_ = tuple(
         (name, c_void_p)
@@ -149,8 +153,8 @@ class Taker:
         self._take.argtypes = (c_void_p, c_void_p, c_void_p, c_void_p)
         self._fits = _fits(self, node)
 
-    def take(self, subscription: Subscription) -> Iterator[Taken]:
-        """Return what waits in `subscription`, and what arrives meanwhile.
+    def take(self, subscription: Subscription) -> Iterator[_Fields]:
+        """Return what waits in `subscription`, and what arrives meanwhile: the fields of `Taken`.
 
         Raises
         ------
@@ -159,7 +163,7 @@ class Taker:
         """
         return self._take_all(subscription) if self._fits else _rclpys(subscription)
 
-    def _take_all(self, subscription: Subscription) -> Iterator[Taken]:
+    def _take_all(self, subscription: Subscription) -> Iterator[_Fields]:
         take, info, array, string_at = self._take, self._info, self._array, ctypes.string_at
         unpack_info, unpack_array = _INFO.unpack_from, _ARRAY.unpack_from
         with subscription.handle:
@@ -167,7 +171,7 @@ class Taker:
             while (result := take(pointer, *self._addresses, None)) == TAKEN:
                 published, received, number, _, _, publisher = unpack_info(info)
                 buffer, length, _ = unpack_array(array)
-                yield Taken(string_at(buffer, length), published, received, number, publisher)
+                yield string_at(buffer, length), published, received, number, publisher
         if result != NOTHING_THERE:
             raise RuntimeError(
                 f'rcl_take_serialized_message returned {result} on {subscription.topic_name}'
@@ -178,7 +182,7 @@ class Taker:
         self._free(c_void_p(self._addresses[0]))
 
 
-def _rclpys(subscription: Subscription) -> Iterator[Taken]:
+def _rclpys(subscription: Subscription) -> Iterator[_Fields]:
     """Yield the same as a `Taker`, but for the publisher, the way of rclpy."""
     while True:
         with subscription.handle:
@@ -187,7 +191,7 @@ def _rclpys(subscription: Subscription) -> Iterator[Taken]:
             return
         data, about = taken
         number = about['publication_sequence_number']
-        yield Taken(data, about['source_timestamp'], about['received_timestamp'], number or 0, b'')
+        yield data, about['source_timestamp'], about['received_timestamp'], number or 0, b''
 
 
 def _fits(taker: Taker, node: Node) -> bool:
@@ -201,11 +205,11 @@ def _fits(taker: Taker, node: Node) -> bool:
     publisher = node.create_publisher(Time, '_layout', 1)
     publisher.publish(Time(sec=1))
     try:
-        (ours,), (theirs,) = taker._take_all(subscriptions[0]), _rclpys(subscriptions[1])  # noqa: SLF001
+        ((data, published, received, number, _),) = taker._take_all(subscriptions[0])  # noqa: SLF001
+        (theirs,) = _rclpys(subscriptions[1])
         # Each subscription notes its own time of reception.
-        return ours._replace(received=0, publisher=b'') == theirs._replace(received=0) and (
-            abs(ours.received - theirs.received) < _SECOND
-        )
+        near = abs(received - theirs[2]) < _SECOND
+        return near and theirs == (data, published, theirs[2], number, b'')
     except (ValueError, RuntimeError):  # not one message each
         return False
     finally:

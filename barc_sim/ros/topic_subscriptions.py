@@ -279,8 +279,8 @@ class TopicSubscriptions:
     def _take(self, recorded: RecordedTopic) -> Iterator[Message]:
         topic, route, losses = recorded.topic, recorded.route, recorded.losses
         for index, subscription in enumerate(recorded.subscriptions):
-            for taken in islice(self._taker.take(subscription), self._depth):
-                data, published, received, number, publisher = taken
+            waiting = islice(self._taker.take(subscription), self._depth)
+            for data, published, received, number, publisher in waiting:
                 if route.setdefault(publisher, index) == index:
                     losses.count(publisher, number)
                     yield Message(topic, data, received, published, number)

@@ -48,7 +48,7 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
     taker = Taker(subscribing)
     taken: list[Taken] = []
     while len(taken) < 3:
-        taken += taker.take(subscription)
+        taken += map(Taken._make, taker.take(subscription))
     taker.close()
     assert [deserialize_message(each.data, Int64).data for each in taken] == [0, 1, 2]
     assert all(before <= each.published <= after for each in taken)
@@ -69,7 +69,7 @@ def test_other_layouts_are_found_and_rclpys_own_take_is_used(
     publisher.publish(Int64(data=7))
     taken: list[Taken] = []
     while not taken:
-        taken += taker.take(subscription)
+        taken += map(Taken._make, taker.take(subscription))
     taker.close()
     assert [deserialize_message(each.data, Int64).data for each in taken] == [7]
     assert [each.number for each in taken] == [1]

@@ -49,9 +49,8 @@ subscription = node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda _: None, 10_
 taker = Taker(node)
 print(flush=True)
 while True:
-    for taken in taker.take(subscription):
-        seen = taken.data.hex(), taken.published, taken.received, taken.number
-        print(json.dumps(seen), flush=True)
+    for data, published, received, number, _ in taker.take(subscription):
+        print(json.dumps((data.hex(), published, received, number)), flush=True)
     time.sleep(0.01)
 """
 
