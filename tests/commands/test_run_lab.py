@@ -120,16 +120,6 @@ def test_an_error_in_the_run_ends_it_with_all_up_to_there_in_the_bag(
     assert 'student/controller.py' in bag.load(path).attachments
 
 
-def test_an_error_in_the_model_ends_the_run_in_the_same_way(start: Start, tmp_path: Path) -> None:
-    text = 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return [x, y, psi]\n'
-    lab(tmp_path / 'lab', bike_model=text)
-    code, _, err = finish(start('acc', '-q', *MAX, '--model', 'lab/bike_model.py'))
-    assert code == 1
-    assert 'bike_model.py, line 1: bikeFE(x=0.0, y=0.0' in err
-    assert err.count('\n') == 1
-    assert len(bag.read(bag.newest(tmp_path / 'bags'))) == 1
-
-
 def test_a_loop_without_end_ends_the_run(start: Start, tmp_path: Path) -> None:
     line = 'while self.calls == 20: pass'
     lab(tmp_path / 'lab', controller=PID.format(line=line))
@@ -180,21 +170,6 @@ def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     assert bag.load(path).attachments == expected
     recover(path)
     assert bag.load(path).attachments == expected
-
-
-def test_a_folder_that_goes_away_in_the_run_is_not_missed(start: Start, tmp_path: Path) -> None:
-    folder = lab(tmp_path / 'lab', controller='import gain\n' + PID.format(line='import gain'))
-    (folder / 'gain.py').write_text('')
-    process = start('acc', '--lab', 'lab', '--distance', '10')
-    assert process.stdout
-    assert process.stdout.readline().startswith('engine ')
-    assert ' m/s ' in process.stdout.readline()
-    for file in folder.iterdir():
-        file.unlink()
-    folder.rmdir()
-    code, _, _ = finish(process)
-    assert code == 0
-    assert 'student/gain.py' in bag.load(bag.newest(tmp_path / 'bags')).attachments
 
 
 def test_a_relay_that_fails_ends_the_drive(start: Start, tmp_path: Path) -> None:

@@ -16,10 +16,12 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.errors import UserError, one_line
-from barc_sim.lab.confined import landlock, seccomp
+from barc_sim.lab.confined import kernel
 from barc_sim.lab.confined.child import NO_PIPES
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from typing_extensions import Self
 
 #: Whether a process can be confined: by the kernel of Linux alone.
@@ -83,14 +85,18 @@ class Process:
         """
         self._limits = limits
         self._serial = 0
-        self._printed = b''
+        #: The first bytes of the output, one more than the limit where there are more.
+        self.printed = b''
         self._process = _start(folder, limits, archive, sandbox=sandbox)
         self._requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._replies: queue.Queue[bytes] = queue.Queue(1)
         # Each end of a pipe has its thread: a process can stop to read, or never stop to print.
+        pipes = (self._process.stdin, self._process.stdout, self._process.stderr)
+        self._streams = [pipe for pipe in pipes if pipe]
+        work = (self._send, self._receive, self._keep_output)
         self._threads = [
-            threading.Thread(target=work, daemon=True)
-            for work in (self._send, self._receive, self._keep_output)
+            threading.Thread(target=_until_closed, args=pair, daemon=True)
+            for pair in zip(work, self._streams, strict=True)
         ]
         for thread in self._threads:
             thread.start()
@@ -112,11 +118,6 @@ class Process:
     def __exit__(self, *_: object) -> None:
         """End the process."""
         self.close()
-
-    @property
-    def printed(self) -> bytes:
-        """The first bytes of the output, one more than the limit where there are more."""
-        return self._printed
 
     def request(self, do: str, *arguments: object, wait: float) -> Any:  # noqa: ANN401 (JSON)
         """Return the reply to a request within `wait` [s]: any value of JSON.
@@ -148,33 +149,28 @@ class Process:
         with suppress(queue.Empty):
             while self._replies.get(timeout=1.0):
                 pass
-        streams = (self._process.stdin, self._process.stdout, self._process.stderr)
-        for thread, stream in zip(self._threads, streams, strict=True):
+        for thread, stream in zip(self._threads, self._streams, strict=True):
             thread.join(1.0)
             if not thread.is_alive():  # where a process that it has started holds the other end
                 with suppress(OSError):
-                    _opened(stream).close()
+                    stream.close()
 
-    def _send(self) -> None:
-        requests = _opened(self._process.stdin)
-        with suppress(OSError, ValueError):
-            for request in iter(self._requests.get, b''):
-                requests.write(request)
-                requests.flush()
+    def _send(self, requests: IO[bytes]) -> None:
+        for request in iter(self._requests.get, b''):
+            requests.write(request)
+            requests.flush()
 
-    def _receive(self) -> None:
-        replies = _opened(self._process.stdout)
-        with suppress(OSError, ValueError):
+    def _receive(self, replies: IO[bytes]) -> None:
+        try:
             while line := replies.readline(_MAX_LINE):
                 self._replies.put(line)
-        self._replies.put(b'')
+        finally:
+            self._replies.put(b'')
 
-    def _keep_output(self) -> None:
-        output = _opened(self._process.stderr)
+    def _keep_output(self, output: IO[bytes]) -> None:
         keep = self._limits.output + 1
-        with suppress(OSError, ValueError):
-            while data := os.read(output.fileno(), 1 << 16):
-                self._printed += data[: keep - len(self._printed)]
+        while data := os.read(output.fileno(), 1 << 16):
+            self.printed += data[: keep - len(self.printed)]
 
     def _reply(self, wait: float) -> Any:  # noqa: ANN401 (JSON)
         try:
@@ -246,9 +242,10 @@ class Process:
         return f'has ended itself with exit code {code}; a function returns, it does not exit'
 
 
-def _opened(stream: IO[bytes] | None) -> IO[bytes]:
-    assert stream  # noqa: S101 (each is a pipe)
-    return stream
+def _until_closed(work: Callable[[IO[bytes]], None], stream: IO[bytes]) -> None:
+    """Do what a thread does with a pipe until that is closed."""
+    with suppress(OSError, ValueError):
+        work(stream)
 
 
 def _start(
@@ -262,8 +259,8 @@ def _start(
         environment['SYSTEMROOT'] = os.environ['SYSTEMROOT']
     if sandbox:
         try:
-            program = seccomp.program()
-            ruleset = landlock.ruleset_for(folder)
+            program = kernel.program()
+            ruleset = kernel.ruleset_for(folder)
         except OSError as error:
             raise Unconfined(error.strerror or str(error)) from None
         passed = [ruleset]
@@ -273,7 +270,7 @@ def _start(
         'program': program.hex(),
         'parent': os.getpid(),
         'packages': str(_PACKAGES),
-        'installed': {name: str(landlock.package_folder(name)) for name in ('numpy', 'rosbags')},
+        'installed': {name: str(kernel.package_folder(name)) for name in ('numpy', 'rosbags')},
         'memory': limits.memory,
         'cpu': limits.cpu,
         'call': limits.call,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.errors import escaped
 from barc_sim.lab.grade.similarity import passages
-from barc_sim.lab.grade.submissions import PARTS, graded
+from barc_sim.lab.grade.submissions import graded
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.hills.figure import check_figure
 from barc_sim.lab.hills.lab import LABELS, judge_folder
@@ -78,7 +78,7 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     notes = submission.notes
     files = graded(submission.files)
     if not files:
-        wanted = ' nor '.join(FILES[part] for part in PARTS)
+        wanted = ' nor '.join(FILES.values())
         notes = (f'it has neither {wanted} at its top', *notes)
     if not sandbox:
         notes = (*notes, 'its code was not confined, as --unconfined asks for')

@@ -21,9 +21,6 @@ from barc_sim.lab.user_code.code import find_name
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator
 
-#: The graded parts; a submission has at least one of them.
-PARTS = tuple(FILES)
-_NAMES = tuple(FILES[part] for part in PARTS)
 #: What is handed in beside code, and not read to grade it: plots, films, pages, bags, archives.
 _EVIDENCE = (
     *('.png', '.jpg', '.jpeg', '.gif', '.svg', '.pdf', '.html', '.mp4', '.mkv', '.mov', '.webm'),
@@ -39,7 +36,8 @@ _MAX_NOTES = 10
 MAX_ARCHIVE = 256 << 20  #: bytes
 _SECONDS, _MEMORY = 8, 300 << 20  # of processor time, and bytes, to unpack an archive
 _UNPACKING = Limits(memory=_MEMORY, cpu=_SECONDS, call=_SECONDS, wait=6.0 * _SECONDS)
-_UNKNOWN = ('.rar', '.7z', '.gz', '.xz', '.bz2', '.zst', '.tar.zst')
+#: Why a member of a kind is not read, as the rest of a sentence.
+_FAULTS = {'': '', 'link': 'is a link, which is not followed', 'other': 'is no regular file'}
 
 
 class Member(NamedTuple):
@@ -68,7 +66,7 @@ class Submission:
 
 def graded(names: Collection[str]) -> list[str]:
     """Return the names of the graded files among those of a folder."""
-    return [name for part in PARTS if (name := find_name(names, part))]
+    return [name for part in FILES if (name := find_name(names, part))]
 
 
 def find(path: Path) -> list[Path]:
@@ -91,12 +89,12 @@ def find(path: Path) -> list[Path]:
     found = sorted(entry for entry in path.iterdir() if not entry.name.startswith(('.', '__')))
     several = any(entry.is_dir() or is_archive(entry) for entry in found)
     names = [entry.name for entry in found]
-    if graded(names) if not several else any(name in names for name in _NAMES):
+    if graded(names) if not several else any(name in names for name in FILES.values()):
         return [path.resolve()]
     if not several:
         raise UserError(
-            f'{str(path)!r} is no submission and holds none: expected {" or ".join(_NAMES)} in it, '
-            'or a folder for each submission'
+            f'{str(path)!r} is no submission and holds none: expected '
+            f'{" or ".join(FILES.values())} in it, or a folder for each submission'
         )
     return found
 
@@ -127,12 +125,7 @@ def _read(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
     if not stat.S_ISREG(status.st_mode):
         notes.append('it is no regular file: hand in a .zip or a folder')
     elif not is_archive(path):
-        unknown = path.name.lower().endswith(_UNKNOWN)
-        notes.append(
-            f'a {path.suffix} archive cannot be opened: hand in a .zip or a folder'
-            if unknown
-            else 'it is a single file: hand in a .zip, or a folder'
-        )
+        notes.append(f'a single {path.suffix} file cannot be graded: hand in a .zip or a folder')
     elif status.st_size > MAX_ARCHIVE:
         notes.append(f'it has more than {MAX_ARCHIVE >> 20} MiB: hand in a smaller one')
     else:
@@ -157,7 +150,7 @@ def _unpack(path: Path, files: dict[str, bytes], notes: list[str]) -> None:
                 return b64decode(process.request('read', number, size, wait=_UNPACKING.wait))[:size]
 
             found = [
-                Member(str(name), partial(content, number), _fault_of(kind))
+                Member(str(name), partial(content, number), _FAULTS[kind])
                 for number, (name, kind) in enumerate(
                     process.request('members', wait=_UNPACKING.wait)
                 )
@@ -241,24 +234,14 @@ def listed(folder: Path) -> Iterator[Member]:
         for name in sorted([*names, *links]):
             path = Path(directory, name)
             if not name.startswith('.'):
-                yield Member(
-                    path.relative_to(folder).as_posix(),
-                    partial(_data, path),
-                    _fault_of(_kind(path.lstat().st_mode)),
-                )
+                mode = path.lstat().st_mode
+                kind = 'link' if stat.S_ISLNK(mode) else '' if stat.S_ISREG(mode) else 'other'
+                relative = path.relative_to(folder).as_posix()
+                yield Member(relative, partial(_data, path), _FAULTS[kind])
 
 
 def _of_tools(name: str) -> bool:
     return name.startswith(('.', '__pycache__', '__MACOSX'))
-
-
-def _kind(mode: int) -> str:
-    return 'link' if stat.S_ISLNK(mode) else '' if stat.S_ISREG(mode) else 'other'
-
-
-def _fault_of(kind: str) -> str:
-    faults = {'': '', 'link': 'is a link, which is not followed'}
-    return faults.get(kind, 'is no regular file')
 
 
 def _data(path: Path, size: int) -> bytes:

@@ -48,10 +48,6 @@ def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Gr
     )
 
 
-def test_a_score_is_the_sum_of_its_points() -> None:
-    assert (grade().score, grade().max_score) == (8.25, 10.0)
-
-
 def test_gradescope_is_told_each_criterion() -> None:
     content = json.loads(report.gradescope(grade()))
 

@@ -13,7 +13,7 @@ import pytest
 import barc_sim
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import JudgedCode, Row
-from barc_sim.lab.confined import landlock
+from barc_sim.lab.confined import kernel
 from barc_sim.lab.confined.process import Limits, check
 
 if TYPE_CHECKING:
@@ -165,8 +165,8 @@ def test_it_is_ended_when_its_processor_time_is_used_up(folder: Callable[..., Pa
 def test_it_cannot_on_older_kernels_either(
     folder: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, abi: int
 ) -> None:
-    real = landlock.abi()
-    monkeypatch.setattr(landlock, 'abi', lambda: min(abi, real))
+    real = kernel.abi()
+    monkeypatch.setattr(kernel, 'abi', lambda: min(abi, real))
     attempts = [
         code
         for name, (code, _) in REFUSED.items()
@@ -214,7 +214,7 @@ def test_without_the_sandbox_only_the_limits_hold(folder: Callable[..., Path]) -
 
 def test_a_kernel_without_landlock_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
     # A number that no kernel gives to a system call.
-    monkeypatch.setattr('barc_sim.lab.confined.landlock._CREATE_RULESET', 100_000)
+    monkeypatch.setattr('barc_sim.lab.confined.kernel._CREATE_RULESET', 100_000)
 
     with pytest.raises(UserError, match=r'no Landlock here.*--unconfined'):
         check(sandbox=True)

@@ -71,11 +71,6 @@ def test_modules_may_import_one_another(tmp_path: Path) -> None:
     assert module.helpers.f() is module.helpers
 
 
-def test_a_file_is_loaded_once(tmp_path: Path) -> None:
-    own = folder(tmp_path, main='import helpers', helpers='')
-    assert own.load(own.path / 'helpers.py') is own.load(own.path / 'main.py').helpers
-
-
 def test_a_package_is_imported_with_its_modules(tmp_path: Path) -> None:
     package = tmp_path / 'tools'
     folder(package, __init__='', one='from .two import x', two='x = 3')
@@ -110,16 +105,6 @@ def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> Non
     )
     own = folder(tmp_path, main=text)
     assert own.load(own.path / 'main.py').A().x == 1
-
-
-def test_a_folder_that_cannot_be_written_to_is_read(tmp_path: Path) -> None:
-    own = folder(tmp_path, main='import helpers', helpers='')
-    tmp_path.chmod(0o555)
-    try:
-        own.load(own.path / 'main.py')
-    finally:
-        tmp_path.chmod(0o755)
-    assert not (tmp_path / '__pycache__').exists()
 
 
 def test_a_folder_that_has_gone_keeps_what_was_loaded(tmp_path: Path) -> None:

@@ -65,15 +65,11 @@ def test_four_numbers_of_any_kind_become_floats(tmp_path: Path, body: str) -> No
     [
         ('pass', 'None; ' + FOUR + ': is its return missing?'),
         ('return [x, y, psi]', '[1.0, 2.0, 0.5]; ' + FOUR),
-        ('return [x, y, psi, v, 0]', '[1.0, 2.0, 0.5, 8.0, 0]; ' + FOUR),
         ('return [x, y, psi, float("nan")]', '[1.0, 2.0, 0.5, nan]; ' + FOUR),
-        ('return [x, y, psi, float("-inf")]', '[1.0, 2.0, 0.5, -inf]; ' + FOUR),
         ('return "abcd"', "'abcd'; " + FOUR),
         ('return [x, y, psi, "8"]', "[1.0, 2.0, 0.5, '8']; " + FOUR),
-        ('return [x, y, psi, None]', '[1.0, 2.0, 0.5, None]; ' + FOUR),
         ('return {x, y, psi, v}', '{0.5, 1.0, 2.0, 8.0}; ' + FOUR),
         ('return [x, y, psi, 1j]', '[1.0, 2.0, 0.5, 1j]; ' + FOUR),
-        ('return x', '1.0; ' + FOUR),
         ('return list(range(10 ** 4))', ', '.join(map(str, range(99)))),
     ],
 )
@@ -124,16 +120,6 @@ def test_an_exception_whose_text_fails_is_told_all_the_same(tmp_path: Path) -> N
     before = 'class E(Exception):\n    def __str__(self):\n        return 1 / 0\n'
     with pytest.raises(UserCodeError, match=r'line 5: .* raised E; expected'):
         model(tmp_path, 'raise E', before)(*ROW)
-
-
-def test_unfinished_code_is_called_unfinished(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r'line 2: bikeFE is not written yet \(TODO\)'):
-        model(tmp_path, 'raise NotImplementedError')(*ROW)
-
-
-def test_a_loop_without_end_is_ended(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r'line 2: .* within 0.2 s; .* an endless loop\?'):
-        model(tmp_path, 'while True: pass')(*ROW)
 
 
 def test_a_call_without_a_budget_starts_no_thread(
@@ -210,11 +196,6 @@ def test_a_loop_without_end_outside_of_functions_is_ended(
         load(lab(tmp_path, bike_model='x = 1\nwhile True: x += 1\n') / 'bike_model.py')
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r"nothing\.py' cannot be read: No such file"):
-        UserCode({'model': tmp_path / 'nothing.py'}).load()
-
-
 PID = """
 class PID:
     def __init__(self, kp, ki, kd, scale=1.0):
@@ -230,13 +211,6 @@ class PID:
 
 def controller(tmp_path: Path, text: str) -> Callable[..., UserPid]:
     return load(lab(tmp_path, controller=text) / 'controller.py', budget=SHORT).new_pid
-
-
-def test_each_controller_has_a_state_of_its_own(tmp_path: Path) -> None:
-    new = controller(tmp_path, PID)
-    one, other = new(2.0, 0.0, 0.0), new(3.0, 0.0, 0.0)
-    assert [one.acc_calculate(8.0, 7.0, 0.02) for _ in range(2)] == [3.0, 4.0]
-    assert other.acc_calculate(8.0, 7.0, 0.02) == 4.0
 
 
 def test_options_are_told_to_a_class_that_takes_them(tmp_path: Path) -> None:
@@ -286,15 +260,6 @@ def test_a_command_that_is_no_number_is_refused(tmp_path: Path, result: str, sai
         controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
     call = 'acc_calculate(speed_reference=8.0, speed_current=7.0)'
     assert f'controller.py, line 7: {call} returned {said}' in str(caught.value)
-
-
-def test_a_numpy_command_is_a_float(tmp_path: Path) -> None:
-    text = PID.replace(
-        'return self.proportional', 'import numpy\n        return numpy.float64(1.0)'
-    )
-    value = controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
-    assert type(value) is float
-    assert value == 2.0
 
 
 def test_a_constructor_that_fails_names_the_gains(tmp_path: Path) -> None:
@@ -347,16 +312,6 @@ def test_only_the_parts_that_are_asked_for_are_loaded(tmp_path: Path) -> None:
     assert load_folder(folder, ['model', 'controller']).relay is None
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r"no folder '.*my_lab': barc new /.*my_lab"):
-        load_folder(tmp_path / 'my_lab')
-
-
-def test_a_folder_with_nothing_in_it_is_named(tmp_path: Path) -> None:
-    with pytest.raises(UserCodeError, match=r'has no bike_model\.py, controller\.py, relay\.py'):
-        load_folder(tmp_path)
-
-
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
     (tmp_path / 'a').mkdir()
     (tmp_path / 'b').mkdir()
@@ -402,13 +357,6 @@ def test_a_file_of_a_similar_name_is_taken_and_noted(tmp_path: Path, name: str) 
     assert found.tolerated == (f'{name} is taken as bike_model.py: did you mean that name?',)
 
 
-def test_a_shadowed_function_is_named(tmp_path: Path) -> None:
-    with pytest.raises(
-        UserCodeError, match=r'line 5: .*: sin is 1 here, assigned in line 2, which hides the'
-    ):
-        model(tmp_path, 'pass\n    return sin(x)', 'from math import *\nsin = 1\n')(*ROW)
-
-
 def test_the_first_of_two_missing_products_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError, match=r'callable: x is 1.0: is a \* missing'):
         model(tmp_path, 'return [y * x(y) + psi(v), 0, 0, 0]')(*ROW)
@@ -421,13 +369,3 @@ def test_no_sentence_names_an_address_or_the_folder(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError) as caught:
         model(tmp_path, 'import os; open(os.path.join(os.path.dirname(__file__), "a.txt"))')(*ROW)
     assert str(tmp_path) not in str(caught.value)
-
-
-@pytest.mark.parametrize('names', ['kp, kd, ki', 'Kp, K_d, Ki', 'P=1, D=3, I=2', 'p_gain, d, i'])
-def test_gains_are_passed_by_the_names_of_the_constructor(tmp_path: Path, names: str) -> None:
-    own = [name.partition('=')[0] for name in names.split(', ')]
-    text = (
-        f'class PID:\n    def __init__(self, {names}):\n        self.all = {", ".join(own)}\n'
-        '    def acc_calculate(self, r, c): return 1\n'
-    )
-    assert controller(tmp_path, text)(1.0, 2.0, 3.0).instance.all == (1.0, 3.0, 2.0)
