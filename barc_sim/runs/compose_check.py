@@ -118,7 +118,10 @@ def _watch(world: World) -> None:
         nodes = [*world.nodes]
         publishers = {
             topic: sorted(
-                node.get_name() for node in nodes for p in [*node.publishers] if p.topic == topic
+                node.get_name()
+                for node in nodes
+                for p in [*node.publishers]
+                if p.topic_name == topic
             )
             for topic in _TOPICS
         }

@@ -212,8 +212,8 @@ class RelayWorld(World):
         """Note the topics of the program's nodes."""
         for node in self.nodes:
             if node is not self.node:
-                self.published |= {each.full_name.strip('/') for each in node.publishers}
-                self.subscribed |= {each.full_name.strip('/') for each in node.subscriptions}
+                self.published |= {each.topic_name.strip('/') for each in node.publishers}
+                self.subscribed |= {each.topic_name.strip('/') for each in node.subscriptions}
 
     @property
     def seconds(self) -> float:

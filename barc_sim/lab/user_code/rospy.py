@@ -63,6 +63,20 @@ class _Seconds(float):
         return _Seconds(float(self) + other)
 
 
+class _Rate:
+    """Sleeps to the next multiple of its period."""
+
+    def __init__(self, period: float, world: World) -> None:
+        self._period, self._world = int(period * SECOND), world
+        self._due = world.now() + self._period
+
+    def sleep(self) -> None:
+        late = max(self._world.now() - self._due, 0)
+        self._due += self._period * -(-late // self._period)
+        self._world.sleep(self._due - self._world.now())
+        self._due += self._period
+
+
 class _Rospy:
     """What the names of `rospy` do; one node does it all."""
 
@@ -110,7 +124,7 @@ class _Rospy:
         return SimpleNamespace(shutdown=made.cancel)
 
     def rate(self, hz: float, *_: object, **__: object) -> object:
-        return self._node.create_rate(hz)
+        return _Rate(1.0 / hz, self._world)
 
 
 def modules(world: World) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from barc_sim.errors import UserError
-from barc_sim.ros.local.executor import World, set_world, world
+from barc_sim.ros.local.executor import World, current, world
 from barc_sim.ros.local.messages import LACKS, message_type, packages
 
 __all__ = ['World', 'find_module', 'install', 'world']
@@ -112,8 +112,8 @@ class _Finder:
 _FINDER = _Finder()
 
 
-def install(*, simulated: bool = False) -> World:
-    """Let `import rclpy` find the stand-ins, in a new world, which is returned.
+def install() -> World:
+    """Let `import rclpy` find the stand-ins; return the world of their nodes.
 
     Raises
     ------
@@ -128,4 +128,4 @@ def install(*, simulated: bool = False) -> World:
         )
     if _modules() and _FINDER not in sys.meta_path:
         sys.meta_path.insert(0, _FINDER)
-    return set_world(World(simulated=simulated))
+    return current()

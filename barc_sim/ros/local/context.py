@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from fnmatch import fnmatchcase
+from functools import partialmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,7 +17,7 @@ from barc_sim.ros.local.executor import SECOND, World, current
 from barc_sim.ros.local.messages import message_type
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 _PARAMETER, _REMAPPING = ('-p', '--param'), ('-r', '--remap')
 _MAX_PARAMETERS = 1 << 20  #: bytes of a file
@@ -113,33 +114,26 @@ def _flat(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
             yield path, value
 
 
-def _domain() -> int:
-    try:
-        return int(os.environ.get('ROS_DOMAIN_ID') or 0)
-    except ValueError:
-        raise RuntimeError('ROS_DOMAIN_ID is not an integral number') from None
-
-
 class Context:
     """What `init` begins and `shutdown` ends."""
 
     def __init__(self) -> None:
         self.world = current()
         self.is_ok = self.has_begun = False
-        self._callbacks: list[Callable[[], object]] = []
 
     def init(self, args: list[str] | None = None) -> None:
         if self.has_begun:
             raise RuntimeError('Context.init() must only be called once')
         words = [] if self.world.simulated else sys.argv
         self.arguments = Arguments(words if args is None else args, self.world)
-        self._domain = _domain()
+        if not (os.environ.get('ROS_DOMAIN_ID') or '0').isdecimal():
+            raise RuntimeError('ROS_DOMAIN_ID is not an integral number')
         self.is_ok = self.has_begun = True
 
     def all(self, kind: str, name: str) -> list[Any]:
         """Return what nodes have of a kind, as `publishers`, under this full name."""
         every = (each for node in self.world.nodes for each in getattr(node, kind))
-        return [each for each in every if each.full_name == name]
+        return [each for each in every if each.topic_name == name]
 
     def ok(self) -> bool:
         return self.is_ok
@@ -150,19 +144,10 @@ class Context:
         self.try_shutdown()
 
     def try_shutdown(self) -> None:
-        if self.is_ok:
-            self.is_ok = False
-            while self._callbacks:
-                self._callbacks.pop(0)()
-
-    def on_shutdown(self, callback: Callable[[], object]) -> None:
-        if self.has_begun and not self.is_ok:
-            callback()
-        else:
-            self._callbacks.append(callback)
+        self.is_ok = False
 
     def get_domain_id(self) -> int:
-        return self._domain
+        return int(os.environ.get('ROS_DOMAIN_ID') or 0)
 
 
 def get_default_context() -> Context:
@@ -229,17 +214,6 @@ class QoSProfile:
         return 'DURABILITY' if self.durability == latched != offered.durability else ''
 
 
-def as_profile(qos: QoSProfile | int) -> QoSProfile:
-    """Return a profile, which may be given as a depth."""
-    if isinstance(qos, QoSProfile):
-        return qos
-    if not isinstance(qos, int):
-        raise TypeError(f'Expected QoSProfile or int, but received {type(qos)!r}')
-    if qos < 0:
-        raise ValueError('history depth must be greater than or equal to zero')
-    return QoSProfile(depth=qos)
-
-
 qos_profile_system_default = QoSProfile(depth=10)
 qos_profile_parameter_events = QoSProfile(depth=1000)
 qos_profile_sensor_data = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -270,27 +244,10 @@ class Logger:
             name = name.rpartition('.')[0]
         return LoggingSeverity(levels.get(name) or LoggingSeverity.INFO)
 
-    def debug(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.DEBUG, **filters)
-
-    def info(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.INFO, **filters)
-
-    def warning(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.WARN, **filters)
-
-    warn = warning
-
-    def error(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.ERROR, **filters)
-
-    def fatal(self, message: str, **filters: Any) -> bool:
-        return self._log(message, LoggingSeverity.FATAL, **filters)
-
     def _log(
         self,
-        message: str,
         severity: LoggingSeverity,
+        message: str,
         *,
         throttle_duration_sec: float = 0.0,
         skip_first: bool = False,
@@ -298,7 +255,7 @@ class Logger:
     ) -> bool:
         if self._world.silent or severity < self.get_effective_level():
             return False
-        frame = sys._getframe(2)  # noqa: SLF001 (who logs)
+        frame = sys._getframe(1)  # noqa: SLF001 (who logs)
         place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND
         last = self._last.get(place)
         if last is None:
@@ -327,6 +284,12 @@ class Logger:
                 )
             )
         return True
+
+    debug = partialmethod(_log, LoggingSeverity.DEBUG)
+    info = partialmethod(_log, LoggingSeverity.INFO)
+    warning = warn = partialmethod(_log, LoggingSeverity.WARN)
+    error = partialmethod(_log, LoggingSeverity.ERROR)
+    fatal = partialmethod(_log, LoggingSeverity.FATAL)
 
 
 def get_logger(name: str) -> Logger:

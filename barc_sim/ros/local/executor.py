@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine, Generator, Iterator
 
 SECOND = 1_000_000_000  #: [ns]
+_LONGEST_SLEEP = 0.1  #: [s] until an executor notices that another thread has ended its context
 
 
 class EndOfTimeError(BaseException):
@@ -97,19 +98,9 @@ class World:
         raise EndOfTimeError
 
 
-_installed = [World()]
-_current: ContextVar[World | None] = ContextVar('world', default=None)
-
-
-def current() -> World:
-    """Return the world of the program that runs."""
-    return _current.get() or _installed[0]
-
-
-def set_world(other: World) -> World:
-    """Make another world that of all programs that have none of their own."""
-    _installed[0] = other
-    return other
+_current: ContextVar[World] = ContextVar('world', default=World())  # noqa: B039 (of all)
+#: Returns the world of the program that runs.
+current = _current.get
 
 
 @contextmanager
@@ -228,20 +219,6 @@ class Timer:
         return self.due is None
 
 
-class Rate:
-    """Sleeps to the next multiple of its period."""
-
-    def __init__(self, period: float, world: World) -> None:
-        self._period, self._world = int(period * SECOND), world
-        self._due = world.now() + self._period
-
-    def sleep(self) -> None:
-        late = max(self._world.now() - self._due, 0)
-        self._due += self._period * -(-late // self._period)
-        self._world.sleep(self._due - self._world.now())
-        self._due += self._period
-
-
 class Future:
     _result: Any = None
     _is_done = False
@@ -299,7 +276,6 @@ class Executor:
         self._numbers = count()
         self._is_shutdown = self._waits = False
         self._asleep = threading.Lock()
-        self.context.on_shutdown(self.wake)
 
     def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
         return self
@@ -379,8 +355,8 @@ class Executor:
         if self.world.simulated:
             self.world.pass_time(until)
         elif not self._ready:
-            left = -1 if until is None else max(until - time.monotonic_ns(), 0) / SECOND
-            self._asleep.acquire(timeout=left)
+            left = _LONGEST_SLEEP if until is None else (until - time.monotonic_ns()) / SECOND
+            self._asleep.acquire(timeout=min(max(left, 0.0), _LONGEST_SLEEP))
 
     def spin(self) -> None:
         self._spin(Future(), None)

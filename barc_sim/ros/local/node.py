@@ -5,17 +5,15 @@ from __future__ import annotations
 import re
 from collections import deque
 from functools import partial, partialmethod
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.ros.local.context import (
     QOS_ROSOUT,
-    Arguments,
     Context,
     DurabilityPolicy,
     Logger,
     NotInitializedException,
     QoSProfile,
-    as_profile,
     get_default_context,
     qos_profile_parameter_events,
     qos_profile_system_default,
@@ -27,7 +25,6 @@ from barc_sim.ros.local.executor import (
     ClockType,
     Executor,
     Future,
-    Rate,
     Timer,
 )
 from barc_sim.ros.local.messages import LACKS, message_type
@@ -55,22 +52,24 @@ def _checked(name: str) -> str:
     return name
 
 
+def _as_profile(qos: QoSProfile | int) -> QoSProfile:
+    """Return a profile, which may be given as a depth."""
+    return QoSProfile(depth=qos) if isinstance(qos, int) else qos
+
+
 class _Entity:
-    """What a node has: a full name on the graph, and a queue of what has arrived."""
+    """What a node has, as the graph describes it, and a queue of what has arrived."""
 
     def __init__(
         self, node: Node, name: str, kind: Any, qos: QoSProfile, callback: Any = None
     ) -> None:
-        self.node, self.full_name, self.kind, self.qos_profile = node, name, kind, qos
-        self.topic = self.topic_name = self.srv_name = self.service_name = name
-        self.msg_type = self.srv_type = kind
-        self.callback = callback
+        self.node, self.kind, self.qos_profile, self.callback = node, kind, qos, callback
+        self.topic_name = self.service_name = name
+        self.node_name, self.node_namespace = node.get_name(), node.get_namespace()
+        package, sort, *_ = kind.__module__.split('.')
+        self.topic_type = f'{package}/{sort}/{kind.__name__}'
+        self.endpoint_gid = [*id(self).to_bytes(16, 'little')]
         self.queue: deque[Any] = deque(maxlen=qos.length)
-
-    @property
-    def type_name(self) -> str:
-        package, kind, *_ = self.kind.__module__.split('.')
-        return f'{package}/{kind}/{self.kind.__name__}'
 
     def offer(self, arrived: Any) -> None:
         """Take what has arrived; a full queue drops its oldest."""
@@ -111,12 +110,12 @@ class Publisher(_Entity):
         """Find the subscriptions that get this publisher's messages."""
         self.is_latched = self.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         found = []
-        for each in self.node.context.all('subscriptions', self.full_name):
+        for each in self.node.context.all('subscriptions', self.topic_name):
             refused = each.qos_profile.refuses(self.qos_profile)
             if refused and not each.has_warned:
                 each.has_warned = True
                 each.node.get_logger().warning(
-                    f"New publisher discovered on topic '{self.full_name}', offering incompatible "
+                    f"New publisher discovered on topic '{self.topic_name}', offering incompatible "
                     f'QoS. No messages will be received from it. Last incompatible policy: '
                     f'{refused}'
                 )
@@ -152,7 +151,7 @@ class Client(_Entity):
         if not isinstance(request, self.kind.Request):
             raise TypeError(f'Expected {self.kind.Request}, got {type(request)}')
         future = Future()
-        for server in self.node.context.all('services', self.full_name)[:1]:
+        for server in self.node.context.all('services', self.topic_name)[:1]:
             server.offer((request.__copy__(), self, future))
         return future
 
@@ -162,7 +161,7 @@ class Client(_Entity):
             future.set_result(response)
 
     def service_is_ready(self) -> bool:
-        return bool(self.node.context.all('services', self.full_name))
+        return bool(self.node.context.all('services', self.topic_name))
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         world = self.node.context.world
@@ -177,16 +176,6 @@ class GuardCondition(_Entity):
         self.offer(None)
 
 
-class TopicEndpointInfo(NamedTuple):
-    """A publisher or subscription of the graph."""
-
-    node_name: str
-    node_namespace: str
-    topic_type: str
-    endpoint_gid: list[int]
-    qos_profile: QoSProfile
-
-
 class Node(Parameters):
     executor: Executor | None = None
 
@@ -195,7 +184,6 @@ class Node(Parameters):
         node_name: str,
         *,
         context: Context | None = None,
-        cli_args: list[str] | None = None,
         namespace: str | None = None,
         enable_rosout: bool = True,
         start_parameter_services: bool = True,
@@ -205,10 +193,9 @@ class Node(Parameters):
         if not self.context.is_ok:
             raise NotInitializedException('rclpy.init() has not been called: cannot create node')
         self.default_callback_group = CallbackGroup()
-        own = Arguments(['--ros-args', *(cli_args or ())], self.context.world)
-        self._arguments = (own, self.context.arguments)
-        self._name = self._remapped('__node', '__name') or _checked(node_name)
-        space = (self._remapped('__ns') or namespace or '').strip('/')
+        remap = self.context.arguments.remap
+        self._name = remap('', '__node', '__name') or _checked(node_name)
+        space = (remap(self._name, '__ns') or namespace or '').strip('/')
         self._namespace = f'/{_checked(space) if space else ""}'
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
@@ -225,7 +212,7 @@ class Node(Parameters):
             self._logger.rosout = self.create_publisher(log, '/rosout', QOS_ROSOUT)
         event = message_type('rcl_interfaces/msg/ParameterEvent')
         events = self.create_publisher(event, '/parameter_events', qos_profile_parameter_events)
-        given = self.context.arguments.of(name) | own.of(name)
+        given = self.context.arguments.of(name)
         given |= {each.name: each.value for each in parameter_overrides or ()}
         super().__init__(self, events, given)
         if self.declare_parameter('use_sim_time', False).value:
@@ -263,10 +250,6 @@ class Node(Parameters):
             for timer in self.timers:
                 timer.schedule()
 
-    def _remapped(self, *names: str) -> str | None:
-        found = (each.remap(getattr(self, '_name', ''), *names) for each in self._arguments)
-        return next(filter(None, found), None)
-
     def _expanded(self, name: str) -> str:
         name = _checked(name.replace('{node}', self._name).replace('{ns}', self._namespace[1:]))
         if name.startswith('~'):
@@ -278,14 +261,14 @@ class Node(Parameters):
         last = full.rpartition('/')[2]
         if last in self.context.world.flat_names:
             return f'/{last}'
-        new = self._remapped(topic, full)
+        new = self.context.arguments.remap(self._name, topic, full)
         return self._expanded(new) if new else full
 
     resolve_service_name = resolve_topic_name
 
     def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **_: Any) -> Publisher:
         name = self.resolve_topic_name(topic)
-        self.publishers.append(Publisher(self, name, msg_type, as_profile(qos_profile)))
+        self.publishers.append(Publisher(self, name, msg_type, _as_profile(qos_profile)))
         self.publishers[-1].match()
         return self.publishers[-1]
 
@@ -299,7 +282,7 @@ class Node(Parameters):
         raw: bool = False,
         **_: Any,
     ) -> Subscription:
-        name, qos = self.resolve_topic_name(topic), as_profile(qos_profile)
+        name, qos = self.resolve_topic_name(topic), _as_profile(qos_profile)
         made = Subscription(self, name, msg_type, qos, callback)
         made.raw = raw
         return self.connect(made)
@@ -307,7 +290,7 @@ class Node(Parameters):
     def connect(self, made: Subscription) -> Subscription:
         """Add a subscription, which gets what publishers have kept for it."""
         self.subscriptions.append(made)
-        for publisher in self.context.all('publishers', made.full_name):
+        for publisher in self.context.all('publishers', made.topic_name):
             publisher.match()
             if made in publisher.subscriptions and made.qos_profile.durability in _KEPT:
                 for msg, number in [*publisher.queue]:
@@ -342,11 +325,8 @@ class Node(Parameters):
     def create_guard_condition(self, callback: Any, callback_group: Any = None) -> GuardCondition:
         del callback_group
         newest = QoSProfile(depth=1)
-        self.guards.append(GuardCondition(self, '', None, newest, lambda _: callback()))
+        self.guards.append(GuardCondition(self, '', GuardCondition, newest, lambda _: callback()))
         return self.guards[-1]
-
-    def create_rate(self, frequency: float) -> Rate:
-        return Rate(1.0 / frequency, self.context.world)
 
     def _destroy(self, kind: str, entity: Any) -> bool:
         entities = getattr(self, kind)
@@ -355,7 +335,7 @@ class Node(Parameters):
         entities.remove(entity)
         entity.destroy()
         if kind == 'subscriptions':
-            for publisher in self.context.all('publishers', entity.full_name):
+            for publisher in self.context.all('publishers', entity.topic_name):
                 publisher.match()
         return True
 
@@ -388,7 +368,7 @@ class Node(Parameters):
         for node in self.context.world.nodes:
             if not of or (node.get_name(), node.get_namespace()) == of:
                 for each in (each for kind in kinds for each in getattr(node, kind)):
-                    found.setdefault(each.full_name, set()).add(each.type_name)
+                    found.setdefault(each.topic_name, set()).add(each.topic_type)
         return [(name, sorted(types)) for name, types in sorted(found.items())]
 
     get_topic_names_and_types = partialmethod(_types, ('publishers', 'subscriptions'))
@@ -403,17 +383,8 @@ class Node(Parameters):
     count_subscribers = partialmethod(_count, 'subscriptions')
     count_services = partialmethod(_count, 'services')
 
-    def _info(self, kind: str, topic: str) -> list[TopicEndpointInfo]:
-        return [
-            TopicEndpointInfo(
-                each.node.get_name(),
-                each.node.get_namespace(),
-                each.type_name,
-                [*id(each).to_bytes(16, 'little')],
-                each.qos_profile,
-            )
-            for each in self.context.all(kind, self.resolve_topic_name(topic))
-        ]
+    def _info(self, kind: str, topic: str) -> list[Any]:
+        return self.context.all(kind, self.resolve_topic_name(topic))
 
     get_publishers_info_by_topic = partialmethod(_info, 'publishers')
     get_subscriptions_info_by_topic = partialmethod(_info, 'subscriptions')

@@ -17,18 +17,15 @@ def _interface(name: str, kind: str = 'msg') -> Any:
 
 
 class ParameterException(Exception):
-    what = ''
-
-    def __init__(self, parameters: Any, what: str = '') -> None:
-        super().__init__(f'{what or self.what}: {parameters}')
+    pass
 
 
 class ParameterNotDeclaredException(ParameterException):
-    what = 'Invalid access to undeclared parameter(s)'
+    pass
 
 
 class ParameterAlreadyDeclaredException(ParameterException):
-    what = 'Parameter(s) already declared'
+    pass
 
 
 class InvalidParameterTypeException(ParameterException):
@@ -106,7 +103,7 @@ class Parameters:
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
         if name in self._parameters:
-            raise ParameterAlreadyDeclaredException([name])
+            raise ParameterAlreadyDeclaredException(f'Parameter(s) already declared: {[name]}')
         descriptor = descriptor or _interface('ParameterDescriptor')()
         if value is None or isinstance(value, Type) or descriptor.dynamic_typing:
             raise ValueError(f'parameter {name!r} without a value or of any type {LACKS}')
@@ -118,10 +115,10 @@ class Parameters:
         if result.reason.startswith('Wrong parameter type'):
             given = f"Trying to set parameter '{name}' to '{value}' of type "
             kinds = f"'{parameter.type_.name}', expecting type '{Type(descriptor.type).name}'"
-            raise InvalidParameterTypeException(name, given + kinds)
+            raise InvalidParameterTypeException(f'{given}{kinds}: {name}')
         if not result.successful:
             why = f'Invalid parameter value ({value}) for parameter. Reason: {result.reason}'
-            raise InvalidParameterValueException(name, why)
+            raise InvalidParameterValueException(f'{why}: {name}')
         return parameter
 
     def declare_parameters(self, namespace: str, parameters: Iterable[Any]) -> list[Parameter]:
@@ -133,7 +130,8 @@ class Parameters:
 
     def get_parameter(self, name: str) -> Parameter:
         if name not in self._parameters:
-            raise ParameterNotDeclaredException(name)
+            what = 'Invalid access to undeclared parameter(s)'
+            raise ParameterNotDeclaredException(f'{what}: {name}')
         return self._parameters[name]
 
     def get_parameters(self, names: list[str]) -> list[Parameter]:

@@ -89,8 +89,10 @@ rospy.spin()
     assert at(commands, 2.5).motor == 0.0
 
 
-#: Parameters, a service of its own, a rate and a coroutine: what rclpy documents.
+#: Parameters, a service of its own and a coroutine: what rclpy documents.
 MORE_OF_RCLPY = """\
+import time
+
 import rclpy
 from barc_interfaces.msg import ECU
 from geometry_msgs.msg import Twist
@@ -115,11 +117,10 @@ def main():
 
     node.create_service(Trigger, 'go', go)
     node.create_subscription(Twist, 'cmd_vel', on_twist, 10)
-    rate = node.create_rate(100)
     while rclpy.ok():
         rclpy.spin_once(node, timeout_sec=0)
         node.get_logger().info('a step', throttle_duration_sec=1.0)
-        rate.sleep()
+        time.sleep(0.01)
 
 main()
 """

@@ -151,8 +151,6 @@ def incompatible_qos(node: Node) -> None:
         rclpy.spin_once(node, timeout_sec=0.1)
     rclpy.spin_once(node, timeout_sec=0.1)
     print(len(got), other.topic_name)
-    attempt(lambda: node.create_publisher(String, 'note', -1))
-    attempt(lambda: node.create_publisher(String, 'note', 'ten'))
 
 
 def declared_parameters(node: Node) -> None:
@@ -340,10 +338,12 @@ def guards_and_wakes(node: Node) -> None:
 
 
 def names(_: Node) -> None:
-    node = rclpy.create_node('car', namespace='lab/east', cli_args=[
+    context = rclpy.Context()
+    rclpy.init(context=context, args=[
         '--ros-args', '-r', 'ecu:=command', '-r', '__node:=truck', '-p', 'mass:=2000.0',
         '-p', 'truck:laps:=3', '-p', 'other:speed:=1.0', '-r', '/clock:=/time',
     ])  # fmt: skip
+    node = rclpy.create_node('car', namespace='lab/east', context=context)
     for name in ('ecu', '~/ecu', '/ecu', 'a/b', '/clock', '{node}/x'):
         print(name, node.resolve_topic_name(name), node.resolve_service_name(name))
     print(node.get_name(), node.get_namespace(), node.get_fully_qualified_name())
@@ -357,6 +357,7 @@ def names(_: Node) -> None:
             except Exception as error:
                 print(name, type(error).__name__.startswith('Invalid'))
     node.destroy_node()
+    rclpy.shutdown(context=context)
 
 
 def the_graph(node: Node) -> None:
@@ -411,10 +412,8 @@ def contexts_and_executors(node: Node) -> None:
         own.create_timer(0.01, lambda: rclpy.shutdown(context=context))
         executor.spin()
     print(context.ok(), rclpy.ok(), node.context.ok())
-    said: list[str] = []
-    context.on_shutdown(lambda: said.append('ended'))
     context.try_shutdown()
-    print(said, executor.shutdown())
+    print(executor.shutdown())
 
 
 PROGRAMS = [
