@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
     )
     goal(start[np.newaxis])  # a mistake in the controller is reported from here
     population, generations, points = _USER_CODE if options.controller else _BATCHED
-    with _distributed(goal, options.scheduler) as cost, command_line.progress(generations) as show:
+    with _distributed(goal) as cost, command_line.progress(generations) as show:
         best = search.search(
             cost,
             low,
@@ -81,12 +81,10 @@ def run(options: Namespace) -> None:
         print(path)  # noqa: T201
 
 
-def _distributed(goal: Goal, scheduler: str | None) -> AbstractContextManager[Costs]:
-    """Give the goal, evaluated here, in worker processes or on a cluster."""
+def _distributed(goal: Goal) -> AbstractContextManager[Costs]:
+    """Give the goal, evaluated here, or for user code in worker processes."""
     from barc_sim.tuning import workers  # noqa: PLC0415
 
-    if scheduler:
-        return workers.cluster(goal, scheduler)
     return workers.processes(goal) if goal.new_controller else nullcontext(goal)
 
 

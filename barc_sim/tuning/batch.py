@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 BLOCK = 8192
 #: A loop fails to arrive where it takes longer than this many times the expected duration.
 _MAX_DURATION_FACTOR = 3.0
-_ROWS = 18
+_ROWS = 15
 
 
 @dataclass(frozen=True)
@@ -162,49 +162,38 @@ class _Block:
         return Sums(steps.astype(np.int64), squares, count.astype(np.int64), *others)
 
     def _name_rows(self, rows: Floats) -> None:
-        """Name the rows of `rows`, shape (_ROWS, loops): the state of the loops, and scratch."""
+        """Name the rows of `rows`, shape (_ROWS, loops): the state of the loops, and their sums."""
         self._rows = rows
         self._kp, self._ki, self._minus_kd = rows[:3]
         self._x, self._v, self._integral, self._previous = rows[3:7]
         self._begin, self._end, self._gravity_force = rows[7:10]
-        self._squares, self._before, self._maximum, self._peak, self._effort = rows[10:15]
-        self._a, self._b, self._c = rows[15:]
+        self._squares, self._before, self._maximum, self._peak, self._effort = rows[10:]
 
     def _control(self, measurement_error: float, interval: float) -> Floats:
         """Return the commands of the PIDs."""
-        settings, error, increment, wanted = self._settings, self._a, self._b, self._c
-        measured = np.add(self._v, measurement_error)
-        np.subtract(settings.reference, measured, out=error)
-        np.multiply(self._ki, error, out=increment)
-        increment *= interval
-        np.multiply(self._kp, error, out=wanted)
-        wanted += self._integral
-        wanted += increment
-        derivative = np.subtract(measured, self._previous, out=self._previous)
-        derivative *= self._minus_kd
-        derivative /= settings.dt
-        wanted += derivative
-        self._previous[:] = measured
-        command: Floats = np.minimum(wanted, settings.high, out=measured)
-        np.maximum(command, settings.low, out=command)
-        wanted -= command
-        wanted *= increment
-        if np.maximum.reduce(wanted) > 0.0:  # into the limit
-            increment *= wanted <= 0.0
+        settings = self._settings
+        measured = self._v + measurement_error
+        error = settings.reference - measured
+        increment = self._ki * error * interval
+        derivative = self._minus_kd * (measured - self._previous) / settings.dt
+        wanted = self._kp * error + self._integral + increment + derivative
+        command: Floats = np.maximum(np.minimum(wanted, settings.high), settings.low)
+        into_limit = (wanted - command) * increment > 0.0
+        if into_limit.any():
+            increment[into_limit] = 0.0
         self._integral += increment
+        self._previous[:] = measured
         return command
 
     def _account(self, command: Floats) -> None:
         """Add the present states and their commands to the sums."""
-        deviation, square = self._a, self._b
-        self._effort += np.multiply(command, command, out=square)
-        np.subtract(self._settings.reference, self._v, out=deviation)
+        self._effort += command * command
+        deviation = np.abs(self._settings.reference - self._v)
         counts = self._x >= RUN_UP
         if not counts.all():
             deviation *= counts
             self._before += ~counts
-        self._squares += np.multiply(deviation, deviation, out=square)
-        np.abs(deviation, out=deviation)
+        self._squares += deviation * deviation
         np.maximum(self._maximum, deviation, out=self._maximum)
         if self._on_first.any():
             self._on_first &= self._x < self._course.first_end
@@ -231,41 +220,27 @@ class _Block:
 
     def _advance(self, command: Floats) -> None:
         """Go one step."""
-        settings, v, force, other = self._settings, self._v, self._a, self._b
-        vehicle = settings.vehicle
-        self._x += np.multiply(v, settings.ts, out=other)
-        resistance = np.multiply(v, vehicle.air_drag_coeff, out=force)
-        resistance *= v
-        resistance += vehicle.friction
+        ts, vehicle, v = self._settings.ts, self._settings.vehicle, self._v
+        gravity = self._gravity_force
+        self._x += ts * v
+        resistance = vehicle.air_drag_coeff * v * v + vehicle.friction
         rolls_forwards = self._slowest > 0.0
         if not rolls_forwards:
-            np.copysign(resistance, v, out=resistance)
-            resistance *= v != 0.0
-        np.subtract(self._gravity_force, resistance, out=force)
-        v_next = self._accelerated(force, command)
-        self._slowest = np.minimum.reduce(v_next)
+            resistance *= np.sign(v)
+        after = v + ts * (command + (gravity - resistance) / vehicle.mass)
+        self._slowest = after.min()
         if not rolls_forwards or self._slowest < 0.0:
             # Resistance slows the car to a standstill and never pulls it backwards.
-            np.copyto(other, self._gravity_force)
-            without_resistance = self._accelerated(other, command)
-            up, down = np.minimum(without_resistance, 0.0), np.maximum(without_resistance, 0.0)
-            np.maximum(v_next, up, out=v_next, where=v > 0.0)
-            np.minimum(v_next, down, out=v_next, where=v < 0.0)
-            self._slowest = np.minimum.reduce(v_next)
-        v[:] = v_next
+            free = v + ts * (command + gravity / vehicle.mass)
+            np.maximum(after, np.minimum(free, 0.0), out=after, where=v > 0.0)
+            np.minimum(after, np.maximum(free, 0.0), out=after, where=v < 0.0)
+            self._slowest = after.min()
+        v[:] = after
         moved = self._x >= self._end
         if not rolls_forwards:
             moved |= self._x < self._begin
         if moved.any():
             self._locate(moved)
-
-    def _accelerated(self, force: Floats, command: Floats) -> Floats:
-        """Return the next speed under `force`, in its place."""
-        force /= self._settings.vehicle.mass
-        force += command
-        force *= self._settings.ts
-        force += self._v
-        return force
 
     def _locate(self, moved: NDArray[np.bool_]) -> None:
         """Find the segment of those that have moved to another, or to the distance."""

@@ -88,9 +88,6 @@ def add_arguments(parser: Parser) -> None:
         '--controller', type=Path, metavar='FILE', help='tune the class PID of this file'
     )
     parser.add_argument(
-        '--scheduler', metavar='ADDRESS', help='drive on the workers of this Dask scheduler'
-    )
-    parser.add_argument(
         '--save', metavar='FILE', help='draw a map of the cost, and the runs: .png, .pdf or .svg'
     )
 

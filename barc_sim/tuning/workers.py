@@ -1,4 +1,4 @@
-"""The processes that share a search's loops: on this machine, or of a Dask cluster."""
+"""The processes of this machine that share the loops of a search."""
 
 from __future__ import annotations
 
@@ -12,9 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.cli.dask_cluster import client as cluster_client
 from barc_sim.errors import UserError
-from barc_sim.tuning.goal import Goal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,8 +24,6 @@ if TYPE_CHECKING:
 
 #: Parts for each worker, so that none waits long for the slowest.
 _PARTS = 3
-#: Loops of a part where NumPy drives them all at once: fewer take hardly less time.
-_BATCH = 2048
 
 
 def cores() -> int:
@@ -54,7 +50,8 @@ def processes(cost: Costs) -> Iterator[Costs]:
 
     def shared(gains: Floats) -> Floats:
         with _interrupts_blocked():
-            futures = [pool.submit(cost, part) for part in _parts(gains, workers)]
+            parts = np.array_split(gains, max(1, min(len(gains), _PARTS * workers)))
+            futures = [pool.submit(cost, part) for part in parts]
         try:
             return np.concatenate([future.result() for future in futures])
         except BrokenProcessPool:
@@ -83,38 +80,3 @@ def _interrupts_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-
-
-@contextmanager
-def cluster(cost: Costs, address: str) -> Iterator[Costs]:
-    """Share the loops of `cost` among the workers of the Dask scheduler at `address`.
-
-    Loops that NumPy drives all at once are divided into large parts only, as a part of 40 loops
-    takes as long as one of 250. A single part is driven here: its way to a worker and back would
-    only add to it.
-    """
-    batched = isinstance(cost, Goal) and not cost.new_controller
-    with cluster_client(address) as client:
-        workers = sum(client.ncores().values())
-
-        def shared(gains: Floats) -> Floats:
-            parts = _parts(gains, workers, _BATCH if batched else 1)
-            if len(parts) == 1:
-                return cost(gains)
-            try:
-                futures = client.map(cost, parts, key='cost', pure=False)
-                return np.concatenate(client.gather(futures))
-            except UserError:
-                raise
-            except Exception as error:
-                raise UserError(
-                    f'the Dask cluster at {address!r} failed: {type(error).__name__}: {error}; '
-                    'its workers need this version of barc_sim, and the files at the same paths'
-                ) from error
-
-        yield shared
-
-
-def _parts(gains: Floats, workers: int, minimum: int = 1) -> list[Floats]:
-    """Divide gains, shape `(n, 3)`, into parts of about `minimum` or more."""
-    return np.array_split(gains, max(1, min(len(gains) // minimum, _PARTS * workers)))
