@@ -44,7 +44,7 @@ _STATE = 4  # numbers
 _MAX_PHRASES = 20
 _MAX_ENDS = 2  # a function that has ended its process so often is not called again
 #: The user's name for what a request calls.
-_CALLED = {'model': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
+_CALLED = {'model': 'bikeFE', 'model_at': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
 
 
@@ -79,9 +79,14 @@ class JudgedCode:
         """Return whether there is the file of this part."""
         return part in files_in(self._folder)
 
-    def bike_fe(self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R) -> list[Next]:
-        """Return the result of `bikeFE` for each row; lengths [m] are passed if it takes them."""
-        found = self.call('model', rows, l_f, l_r)
+    def bike_fe(
+        self, rows: Sequence[Row], *, l_f: float = L_F, l_r: float = L_R, assigned: bool = False
+    ) -> list[Next]:
+        """Return the result of `bikeFE` for each row.
+
+        The lengths [m] are passed if it takes them, or `assigned` to its file's own variables.
+        """
+        found = self.call('model_at' if assigned else 'model', rows, l_f, l_r)
         return _rows('bikeFE', found, len(rows), _STATE)
 
     def new_pid(

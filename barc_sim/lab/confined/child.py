@@ -79,6 +79,13 @@ class CodeServer:
         model: Any = self._code.model
         return [model(*row, l_f=l_f, l_r=l_r) for row in rows]
 
+    def model_at(
+        self, rows: Sequence[Sequence[float]], l_f: float, l_r: float
+    ) -> list[list[float]]:
+        """Return the same of the file in which its own lengths are changed, too."""
+        model = self._code.model_with(lf=l_f, lr=l_r)
+        return [model(*row, l_f=l_f, l_r=l_r) for row in rows]
+
     def new_pid(
         self, number: int, kp: float, ki: float, kd: float, limit: float, fresh: bool
     ) -> None:

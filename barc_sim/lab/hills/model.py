@@ -161,10 +161,10 @@ class Trial:
         self.got = {name: np.full(count, np.nan) for name in EQUATIONS}  #: NaN if the code failed
         self.failure = ''
 
-    def run(self, code: JudgedCode) -> None:
+    def run(self, code: JudgedCode, *, assigned: bool = False) -> None:
         """Call `bikeFE` in each state."""
         try:
-            results = np.array(code.bike_fe(self.rows, **self.situation.fixed))
+            results = np.array(code.bike_fe(self.rows, **self.situation.fixed, assigned=assigned))
             self.got = dict(zip(EQUATIONS, results.T, strict=True))
         except UserError as error:
             self.failure = str(error)
@@ -214,31 +214,49 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     if random := _randomness(code, trials):
         return [Finding(f'model.{name}', 0.0, random) for name in EQUATIONS]
     scores = {name: _score(trials, name) for name in EQUATIONS}
-    sentences = _sentences(trials, [name for name in EQUATIONS if scores[name] < 1.0])
-    return [
-        Finding(f'model.{name}', scores[name], sentences.get(name) or _right(trials))
-        for name in EQUATIONS
-    ]
+    messages = dict.fromkeys(EQUATIONS, _right(trials))
+    for trial in _own_lengths(code, seed, trials):
+        wrong = [name for name in EQUATIONS if not trial.right(name).all()]
+        for name, sentence in _named([*trials, trial], wrong).items():
+            messages[name] += f' of a car with l_f = l_r; of another one not: {sentence}'
+    messages |= _sentences(trials, [name for name in EQUATIONS if scores[name] < 1.0])
+    return [Finding(f'model.{name}', scores[name], messages[name]) for name in EQUATIONS]
 
 
 @judges('model.reverse')
 def judge_reverse(code: JudgedCode, seed: int) -> Judged:
     """Return the finding on all equations together, at negative speeds."""
-    return _judge_beyond(code, seed, REVERSE)
+    return _judge_beyond(code, seed, _run(code, seed, REVERSE))
 
 
 @judges('model.general')
 def judge_general(code: JudgedCode, seed: int) -> Judged:
     """Return the finding on all equations together, with another car.
 
-    Other axle distances are tried only if the function takes them.
+    Other axle distances are tried if the function takes them.
     """
-    return _judge_beyond(code, seed, (*GENERAL, *_at_other_lengths(code, seed)))
+    lengths = _at_other_lengths(code, seed)
+    trials = _run(code, seed, (*GENERAL, *lengths))
+    return _judge_beyond(code, seed, trials + ([] if lengths else _own_lengths(code, seed, trials)))
 
 
-def _judge_beyond(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> Judged:
+def _own_lengths(code: JudgedCode, seed: int, trials: Sequence[Trial]) -> list[Trial]:
+    """Return a trial with other axle distances in the file's own variables, if it names a mistake.
+
+    Other differences there are no mistake: a file may have 0.5 in place of l_r / (l_f + l_r).
+    """
+    if any(_score(trials, name) < 1.0 for name in ('x', 'y', 'psi')):
+        return []
+    trial = Trial(with_lengths(_OTHER_L_F, _OTHER_L_R), seed)
+    trial.run(code, assigned=True)
+    wrong = [name for name in EQUATIONS if not trial.right(name).all()]
+    named = {} if trial.failure else _named([*trials, trial], wrong)
+    trial.got |= {name: trial.expected[name] for name in wrong if name not in named}
+    return [trial] if named else []
+
+
+def _judge_beyond(code: JudgedCode, seed: int, trials: Sequence[Trial]) -> Judged:
     """Judge the results in states that the lab's road has not."""
-    trials = _run(code, seed, situations)
     score = float(np.mean([trial.right(name) for trial in trials for name in EQUATIONS]))
     wrong = [name for name in EQUATIONS if _score(trials, name) < 1.0]
     if not wrong:
@@ -267,14 +285,20 @@ def _sentences(
     if failed := [trial for trial in trials if trial.failure]:
         where = '' if len(failed) == len(trials) else f' ({failed[0].situation.name})'
         return dict.fromkeys(wrong, f'{failed[0].failure}{where}')
-    whole = [trial for trial in (*others, *trials) if not trial.failure]
+    named = _named([trial for trial in (*others, *trials) if not trial.failure], wrong)
+    return {name: named.get(name) or _largest_error(trials, name) for name in wrong}
+
+
+def _named(trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, str]:
+    """Return the sentence of the mistake in each wrong equation, if the law's file has it."""
+    results = joined([trial.got for trial in trials])
     named = BIKE.explain(
-        joined([trial.inputs for trial in whole]),
-        {f'{name}_next': got for name, got in joined([trial.got for trial in whole]).items()},
+        joined([trial.inputs for trial in trials]),
+        {f'{name}_next': got for name, got in results.items()},
         [f'{name}_next' for name in wrong],
         lambda one, other: bool(close(one, other).all()),
     )
-    return {name: named.get(f'{name}_next') or _largest_error(trials, name) for name in wrong}
+    return {name.removesuffix('_next'): sentence for name, sentence in named.items()}
 
 
 def joined(parts: Sequence[dict[str, Floats]]) -> dict[str, Floats]:

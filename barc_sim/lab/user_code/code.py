@@ -204,6 +204,11 @@ class UserCode:
                 return getattr(module, name)
         raise UserCodeError(f'{path.name} defines no {" nor ".join(reversed(names))}')
 
+    def model_with(self, **numbers: float) -> UserFunction:
+        """Return `bikeFE` of its file loaded again, in which names get these numbers."""
+        assert self.model  # noqa: S101 (there is the file)
+        return self._model(self.model.folder.again(numbers), self.paths['model'])
+
     def new_pid(
         self, kp: float, ki: float, kd: float, *, fresh: bool = False, **limits: float
     ) -> UserPid:

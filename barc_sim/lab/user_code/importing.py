@@ -18,7 +18,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from barc_sim.lab.user_code.source import Source, compiled, guarded_lines, read
+from barc_sim.lab.user_code.source import Reassigned, Source, compiled, guarded_lines, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -120,6 +120,7 @@ class Folder:
         """
         self._packages = packages
         self._output = output
+        self._numbers: Mapping[str, float] = {}
         self._guarded: dict[str, frozenset[int]] = {}
         self._uses_rclpy = False
         self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
@@ -135,9 +136,11 @@ class Folder:
         if output:
             self._builtins['print'] = _print_to(output)
 
-    def again(self) -> Folder:
-        """Return the same folder with nothing loaded."""
-        return Folder(self.path, self._output, self._prefix, packages=self._packages)
+    def again(self, numbers: Mapping[str, float] | None = None) -> Folder:
+        """Return the same folder with nothing loaded; its files assign `numbers`, if any."""
+        folder = Folder(self.path, self._output, self._prefix, packages=self._packages)
+        folder._numbers = numbers or {}
+        return folder
 
     def load(self, file: Path) -> ModuleType:
         """Import `file`, once; its exceptions are passed on."""
@@ -168,7 +171,11 @@ class Folder:
         )
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
-        exec(result.code, vars(module))  # noqa: S102 (running it is the purpose)
+        code = result.code
+        if self._numbers:
+            tree = Reassigned(self._numbers).visit(result.tree)
+            code = compile(tree, str(path), 'exec', dont_inherit=True)
+        exec(code, vars(module))  # noqa: S102 (running it is the purpose)
 
     def parse(self, file: Path) -> ast.Module:
         """Return the syntax tree of `file`, which is not run."""

@@ -114,6 +114,30 @@ def _compiled(source: Source, text: str) -> Compiled:
         raise UserCodeError(f'{source.name} is no Python 3: {error}') from error
 
 
+class Reassigned(ast.NodeTransformer):
+    """Changes the numbers that names such as `l_f`, `L_F` or `lf` get, wherever they get them."""
+
+    def __init__(self, numbers: Mapping[str, float]) -> None:
+        """Use these `numbers`, by name in lower case without underscores."""
+        self._numbers = numbers
+
+    def visit_Assign(self, node: ast.Assign | ast.AnnAssign) -> list[ast.stmt]:
+        """Add assignments of the numbers after one to their names."""
+        names = [
+            each.id
+            for each in ast.walk(node)
+            if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)
+        ]
+        added = [
+            ast.Assign([ast.Name(name, ast.Store())], ast.Constant(self._numbers[key]))
+            for name in names
+            if (key := name.lower().replace('_', '')) in self._numbers
+        ]
+        return [node, *(ast.fix_missing_locations(ast.copy_location(new, node)) for new in added)]
+
+    visit_AnnAssign = visit_Assign  # noqa: N815 (as ast calls it)
+
+
 def _with_blanks(text: str) -> str:
     """Return `text` with the tabs of each indentation expanded."""
     lines = []

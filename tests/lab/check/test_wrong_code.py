@@ -93,6 +93,29 @@ def test_the_mistake_in_a_pid_is_named(lab: Lab, controller: str, name: str) -> 
     assert words in findings[names[0] if names else 'pid.proportional'].message
 
 
+@pytest.mark.parametrize(
+    ('start', 'body', 'turn'),
+    [
+        ('l_f = 1.5\nl_r = 1.5\n', '', 'l_r'),
+        ('', '    l_f, l_r = 1.5, 1.5\n', 'l_r'),
+        ('l_f = l_r = 1.5\n', '', '1.5'),
+    ],
+)
+def test_l_f_for_l_r_is_named_where_a_file_has_its_own_lengths(
+    lab: Lab, model: str, start: str, body: str, turn: str
+) -> None:
+    text = start + replaced(model, (', l_f=L_F, l_r=L_R', ''), ('/ l_r *', f'/ {turn} *'))
+    text = text.replace('    beta =', f'{body}    beta =')
+    settings = Settings(criteria=('model.x', 'model.general'))
+    assert all(finding.passed for finding in judge(lab(text), settings))
+    x, general = judge(lab(replaced(text, ('atan(l_r /', 'atan(l_f /'))), settings)
+    words = 'l_f is used in place of l_r in beta = atan(l_r / (l_f + l_r) * tan(d_f))'
+    assert x.passed  # its numbers are right for the lab's car
+    assert x.message.endswith(words)
+    assert not general.passed
+    assert general.message == words
+
+
 def test_what_nothing_explains_is_shown_with_its_largest_error(lab: Lab, model: str) -> None:
     *_, speed = judge_equations(lab(model.replace('sin(theta)', 'sin(theta)**3')), seed=0)
     assert speed.message.startswith('v_next is wrong in: uphill, downhill, ')
