@@ -48,10 +48,13 @@ def programs(directory: Path, *names: str, **scripts: str) -> Path:
     for name in names:
         (directory / name).symlink_to(str(shutil.which(name)))
     for name, text in scripts.items():
-        script = directory / name
-        script.write_text(f'#!{shutil.which("bash")}\n{text}\n')
-        script.chmod(0o755)
+        write_script(directory / name, text)
     return directory
+
+
+def write_script(path: Path, text: str) -> None:
+    path.write_text(f'#!{shutil.which("bash")}\n{text}\n', encoding='utf-8')
+    path.chmod(0o755)
 
 
 def run(checkout: Path, path: Path | str, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -86,8 +89,7 @@ def test_script_is_bash_that_parses(script: Path) -> None:
 
 
 def test_missing_compiler_is_named(checkout: Path, tmp_path: Path) -> None:
-    path = programs(tmp_path / 'bin', *TOOLS)
-    line = sentence(run(checkout, path))
+    line = sentence(run(checkout, programs(tmp_path / 'bin', *TOOLS)))
     assert 'a C++ compiler must be installed' in line
     assert 'or drive without ROS (export BARC_ROS=none)' in line
     assert not (checkout / '.venv').exists()
@@ -95,35 +97,39 @@ def test_missing_compiler_is_named(checkout: Path, tmp_path: Path) -> None:
 
 def test_all_that_is_missing_is_named_at_once(checkout: Path, tmp_path: Path) -> None:
     version = sysconfig.get_python_version()
-    no_venv = f'[[ $* == *ensurepip* ]] && exit 1; exec "{sys.executable}" "$@"'
-    path = programs(tmp_path / 'bin', *TOOLS, python=no_venv)
+    path = programs(tmp_path / 'bin', *TOOLS)
     # The script asks the interpreter where it lies, and uses that one from then on.
-    about = f'echo {version} wheels {path / "python"}'
-    answer = f'[[ $* != *realpath* ]] || {{ {about}; exit; }}; {no_venv}'
-    (path / 'python').write_text(f'#!{shutil.which("bash")}\n{answer}\n')
+    about = f'[[ $* != *realpath* ]] || {{ echo {version} wheels {path / "python"}; exit; }}'
+    no_venv = f'[[ $* == *ensurepip* ]] && exit 1; exec "{sys.executable}" "$@"'
+    write_script(path / 'python', f'{about}; {no_venv}')
     line = sentence(run(checkout, path, BARC_PYTHON=str(path / 'python')))
     assert f"a C++ compiler and Python {version}'s venv module must be installed" in line
     assert f'sudo apt install g++ python{version}-venv' in line
 
 
-@pytest.mark.parametrize('version', ['2.7', '3.9', '3.14'])
-def test_unsupported_python_is_named(checkout: Path, tmp_path: Path, version: str) -> None:
-    python = f'echo {version} wheels /bin/python'
+@pytest.mark.parametrize(
+    ('environment', 'message'),
+    [
+        *(
+            ({'VERSION': version}, f'3.12 or 3.13 is needed, but python3 is Python {version}')
+            for version in ('2.7', '3.9', '3.14')
+        ),
+        ({'BARC_PYTHON': '/opt/python'}, 'is needed, but /opt/python is not there'),
+        (
+            {'ROS_DISTRO': 'humble', 'AMENT_PREFIX_PATH': '/opt/ros/humble'},
+            "ROS 2 Jazzy is needed, but 'humble' is sourced",
+        ),
+        ({'BARC_ROS': 'no'}, "BARC_ROS can be none, to set up without ROS, and not 'no': unset it"),
+        ({'BARC_LOCK': 'no'}, "and not 'no': unset it"),
+    ],
+)
+def test_what_it_cannot_use_is_named(
+    checkout: Path, tmp_path: Path, environment: dict[str, str], message: str
+) -> None:
+    python = 'echo $VERSION wheels /bin/python'
     path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS, python3=python)
-    line = sentence(run(checkout, path, BARC_PYTHON=''))
-    assert f'3.10, 3.11, 3.12 or 3.13 is needed, but python3 is Python {version}' in line
-
-
-def test_missing_python_is_named(checkout: Path, tmp_path: Path) -> None:
-    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS)
-    line = sentence(run(checkout, path, BARC_PYTHON='/opt/python'))
-    assert 'is needed, but /opt/python is not there' in line
-
-
-def test_another_ros_distribution_is_refused(checkout: Path, tmp_path: Path) -> None:
-    path = programs(tmp_path / 'bin', *TOOLS, *COMPILERS)
-    process = run(checkout, path, ROS_DISTRO='humble', AMENT_PREFIX_PATH='/opt/ros/humble')
-    assert "ROS 2 Jazzy is needed, but 'humble' is sourced" in sentence(process)
+    chosen = {'BARC_PYTHON': ''} if 'VERSION' in environment else {}
+    assert message in sentence(run(checkout, path, **chosen | environment))
 
 
 #: A Python for which PyPI has no ROS: as on a Mac, or in Git Bash, where lines end with CR LF.
@@ -170,14 +176,6 @@ def test_barc_ros_none_needs_no_compiler(checkout: Path, tmp_path: Path) -> None
     path = programs(tmp_path / 'bin', *POSIX, 'uname', python3=ELSEWHERE.replace('FOLDER', 'bin'))
     process = run(checkout, path, BARC_PYTHON='', BARC_ROS='none', ROS_DISTRO='humble')
     assert process.returncode == 0, process.stderr
-
-
-@pytest.mark.parametrize('name', ['BARC_ROS', 'BARC_LOCK'])
-def test_another_value_than_none_is_named(checkout: Path, tmp_path: Path, name: str) -> None:
-    path = programs(tmp_path / 'bin', *TOOLS)
-    line = sentence(run(checkout, path, **{name: 'no'}))
-    assert f'{name} can be none' in line
-    assert "and not 'no': unset it" in line
 
 
 @pytest.mark.slow

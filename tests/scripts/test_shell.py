@@ -151,31 +151,30 @@ def test_pipe_is_read_as_a_script(environment: dict[str, str], checkout: Path, s
     assert (done.returncode, done.stdout, done.stderr) == (4, f'{checkout}/.venv/bin/python\n', '')
 
 
-def test_command_is_run_with_ros(environment: dict[str, str], checkout: Path) -> None:
+@pytest.mark.parametrize('discovery', [None, 'SUBNET'])
+def test_command_is_run_with_ros(
+    environment: dict[str, str], checkout: Path, discovery: str | None
+) -> None:
     script = (
-        'import rclpy, sys\nfrom ament_index_python import get_package_share_directory as share\n'
-        'print(share("barc_interfaces"), *sys.argv[1:])'
+        'import os, rclpy, sys\n'
+        'from ament_index_python import get_package_share_directory as share\n'
+        'print(share("barc_interfaces"), os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"], sys.argv)\n'
+        'sys.exit(7)'
     )
-    done = run(environment, 'python', '-c', script, 'a b', '*')
-    assert (done.returncode, done.stderr) == (0, '')
-    assert done.stdout == f'{checkout}/.venv/share/barc_interfaces a b *\n'
+    set_already = {'ROS_AUTOMATIC_DISCOVERY_RANGE': discovery} if discovery else {}
+    done = run(environment | set_already, 'python', '-c', script, 'a b', '*')
+    assert (done.returncode, done.stderr) == (7, '')
+    share = f'{checkout}/.venv/share/barc_interfaces'
+    assert done.stdout == f"{share} {discovery or 'LOCALHOST'} ['-c', 'a b', '*']\n"
 
 
-def test_exit_code_of_a_command_is_its_own(environment: dict[str, str]) -> None:
-    assert run(environment, 'python', '-c', 'raise SystemExit(7)').returncode == 7
-
-
-def test_range_of_discovery_that_is_set_stays(environment: dict[str, str]) -> None:
-    chosen = environment | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-    assert run(chosen, 'printenv', 'ROS_AUTOMATIC_DISCOVERY_RANGE').stdout == 'SUBNET\n'
-
-
-def test_missing_ros2_is_named_with_what_replaces_it(environment: dict[str, str]) -> None:
-    done = run(environment, 'ros2', 'topic', 'list')
+@pytest.mark.parametrize(
+    ('words', 'message'),
+    [(('ros2', 'topic', 'list'), HINT), (('no-such-thing',), 'no-such-thing is not installed.')],
+)
+def test_what_is_missing_is_named(
+    environment: dict[str, str], words: tuple[str, ...], message: str
+) -> None:
+    done = run(environment, *words)
     assert (done.returncode, done.stdout) == (1, '')
-    assert done.stderr.startswith(f'barc_sim: {HINT}')
-
-
-def test_missing_command_is_named(environment: dict[str, str]) -> None:
-    done = run(environment, 'no-such-thing')
-    assert (done.returncode, done.stderr) == (1, 'barc_sim: no-such-thing is not installed.\n')
+    assert done.stderr.startswith(f'barc_sim: {message}')
