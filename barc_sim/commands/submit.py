@@ -77,7 +77,10 @@ def run(options: Namespace) -> None:
     bags = (Path('bags'), folder / 'bags')
     teleop = options.teleop or submit.newest_drive(bags, 'teleop')
     beside = [] if teleop is None else [teleop if teleop.is_dir() else teleop.parent]
-    video = options.video or submit.newest_video([folder, *beside])
+    named = options.video
+    if named and named.is_symlink():  # the user's own, unlike one in a folder
+        named = Path(os.path.realpath(named))
+    video = named or submit.newest_video([folder, *beside])
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
         course, why = options.course, ''
         if course is None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import io
+import shutil
 import time
 import zipfile
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from matplotlib.figure import Figure
 
 from barc_sim.bags import reader, records
+from barc_sim.cli.files import open_regular
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.figures.graph_figure import GraphDrawing
@@ -26,6 +27,7 @@ from barc_sim.simulation.metrics import RUN_UP
 if TYPE_CHECKING:
     import ast
     from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from barc_sim.bags.node_graph import NodeGraph
     from barc_sim.lab.user_code.source import ChosenGains
@@ -72,12 +74,19 @@ def collect(
 
 
 def write(path: Path, parts: Iterable[Part]) -> None:
-    """Write the files of `parts`, and their lines, as a zip."""
+    """Write the files of `parts`, and their lines, as a zip; a link is refused with a UserError."""
     parts = [*parts]
     files = {name: data for part in parts for name, data in part.files.items()}
     with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED) as archive:
         for name, data in files.items():
-            archive.writestr(_entry(name), data.read_bytes() if isinstance(data, Path) else data)
+            if isinstance(data, bytes):
+                archive.writestr(_entry(name), data)
+                continue
+            with (
+                open_regular(data, follow=False) as file,
+                archive.open(_entry(name), 'w', force_zip64=True) as packed,
+            ):
+                shutil.copyfileobj(file, packed)
         archive.writestr(_entry(SUMMARY), ''.join(f'{part}\n' for part in parts))
 
 
@@ -189,7 +198,7 @@ def _course(bag: Path, facts: Facts, folder: Path) -> Part:
             f'm/s, the greatest {result.max_error_after_run_up:.3f} m/s'
         )
     own = {name: text for name, text in facts.sources.items() if (folder / name).is_file()}
-    now = {name: (folder / name).read_bytes().decode(errors='replace') for name in own}
+    now = {name: _start(folder / name).decode(errors='replace') for name in own}
     if changed := [name for name, text in own.items() if now[name] != text]:
         text += f'; since then {", ".join(changed)} changed: drive again'
     elif not own:
@@ -242,11 +251,17 @@ def _video(video: Path | None) -> Part:
     return Part('video', f'there is no {str(video)!r}' if video else advice, missing=True)
 
 
+def _start(file: Path) -> bytes:
+    """Return all bytes of a text, and no more than the first megabyte of another file."""
+    with open_regular(file) as text:
+        return text.read(1 << 20)
+
+
 def _description(folder: Path) -> Part:
     files = sorted(file for file in folder.iterdir() if file.suffix.lower() in _TEXTS)
     for stem in _DESCRIPTIONS:
         for file in files:
             same = file.stem.lower() == stem and file.is_file()
-            if same and file.read_bytes() not in (b'', templates().get(file.name)):
+            if same and _start(file) not in (b'', templates().get(file.name)):
                 return Part('description', file.name, {file.name: file})
     return Part('description', 'write what you did, and why, in description.md', missing=True)

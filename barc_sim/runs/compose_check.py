@@ -6,15 +6,19 @@ import ast
 import json
 import os
 import runpy
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.errors import UserError
+from barc_sim.lab.user_code import source
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
 
 if TYPE_CHECKING:
@@ -28,6 +32,9 @@ _SIMULATOR = '/vehicle_simulator'
 #: Topics of the drive by hand; each has one publisher.
 _TOPICS = ('/cmd_vel', '/ecu', '/z_vhcl')
 _FOUND = 'found.json'
+_DEADLINE = 60.0  #: [s] for all of it, on a busy machine
+_MAX_FILE = 64 << 20  #: bytes of what it prints, and of its bag
+_LAST_WORDS = 4096  #: bytes of what it has printed
 _PATIENCE, _STABLE = 8.0, 1.0  #: [s] for nodes to appear, and to stay the same
 
 
@@ -47,8 +54,11 @@ def judge_composition(file: Path) -> Verdict:
     >>> judge_composition(Path('compose.py')).sentence
     'is not written yet (TODO)'
     """
-    if _is_unwritten(file):
-        return Verdict(True, NOT_WRITTEN)
+    try:
+        if _is_unwritten(file):
+            return Verdict(True, NOT_WRITTEN)
+    except UserError as error:
+        return Verdict(False, str(error))
     if sys.platform == 'win32':
         return Verdict(True, 'not run: a keyboard needs the terminal of Linux or macOS')
     seen, death = _run(file)
@@ -64,10 +74,7 @@ def judge_composition(file: Path) -> Verdict:
 
 def _is_unwritten(file: Path) -> bool:
     """Return whether the script still raises the template's NotImplementedError."""
-    try:
-        tree = ast.parse(file.read_bytes())
-    except (OSError, SyntaxError, ValueError):
-        return False  # running it names the fault
+    tree = source.compiled(source.read(file, file.name)).tree
     return any(
         isinstance(node, ast.Raise) and ast.unparse(node) == 'raise NotImplementedError'
         for node in ast.walk(tree)
@@ -86,28 +93,34 @@ def _run(file: Path) -> tuple[_Seen | None, str]:
     import pty  # noqa: PLC0415 (of Unix)
 
     ours, theirs = pty.openpty()  # a keyboard needs a terminal
-    with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run(  # noqa: S603 (the user's own file)
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
+        process = subprocess.Popen(  # noqa: S603 (the user's own file)
             [sys.executable, '-m', __name__, str(file.resolve())],
             cwd=folder,
             env=os.environ | {'PYTHONIOENCODING': 'utf-8'},
             stdin=theirs,
-            stdout=subprocess.PIPE,
+            stdout=output,
             stderr=subprocess.STDOUT,
-            encoding='utf-8',
-            errors='replace',
-            check=False,
-            timeout=60.0,
+            start_new_session=True,
         )
-        os.close(ours)
-        os.close(theirs)
+        try:
+            code = process.wait(_DEADLINE)
+        except subprocess.TimeoutExpired:
+            return None, f'it was ended after {_DEADLINE:g} s: does one call last for ever?'
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # and what it has started
+            process.wait()
+            os.close(ours)
+            os.close(theirs)
         found = Path(folder, _FOUND)
         if found.exists():
             nodes, publishers = json.loads(found.read_text(encoding='utf-8'))
             return (_Seen(nodes, publishers) if nodes else None), ''
-    lines = done.stdout.strip().splitlines()
-    last = f': {lines[-1][:200]}' if lines and done.returncode else ''
-    return None, f'it has ended with exit code {done.returncode}{last}'
+        output.seek(max(output.seek(0, os.SEEK_END) - _LAST_WORDS, 0))
+        lines = output.read().decode(errors='replace').strip().splitlines()
+    last = f': {lines[-1][:200]}' if lines and code else ''
+    return None, f'it has ended with exit code {code}{last}'
 
 
 def _watch(world: World) -> None:
@@ -134,8 +147,11 @@ def _watch(world: World) -> None:
 
 def _run_here(file: str) -> None:
     """Run the script on what stands in for ROS, with a thread that watches its nodes."""
+    import resource  # noqa: PLC0415 (of Unix)
+
     from barc_sim.ros.local import install  # noqa: PLC0415 (as the script's own process)
 
+    resource.setrlimit(resource.RLIMIT_FSIZE, (_MAX_FILE, _MAX_FILE))  # of what it prints, too
     threading.Thread(target=_watch, args=[install()], daemon=True).start()
     sys.argv = [file]
     sys.path[0] = str(Path(file).parent)

@@ -70,6 +70,22 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
     ]
 
 
+def test_a_link_in_a_bag_of_somebody_else_is_not_packed(lab: Path) -> None:
+    secret = lab.parent / 'secret.mp4'
+    secret.write_text('mine\n')
+    bag = teleop_bag(lab.parent / 'drive')
+    (bag / 'metadata.yaml').unlink()
+    (bag / 'metadata.yaml').symlink_to(secret)
+    words = ('submit', 'lab', '--course', str(bag), *LOCAL)
+    assert refused(*words).endswith('is a link, where a regular file is expected: name another')
+    assert not (lab.parent / 'lab.zip').exists()
+    (bag / 'metadata.yaml').unlink()
+    (lab.parent / 'mine.mp4').symlink_to(secret)
+    assert barc(*words, '--video', 'mine.mp4').returncode == 0
+    with zipfile.ZipFile('lab.zip') as archive:
+        assert archive.read('teleop.mp4') == b'mine\n'
+
+
 def test_what_is_missing_is_a_line_each_and_nothing_is_refused(lab: Path) -> None:
     for name in OWN:
         (lab / name).unlink()

@@ -11,6 +11,7 @@ import pytest
 from command_line import call
 
 import barc_sim.lab
+from barc_sim.runs import compose_check
 from barc_sim.runs.compose_check import Verdict, judge_composition
 
 if TYPE_CHECKING:
@@ -86,7 +87,8 @@ def test_finished_template_is_right(judged: Callable[[str], Verdict]) -> None:
             '3 nodes, /bag_recorder, /keyboard, /vehicle_simulator; expected 4',
         ),
         ('Terminal())]', 'Terminal)]', 'it has ended with exit code 1: '),
-        ('rclpy.init()', 'rclpy.init(', 'it has ended with exit code 1: SyntaxError'),
+        ('rclpy.init()', 'rclpy.init(', "'(' was never closed"),
+        ('rclpy.init()', 'print("x" * 2**27)\n    1 / 0', 'it has ended with exit code 1: '),
     ],
 )
 def test_mistake_is_a_sentence(
@@ -96,6 +98,27 @@ def test_mistake_is_a_sentence(
     right, text = judged(RIGHT.replace(old, new))
     assert not right
     assert sentence in text
+
+
+def test_a_script_that_leaves_a_process_or_computes_for_ever_is_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / 'compose.py'
+    sleeper = 'import subprocess\nsubprocess.Popen(["sleep", "300"])\n'
+    file.write_text(f'{sleeper}raise SystemExit(4)\n', encoding='utf-8')
+    assert judge_composition(file) == (False, 'it has ended with exit code 4')
+    monkeypatch.setattr(compose_check, '_DEADLINE', 5.0)
+    file.write_text('import re\nre.match("(a+)+$", "a" * 60 + "b")\n', encoding='utf-8')
+    assert judge_composition(file).sentence.startswith('it was ended after 5 s')
+
+
+@pytest.mark.parametrize('text', ['-' * 100_000 + '1', '(' * 1000, '\0'])
+def test_text_that_python_cannot_read_is_a_sentence(tmp_path: Path, text: str) -> None:
+    file = tmp_path / 'compose.py'
+    file.write_text(text, encoding='utf-8')
+    right, sentence = judge_composition(file)
+    assert not right
+    assert 'compose.py' in sentence
 
 
 def test_template_is_not_run(tmp_path: Path) -> None:
