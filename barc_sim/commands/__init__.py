@@ -49,8 +49,9 @@ GROUPS = {
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 #: The modules that several commands share, by command.
-_SHARED = dict.fromkeys(('acc', 'teleop'), 'drive')
-_SHARED |= dict.fromkeys(('record', 'recover'), 'bags')
+_SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
+_SHARED |= dict.fromkeys(GROUPS['look'], 'figures')
+_SHARED |= dict.fromkeys(GROUPS['bags'], 'bags')
 _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.
 NODES = {

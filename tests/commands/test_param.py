@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,7 +15,6 @@ from rclpy.parameter import Parameter as RosParameter
 
 from barc_sim.bags import reader as bag
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.node_helpers import declare
 from barc_sim.vehicle.parameters import Parameter
@@ -226,22 +224,3 @@ def test_run_with_a_dump_is_the_same_to_the_last_bit(dumped: Path, tmp_path: Pat
     assert first[-1][0] >= 60.0
     assert drive(tmp_path / 'again', '--params-file', str(dumped)) == first
     assert drive(tmp_path / 'other', *given, '-p', 'vehicle_simulator:seed:=4') != first
-
-
-def test_dump_loaded_into_a_controller_that_runs_is_the_same_run(
-    dumped: Path, tmp_path: Path, ros: Context
-) -> None:
-    expected = drive(tmp_path / 'first', '--params-file', str(dumped))
-    controller = CruiseController(context=ros)
-    arrived = threading.Event()
-    with spinning(ros, controller):
-        assert barc('param', 'load', 'controller', str(dumped)).returncode == 0
-        simulator = VehicleSimulator(
-            context=ros, cli_args=['--ros-args', '--params-file', str(dumped)]
-        )
-        simulator.finished.add_done_callback(lambda _: arrived.set())
-        recorder = BagRecorder(tmp_path / 'loaded', context=ros)  # of every topic
-        with spinning(ros, recorder, simulator):
-            assert arrived.wait(60.0)
-            recorder.close()
-    assert states(recorder.path) == expected

@@ -130,7 +130,8 @@ def test_dump_is_ours_and_is_loaded(tmp_path: Path) -> None:
     assert yaml.safe_load(dump) == yaml.safe_load(call('param', 'dump', '/controller').stdout)
     values = yaml.safe_load(dump)
     parameters = values['/controller']['ros__parameters']
-    del parameters['start_type_description_service']  # read-only
+    for name in ('controller_type', 'start_type_description_service'):  # read-only
+        del parameters[name]
     parameters['kp'] = 12.5
     path = tmp_path / 'controller.yaml'
     path.write_text(yaml.safe_dump(values))

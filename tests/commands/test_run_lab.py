@@ -61,10 +61,6 @@ def lab(folder: Path, **files: str) -> Path:
     return folder
 
 
-def failing(step: int) -> str:
-    return PID.format(line=f'assert self.calls < {step}')
-
-
 def test_gains_go_to_the_users_class_and_its_files_with_their_hashes_to_the_bag(
     start: Start, tmp_path: Path
 ) -> None:
@@ -103,30 +99,61 @@ def test_the_labs_published_law_drives_as_published(start: Start, tmp_path: Path
     assert errors.max_error_after_run_up == pytest.approx(0.367, abs=0.0005)
 
 
-def test_an_error_in_the_run_ends_it_with_all_up_to_there_in_the_bag(
-    start: Start, tmp_path: Path
+@pytest.mark.parametrize(
+    ('command', 'name', 'text', 'sentence', 'states'),
+    [
+        (
+            'acc',
+            'controller',
+            PID.format(line='assert self.calls < 30'),
+            'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current=',
+            30,
+        ),
+        (
+            'acc',
+            'controller',
+            PID.format(line='while self.calls == 20: pass'),
+            'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current=',
+            20,
+        ),
+        (
+            'acc',
+            'bike_model',
+            'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return [x, y, psi]\n',
+            'bike_model.py, line 1: bikeFE(x=0.0, y=0.0',
+            1,
+        ),
+        (
+            'teleop --view none',
+            'relay',
+            'def relay(linear_x, angular_z):\n    return linear_x\n',
+            'relay.py, line 1: relay(linear_x=0.0, angular_z=0.0) returned 0.0',
+            None,
+        ),
+    ],
+    ids=['controller', 'loop without end', 'model', 'relay'],
+)
+def test_an_error_ends_the_run_with_all_up_to_there_in_the_bag(
+    start: Start,
+    tmp_path: Path,
+    command: str,
+    name: str,
+    text: str,
+    sentence: str,
+    states: int | None,
 ) -> None:
-    lab(tmp_path / 'lab', controller=failing(30))
-    code, out, err = finish(start('acc', *MAX, '--lab', 'lab'))
-    sentence = 'controller.py, line 9: acc_calculate(speed_reference=8.0, speed_current='
-    assert code == 1
-    assert f'barc acc: error: {sentence}' in err
-    assert 'Traceback' not in err
-    assert 'bag     ' in out
+    lab(tmp_path / 'lab', **{name: text})
+    lock_step = MAX if states else ()
+    code, out, err = finish(start(*command.split(), '-q', *lock_step, '--lab', 'lab'))
     path = bag.newest(tmp_path / 'bags')
-    assert len(bag.read(path)) == 30
-    assert bag.info(path)['failure'].startswith(sentence)
-    assert bag.info(path)['steps'] == '30'
-    assert 'student/controller.py' in bag.load(path).attachments
-
-
-def test_a_loop_without_end_ends_the_run(start: Start, tmp_path: Path) -> None:
-    line = 'while self.calls == 20: pass'
-    lab(tmp_path / 'lab', controller=PID.format(line=line))
-    code, _, err = finish(start('acc', '-q', *MAX, '--lab', 'lab'))
-    assert code == 1
-    assert 'controller.py, line 9' in err
-    assert 'did not return within 2 s' in err
+    assert (code, out) == (1, f'{path.relative_to(tmp_path)}\n')
+    assert f'barc {command.split(maxsplit=1)[0]}: error: {sentence}' in err
+    assert 'Traceback' not in err
+    information = bag.info(path)
+    assert information['failure'].startswith(sentence)
+    assert f'student/{name}.py' in bag.load(path).attachments
+    if states:
+        assert (len(bag.read(path)), information['steps']) == (states, str(states))
 
 
 @pytest.mark.parametrize(
@@ -170,13 +197,6 @@ def test_a_killed_run_has_its_code_in_the_bag_before_and_after_recovery(
     assert bag.load(path).attachments == expected
     recover(path)
     assert bag.load(path).attachments == expected
-
-
-def test_a_relay_that_fails_ends_the_drive(start: Start, tmp_path: Path) -> None:
-    lab(tmp_path / 'lab', relay='def relay(linear_x, angular_z):\n    return linear_x\n')
-    code, _, err = finish(start('teleop', '--view', 'none', '-q', '--lab', 'lab'))
-    assert code == 1
-    assert 'relay.py, line 1: relay(linear_x=0.0, angular_z=0.0) returned 0.0' in err
 
 
 def test_a_relay_drives(start: Start, tmp_path: Path) -> None:

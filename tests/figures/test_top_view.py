@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from barc_sim.commands.replay import save
-from barc_sim.commands.replay import view_of as chosen_view
+from barc_sim.commands.figures import save
+from barc_sim.commands.figures import view_of as chosen_view
 from barc_sim.control.driver import FULL_BRAKE, DriverInput
 from barc_sim.figures.output import SIZE
 from barc_sim.figures.top_view import TopView, suits

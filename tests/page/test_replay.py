@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from browser import AXE, CHROMIUM, OVERFLOW, SIZES, Browser, wait_until
+from browser import CHROMIUM, OVERFLOW, SIZES, Browser, wait_until
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
@@ -183,19 +183,6 @@ def test_second_run_is_drawn_beside_the_first(log: Log) -> None:
         tab.run("import('./explorer.js').then((m) => { m.Explorer.prototype.ghosts = () => []; })")
         _seek(tab, 12.02)
         wait_until(lambda: tab.changed('#speed-chart') > 100)
-
-
-@in_browser
-@pytest.mark.skipif(not AXE.is_file(), reason='axe-core is not installed (AXE_CORE names it)')
-def test_checker_finds_no_accessibility_violation(log: Log) -> None:
-    with played(log, log, width=1440, height=900) as tab:
-        for features in (
-            {'prefers_color_scheme': 'light'},
-            {'prefers_color_scheme': 'dark'},
-            {'forced_colors': 'active'},
-        ):
-            tab.media(**features)
-            assert tab.violations(AXE) == []
 
 
 @in_browser

@@ -8,7 +8,9 @@ import os
 import random
 import socket
 import time
+import webbrowser
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
@@ -21,7 +23,7 @@ from websockets.sync.client import connect
 
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import Drive, File, Press, encode
-from barc_sim.page.server import ViewServer
+from barc_sim.page.server import ViewServer, kept_token, open_page
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -400,3 +402,69 @@ def test_silent_connections_keep_no_descriptors_and_no_page_away(server: ViewSer
         assert time.monotonic() - began < 10.0
         with page(server) as opened:
             assert opened.recv()
+
+
+# The token, the same for each run on a port
+
+
+def test_token_is_that_of_the_port_and_the_user(tmp_path: Path) -> None:
+    token = kept_token(8080, tmp_path / 'a')
+    assert token
+    assert len(token) >= 22
+    assert kept_token(8080, tmp_path / 'a') == token
+    assert kept_token(8081, tmp_path / 'a') != token
+    assert kept_token(8080, tmp_path / 'b') != token
+    (secret,) = (tmp_path / 'a').iterdir()
+    assert secret.stat().st_mode & 0o077 == 0
+
+
+def test_secret_that_others_can_read_is_not_used(tmp_path: Path) -> None:
+    kept_token(8080, tmp_path)
+    (secret,) = tmp_path.iterdir()
+    secret.chmod(0o644)
+    assert kept_token(8080, tmp_path) is None
+
+
+def test_no_directory_for_the_secret_gives_no_token(tmp_path: Path) -> None:
+    (tmp_path / 'file').touch()
+    assert kept_token(8080, tmp_path / 'file') is None
+
+
+def test_something_else_in_place_of_the_secret_is_neither_read_nor_followed(tmp_path: Path) -> None:
+    foreign = tmp_path / 'foreign'
+    foreign.write_bytes(bytes(32))
+    foreign.chmod(0o600)
+    for name, make in {
+        'pipe': os.mkfifo,
+        'folder': Path.mkdir,
+        'link': lambda path: path.symlink_to(foreign),
+    }.items():
+        state = tmp_path / name
+        state.mkdir()
+        make(state / 'page_secret')
+        assert kept_token(8080, state) is None
+    assert foreign.read_bytes() == bytes(32)
+
+
+# The browser
+
+
+@pytest.mark.parametrize(
+    ('environment', 'expected'),
+    [
+        ({}, False),
+        ({'DISPLAY': ''}, False),
+        ({'DISPLAY': ':0'}, True),
+        ({'WAYLAND_DISPLAY': 'wayland-0'}, True),
+        ({'DISPLAY': 'localhost:10.0', 'SSH_CONNECTION': '::1 1 ::1 22'}, False),
+    ],
+)
+def test_page_opens_on_a_screen_that_is_not_reached_over_ssh(
+    environment: dict[str, str], expected: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[str] = []
+    called = Event()
+    monkeypatch.setattr(webbrowser, 'open', lambda url: (opened.append(url), called.set()))
+    assert open_page('http://127.0.0.1:1/', environment) is expected
+    assert called.wait(10.0 if expected else 0.0) is expected
+    assert opened == ['http://127.0.0.1:1/'] * expected

@@ -1,4 +1,4 @@
-"""Plays a recorded run at real speed, in a window, a web page or a video."""
+"""`plot` and `replay`: a recorded run as a figure, in a window, on a web page or as a video."""
 
 from __future__ import annotations
 
@@ -20,12 +20,58 @@ if TYPE_CHECKING:
     from barc_sim.figures.output import RunView
     from barc_sim.simulation.log import Log
 
-FORMATS = ('mp4', 'gif')
+_FIGURES = ('png', 'pdf', 'svg')
+_FIGURE_DPI = 150
+_VIDEOS = ('mp4', 'gif')
 MP4_DPI, MP4_FPS = 100, 50  # 1280 x 720, every state
 GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and its unit of time is 10 ms
 
 
-def add_arguments(parser: Parser) -> None:
+def add_arguments_plot(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Draw speed, grade and command of a run.'
+    add_bag_arguments(parser)
+    parser.add_argument('--save', metavar='FILE', help='save as .png, .pdf or .svg')
+    parser.add_argument(
+        '--show',
+        action='store_true',
+        help='open a window: the default with a display and without --save; without a display '
+        'the default is to save BAG/speed.png',
+    )
+
+
+def run_plot(options: Namespace) -> None:
+    """Save the figure, or show it in a window."""
+    from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.figures import output, run_figures  # noqa: PLC0415
+
+    path = target(options.save, _FIGURES) if options.save is not None else None
+    source = options.bag or reader.newest()
+    bag = reader.load(source)
+    log = bag.log(options.namespace)
+    directory = source if source.is_dir() else source.parent
+    title = directory.resolve().name
+    window = output.window(run_figures.SIZE, title) if options.show or not path else None
+    if options.show and not window:
+        raise UserError(
+            'cannot open a window for --show: there is no display, or no GUI toolkit such as '
+            'tkinter; use --save FILE'
+        )
+    figure = run_figures.speed_figure(
+        log, title=title, settings=run_figures.settings(bag.info), figure=window
+    )
+    if not window and not path:
+        check_plain(directory)
+        path = directory / 'speed.png'
+    if path:
+        with saving(path) as part:
+            figure.savefig(part, dpi=_FIGURE_DPI)
+        print(path)  # noqa: T201
+    if window:
+        output.show()
+
+
+def add_arguments_replay(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Play a run at real speed.'
     add_bag_arguments(parser)
@@ -44,7 +90,7 @@ def add_arguments(parser: Parser) -> None:
     add_address_options(parser, can='watch')
 
 
-def run(options: Namespace) -> None:
+def run_replay(options: Namespace) -> None:
     """Play the run."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
 
@@ -52,7 +98,7 @@ def run(options: Namespace) -> None:
         raise UserError(
             f'a second run, {str(options.other)!r}, is shown by the web page only: add --web'
         )
-    path = target(options.save, FORMATS) if options.save is not None else None
+    path = target(options.save, _VIDEOS) if options.save is not None else None
     source = options.bag or reader.newest()
     log = reader.read(source, options.namespace)
     directory = source if source.is_dir() else source.parent

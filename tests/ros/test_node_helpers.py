@@ -1,4 +1,4 @@
-"""Parameters declared from a table."""
+"""What nodes share: parameters declared from a table, and refused input."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from barc_sim.errors import UserError
-from barc_sim.ros.node_helpers import declare
+from barc_sim.ros import node_helpers
+from barc_sim.ros.node_helpers import RefusedInput, declare
 from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
@@ -78,3 +79,28 @@ def test_wrong_type_is_refused_with_an_example(
     message = str(refusal.value)
     assert message.startswith(f'parameter {name} of car must be of type {wanted}: ')
     assert '\n' not in message
+
+
+def test_every_refusal_counts_and_one_a_second_is_logged(
+    ros: Context, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = Node('car', context=ros)
+    logged: list[str] = []
+    monkeypatch.setattr(node.get_logger(), 'warning', logged.append)
+    clock = iter((100.0, 100.1, 100.9, 101.0, 101.5))
+    monkeypatch.setattr(node_helpers.time, 'monotonic', lambda: next(clock))
+    refused, described = RefusedInput(node), []
+
+    def describe() -> str:
+        described.append(refused.count)
+        return 'nonsense'
+
+    for _ in range(5):
+        refused.add(describe)
+    monkeypatch.undo()
+    node.destroy_node()
+    assert refused.count == 5
+    assert described == [1, 4]
+    first, second = logged
+    assert 'refused nonsense' in first
+    assert 'refused nonsense (4 refused so far)' in second
