@@ -38,7 +38,7 @@ A controller of one's own::
 
 Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
 those of the PID in `control/pid.py`. `simulation/stepper.py` (`pass_deadline`) decides each
-deadline of a run, and `bags/samples.py` those of a bag. `lab/hills/` judges a user's model
+deadline of a run, and `bags/reader.py` (`join`) those of a bag. `lab/hills/` judges a user's model
 and PID; `bike.txt` and `pid.txt` there have the mistakes that it names.
 """
 

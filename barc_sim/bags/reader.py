@@ -72,17 +72,6 @@ def info(path: Path | str) -> dict[str, str]:
     return load(path, messages=False).info
 
 
-def counts(path: Path | str) -> dict[str, int]:
-    """Return the number of messages by topic, without namespaces, with errors as for `info`.
-
-    Examples
-    --------
-    >>> counts(newest('bags'))['ecu']
-    1152
-    """
-    return dict(load(path).counts)
-
-
 def read(path: Path | str, namespace: str | None = None) -> Log:
     """Read the run of a car.
 

@@ -53,7 +53,7 @@ class BagWriter:
     >>> topic = messages.topic('/ecu', 'barc_interfaces/msg/ECU')
     >>> writer.write(topic, bytes(36), received=0, published=0, sequence=1)
     >>> writer.close()
-    >>> reader.counts(directory)
+    >>> dict(reader.load(directory).counts)
     {'ecu': 1}
     """
 

@@ -67,7 +67,7 @@ WINDOWS = [
 HEADLIGHT = [(2.02, 0.3), (2.17, 0.24), (2.24, 0.14), (2.06, 0.18)]
 TAIL_LIGHT = [(-2.24, 0.24), (-2.22, 0.44), (-2.1, 0.46), (-2.12, 0.24)]
 WHEEL_ARCH = 0.44  #: [m] radius
-GLASS, LAMP, RIM = '#DCEBF4', '#F0E442', '#D5D5D5'
+GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
 
 VIEW_WIDTH = 30.0  #: [m] of the map, visible at once
 POST_SPACING = 10.0  #: [m] along the road
@@ -221,7 +221,10 @@ class RoadScene:
             axes.text(0, 0, '', transform=ground, ha='center', va='top', color=MUTED, clip_on=True)
             for _ in range(POSTS)
         ]
-        self._car = SideCar(axes)
+        self._body, self._wheels = Affine2D(), [Affine2D() for _ in AXLES]
+        car = _car(self._body + axes.transData, [each + axes.transData for each in self._wheels])
+        for artist in car:
+            axes.add_artist(artist)
         self.artists: list[Artist] = [
             axes.add_patch(_earth(terrain, ground)),
             axes.add_line(_posts(terrain, ground)),
@@ -231,7 +234,7 @@ class RoadScene:
                 )
             ),
             *self._labels,
-            *self._car.artists,
+            *car,
         ]
 
     def place(self, distance: float) -> None:
@@ -240,8 +243,10 @@ class RoadScene:
         wheels = np.column_stack([horizontal, np.interp(horizontal, *self._wheel_path)])
         camera = wheels.mean(axis=0)
         self._camera.clear().translate(*-camera)
-        rear, front = wheels - camera
-        self._car.place(rear, front, rolled=distance)
+        along = wheels[1] - wheels[0]
+        self._body.clear().rotate(np.arctan2(along[1], along[0]))
+        for wheel, centre in zip(self._wheels, wheels - camera, strict=True):
+            wheel.clear().rotate(-distance / WHEEL_RADIUS).translate(*centre)
         edge = self._axes.get_xlim()[1] + LABEL_WIDTH / 2.0
         first = np.ceil(distance / POST_SPACING - POSTS / 2) * POST_SPACING
         for i, label in enumerate(self._labels):
@@ -269,38 +274,23 @@ def _posts(terrain: Terrain, ground: Transform) -> Line2D:
     return Line2D(np.repeat(x, 3), heights, color=SURFACE, lw=1.2, transform=ground)
 
 
-class SideCar:
-    """The `artists` of a car, drawn in order and placed by its two wheels."""
-
-    def __init__(self, axes: Axes) -> None:
-        """Add the car to `axes`, which have equal scales in metres."""
-        self._body = Affine2D()
-        self._wheels = [Affine2D() for _ in AXLES]
-        body = self._body + axes.transData
-        self.artists: list[Artist] = [
-            *(_wheel_well(x, body) for x in AXLES),
-            PathPatch(_outline(), facecolor=BLUE, edgecolor=INK, lw=1.0, transform=body),
-            *(Polygon(points, facecolor=GLASS, transform=body) for points in WINDOWS),
-            Polygon(HEADLIGHT, facecolor=LAMP, transform=body),
-            Polygon(TAIL_LIGHT, facecolor=VERMILLION, transform=body),
+def _car(body: Transform, wheels: list[Transform]) -> list[Artist]:
+    """Return the artists of the car, in the order of drawing."""
+    artists: list[Artist] = [
+        *(Circle((x, 0.1), 0.9 * WHEEL_ARCH, facecolor=WELL, transform=body) for x in AXLES),
+        PathPatch(_outline(), facecolor=BLUE, edgecolor=INK, lw=1.0, transform=body),
+        *(Polygon(points, facecolor=GLASS, transform=body) for points in WINDOWS),
+        Polygon(HEADLIGHT, facecolor=LAMP, transform=body),
+        Polygon(TAIL_LIGHT, facecolor=VERMILLION, transform=body),
+    ]
+    for wheel in wheels:
+        artists += [
+            Circle((0.0, 0.0), WHEEL_RADIUS, facecolor=INK, transform=wheel),
+            Circle((0.0, 0.0), 0.68 * WHEEL_RADIUS, facecolor=RIM, transform=wheel),
+            _spokes(wheel),
+            Circle((0.0, 0.0), 0.13 * WHEEL_RADIUS, facecolor=INK, transform=wheel),
         ]
-        for wheel in self._wheels:
-            place = wheel + axes.transData
-            self.artists += [
-                Circle((0.0, 0.0), WHEEL_RADIUS, facecolor=INK, transform=place),
-                Circle((0.0, 0.0), 0.68 * WHEEL_RADIUS, facecolor=RIM, transform=place),
-                _spokes(place),
-                Circle((0.0, 0.0), 0.13 * WHEEL_RADIUS, facecolor=INK, transform=place),
-            ]
-        for artist in self.artists:
-            axes.add_artist(artist)
-
-    def place(self, rear: Floats, front: Floats, rolled: float) -> None:
-        """Put the wheels' centres at `rear` and `front`, turned by `rolled` metres forward."""
-        middle, along = (rear + front) / 2.0, front - rear
-        self._body.clear().rotate(np.arctan2(along[1], along[0])).translate(*middle)
-        for wheel, centre in zip(self._wheels, (rear, front), strict=True):
-            wheel.clear().rotate(-rolled / WHEEL_RADIUS).translate(*centre)
+    return artists
 
 
 def _outline() -> Path:
@@ -315,10 +305,6 @@ def _outline() -> Path:
         points += [(x + WHEEL_ARCH * u, WHEEL_ARCH * v) for u, v in np.asarray(arch.vertices)]
         codes += [Path.LINETO, *np.asarray(arch.codes)[1:]]
     return Path([*points, REAR_BUMPER], [*codes, Path.CLOSEPOLY])
-
-
-def _wheel_well(x: float, transform: Transform) -> Circle:
-    return Circle((x, 0.1), 0.9 * WHEEL_ARCH, facecolor='#3A3A3A', transform=transform)
 
 
 def _spokes(transform: Transform) -> Line2D:

@@ -42,6 +42,7 @@ LIGHTS = [
     ([(-2.19, 0.7), (-2.12, 0.7), (-2.12, 0.35), (-2.19, 0.35)], VERMILLION),
 ]
 WHEEL = (0.7, WHEEL_WIDTH)  #: [m] length and width
+SIDES = (-1, 1)
 
 VIEW_WIDTH = 44.0  #: [m] visible at once
 FINE, COARSE = 2.0, 10.0  #: [m] between lines
@@ -150,8 +151,12 @@ class GroundScene:
             axes.text(0.0, 0.0, '', color=MUTED, fontsize=8, ha='left', va='bottom', clip_on=True)
             for _ in range(2 * LABELS + 1)
         ]
-        self._car = TopCar(axes)
-        self.artists: list[Artist] = [*lines, *self._labels, self._path, *self._car.artists]
+        self._body, self._front = Affine2D(), [Affine2D() for _ in SIDES]
+        body = self._body + axes.transData
+        car = _car(body, [wheel + body for wheel in self._front])
+        for artist in car:
+            axes.add_artist(artist)
+        self.artists: list[Artist] = [*lines, *self._labels, self._path, *car]
 
     def place(self, x: float, y: float, psi: float, servo: float, path: Floats) -> None:
         """Put the car at `x`, `y` [m], and the camera above it.
@@ -161,7 +166,9 @@ class GroundScene:
         self._world.clear().translate(-x, -y)
         self._grid.clear().translate(-(x % COARSE), -(y % COARSE))
         self._path.set_data(path[:, 0], path[:, 1])
-        self._car.place(psi, servo)
+        self._body.clear().rotate(psi)
+        for side, wheel in zip(SIDES, self._front, strict=True):
+            wheel.clear().rotate(servo).translate(AXLES[1], side * HALF_TRACK)
         left, right = self._axes.get_xlim()
         bottom = self._axes.get_ylim()[0]
         first = np.floor(x / COARSE) - LABELS
@@ -183,44 +190,25 @@ def _grid(spacing: float, color: str, transform: Transform) -> Line2D:
     )  # fmt: skip
 
 
-class TopCar:
-    """The `artists` of a car in the middle of its axes, placed by heading and steering."""
-
-    def __init__(self, axes: Axes) -> None:
-        """Add the car to `axes`, which have equal scales in metres."""
-        self._body = Affine2D()
-        self._front = [Affine2D() for _ in (-1, 1)]
-        body = self._body + axes.transData
-        rear, front = AXLES
-        mirrored = [([(x, -y) for x, y in points], color) for points, color in LIGHTS]
-        self.artists: list[Artist] = [
-            *(_wheel(Affine2D().translate(rear, side * HALF_TRACK) + body) for side in (-1, 1)),
-            *(_wheel(wheel + body) for wheel in self._front),
-            FancyBboxPatch(
-                (REAR + ROUNDING, -HALF_WIDTH + ROUNDING),
-                FRONT - REAR - 2.0 * ROUNDING,
-                2.0 * (HALF_WIDTH - ROUNDING),
-                boxstyle=f'round,pad={ROUNDING}',
-                facecolor=BLUE,
-                edgecolor=INK,
-                lw=1.0,
-                transform=body,
-            ),
-            *(Polygon(points, facecolor=GLASS, transform=body) for points in WINDOWS),
-            *(
-                Polygon(points, facecolor=color, transform=body)
-                for points, color in [*LIGHTS, *mirrored]
-            ),
-        ]
-        self._axle = front
-        for artist in self.artists:
-            axes.add_artist(artist)
-
-    def place(self, psi: float, servo: float) -> None:
-        """Turn the car to heading `psi` [rad], and its front wheels by `servo` [rad]."""
-        self._body.clear().rotate(psi)
-        for side, wheel in zip((-1, 1), self._front, strict=True):
-            wheel.clear().rotate(servo).translate(self._axle, side * HALF_TRACK)
+def _car(body: Transform, front: list[Transform]) -> list[Artist]:
+    """Return the artists of the car, in the order of drawing: wheels, then what covers them."""
+    mirrored = [([(x, -y) for x, y in points], color) for points, color in LIGHTS]
+    return [
+        *(_wheel(Affine2D().translate(AXLES[0], side * HALF_TRACK) + body) for side in SIDES),
+        *map(_wheel, front),
+        FancyBboxPatch(
+            (REAR + ROUNDING, -HALF_WIDTH + ROUNDING),
+            FRONT - REAR - 2.0 * ROUNDING,
+            2.0 * (HALF_WIDTH - ROUNDING),
+            boxstyle=f'round,pad={ROUNDING}',
+            facecolor=BLUE,
+            edgecolor=INK,
+            lw=1.0,
+            transform=body,
+        ),
+        *(Polygon(points, facecolor=GLASS, transform=body) for points in WINDOWS),
+        *(Polygon(points, facecolor=color, transform=body) for points, color in LIGHTS + mirrored),
+    ]
 
 
 def _wheel(transform: Transform) -> Rectangle:

@@ -199,7 +199,7 @@ def test_a_topic_of_that_name_and_another_type_is_no_car(tmp_path: Path) -> None
 def test_messages_are_counted_by_topic(tmp_path: Path) -> None:
     log = closed_loop(distance=1.0)
     path = written(tmp_path, log, '/car1')
-    assert bag.counts(path) == dict.fromkeys(TOPICS, len(log))
+    assert bag.load(path).counts == dict.fromkeys(TOPICS, len(log))
 
 
 PERIOD = 20_000_000

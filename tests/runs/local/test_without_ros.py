@@ -150,7 +150,7 @@ recorder.discover()
 publishers[0].publish(String(data='the road is wet'))
 publishers[1].publish(Odometry(child_frame_id='car'))
 recorder.destroy_node()
-counts = reader.counts(Path('bag'))
+counts = reader.load(Path('bag')).counts
 print({name: counts[name] for name in ('string', 'odometry')})
 """
 
