@@ -1,11 +1,20 @@
 """What a user did that can't be done, in one sentence; and text that is safe to show."""
 
+from __future__ import annotations
+
+import re
+
 
 def escaped(text: str) -> str:
     """Return `text` with the characters that control a terminal written as escapes."""
     return ''.join(
         c if c.isprintable() or c in '\n\t' else c.encode('unicode_escape').decode() for c in text
     )
+
+
+def without_addresses(text: str) -> str:
+    """Return `text` without addresses in memory, which differ from run to run."""
+    return re.sub(r' at 0x[0-9a-fA-F]+', '', text)
 
 
 def one_line(text: str, width: int = 400) -> str:

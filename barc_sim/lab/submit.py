@@ -17,9 +17,8 @@ from barc_sim.errors import UserError
 from barc_sim.figures.graph_figure import GraphDrawing
 from barc_sim.figures.run_figures import settings, speed_figure
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
-from barc_sim.lab.handout import COMPOSE, FILES, templates
+from barc_sim.lab.handout import COMPOSE, FILES, files_in, find_name, templates
 from barc_sim.lab.report import Facts, page, read
-from barc_sim.lab.user_code.code import files_in, find_name
 from barc_sim.lab.user_code.source import compiled, find_gains
 from barc_sim.lab.user_code.source import read as read_source
 from barc_sim.simulation.metrics import RUN_UP

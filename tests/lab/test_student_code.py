@@ -12,10 +12,10 @@ from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade, report
 from barc_sim.lab.grade.rubric import load
 from barc_sim.lab.grade.submissions import Submission
-from barc_sim.lab.handout import RUBRICS
+from barc_sim.lab.handout import RUBRICS, files_in
 from barc_sim.lab.hills.lab import CRITERIA, Settings, judge, judge_folder
 from barc_sim.lab.hills.relay import LABELS as RELAY
-from barc_sim.lab.user_code.code import UserCode, files_in
+from barc_sim.lab.user_code.code import UserCode
 
 if TYPE_CHECKING:
     from pathlib import Path

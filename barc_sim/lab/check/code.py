@@ -9,10 +9,10 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.control.driver import RATE, STALE_AFTER
-from barc_sim.errors import one_line
+from barc_sim.errors import one_line, without_addresses
 from barc_sim.lab.confined.process import Ended, Failed, Limits, Process
-from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, TimedTwist, without_addresses
-from barc_sim.lab.user_code.code import files_in
+from barc_sim.lab.handout import files_in
+from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, TimedTwist
 from barc_sim.lab.user_code.source import ChosenGains, UserCodeError
 from barc_sim.vehicle.bike_model import L_F, L_R
 

@@ -130,8 +130,9 @@ def _handler(archive: str | None, seconds: float) -> Callable[..., Any]:
         from barc_sim.lab.confined.archives import Archive  # noqa: PLC0415
 
         return Archive(archive).call
+    from barc_sim.lab.handout import files_in  # noqa: PLC0415
     from barc_sim.lab.user_code.budget import OutOfTime  # noqa: PLC0415
-    from barc_sim.lab.user_code.code import UserCode, files_in  # noqa: PLC0415
+    from barc_sim.lab.user_code.code import UserCode  # noqa: PLC0415
 
     files = files_in(Path())
     if 'relay' in files and _uses_ros(files['relay']):

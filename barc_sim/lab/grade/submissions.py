@@ -15,8 +15,7 @@ from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.confined.archives import ENDINGS, MAX_ENTRIES
 from barc_sim.lab.confined.process import ON_LINUX, Ended, Failed, Limits, Process
-from barc_sim.lab.handout import FILES
-from barc_sim.lab.user_code.code import find_name
+from barc_sim.lab.handout import FILES, find_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator

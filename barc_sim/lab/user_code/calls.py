@@ -6,13 +6,13 @@ import ast
 import builtins
 import math
 import os
-import re
 import traceback
 from inspect import Parameter, Signature, signature, unwrap
 from itertools import islice
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from barc_sim.errors import without_addresses
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
@@ -31,7 +31,6 @@ _INSPECTION = 1.0  #: [s] to inspect a user's value
 NOT_WRITTEN = 'is not written yet (TODO)'
 MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
 _SHOWN = 120
-_ADDRESS = re.compile(r' at 0x[0-9a-fA-F]+')
 _FLOAT = {float}
 
 
@@ -247,11 +246,6 @@ def short_repr(value: object) -> str:
         return f'{value:.9g}' if value % 1.0 else repr(value)
     kind = type.__getattribute__(type(value), '__name__')
     return _in_one_line(guarded(repr, value, default=f'<{kind} instance>'))
-
-
-def without_addresses(text: str) -> str:
-    """Return a text without addresses in memory, which differ from run to run."""
-    return _ADDRESS.sub('', text)
 
 
 def _in_one_line(text: str) -> str:

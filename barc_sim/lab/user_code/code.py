@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from barc_sim.errors import UserError
-from barc_sim.lab.handout import FILES
+from barc_sim.lab.handout import FILES, files_in
 from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.calls import (
     BUDGET,
@@ -332,12 +332,6 @@ class UserPid:
         return True
 
 
-def files_in(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
-    """Return the files of `parts` in `folder`, by part, see `find_name`."""
-    names = [file.name for file in folder.glob('*.py') if file.exists()]
-    return {part: folder / name for part in parts if (name := find_name(names, part))}
-
-
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
     """Return the files in `folder`, by part.
 
@@ -354,23 +348,6 @@ def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str,
         return found
     names = ', '.join(FILES[part] for part in parts)
     raise UserCodeError(f'the folder {str(folder)!r} has no {names}: expected one at least')
-
-
-def find_name(names: Collection[str], part: str) -> str | None:
-    """Return the name of a part's file among `names`: its own, or the only one of a similar name.
-
-    Similar are `Bike_Model.py`, `bike_model_final(1).py` and `my_bike_model.py`.
-    """
-    if FILES[part] in names:
-        return FILES[part]
-    stem = _letters(Path(FILES[part]).stem)
-    letters = {name: _letters(name[:-3]) for name in names if name.endswith('.py')}
-    similar = [name for name, own in letters.items() if own.startswith(stem) or own.endswith(stem)]
-    return similar[0] if len(similar) == 1 else None
-
-
-def _letters(name: str) -> str:
-    return ''.join(filter(str.isalpha, name.lower()))
 
 
 def attached(found: Mapping[str, bytes]) -> dict[str, bytes]:
