@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import yaml
 from elsewhere import ELSEWHERE
+from page_client import connect_page, rows
 
 import barc_sim
+from barc_sim import read_bag
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from websockets.sync.client import ClientConnection
 
 ROOT = Path(barc_sim.__file__).parents[1]
+PATIENCE = 30.0  #: [s]
 
 
 def barc(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
@@ -159,3 +170,69 @@ def test_topics_of_any_common_type_are_recorded(tmp_path: Path) -> None:
     done = python(tmp_path, '-c', RECORD)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "{'string': 1, 'odometry': 1}\n"
+
+
+@pytest.fixture
+def begin(
+    start: Callable[..., subprocess.Popen[str]],
+) -> Callable[..., tuple[subprocess.Popen[str], str]]:
+    """Return a function that starts a run without ROS, and returns it with its page's address."""
+
+    def begin(*words: str) -> tuple[subprocess.Popen[str], str]:
+        local = ('--engine', 'local', '--view', 'web')
+        process = start('-m', 'barc_sim', *words, *local, env=os.environ | ELSEWHERE)
+        assert process.stdout
+        assert process.stdout.readline() == 'engine     local, without ROS\n'
+        return process, process.stdout.readline().split()[-1]
+
+    return begin
+
+
+def wait(connection: ClientConnection, what: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Return the first message, or row of a state, for which `what` is true."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        message = connection.recv(timeout=PATIENCE)
+        found = [json.loads(message)] if isinstance(message, str) else [*rows(message)]
+        for each in found:
+            if what(each):
+                return each
+    raise AssertionError('it did not come')
+
+
+def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
+    process, url = begin('teleop')
+    with connect_page(url) as socket:
+        wait(socket, lambda m: m.get('type') == 'hello')
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            socket.send(json.dumps({'type': 'drive', 'linear': 1.0, 'angular': 0.0}))
+            time.sleep(0.1)
+        wait(socket, lambda m: m.get('speed', 0.0) > 1.0)
+        socket.send(json.dumps({'type': 'reset'}))
+        wait(socket, lambda m: m.get('x') == 0.0 and m.get('t', 0.0) > 0.5)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    log = read_bag(next((tmp_path / 'bags').iterdir()))
+    assert log.speed.max() > 1.0
+
+
+def test_page_tunes_and_pauses(begin: Callable[..., Any]) -> None:
+    process, url = begin('acc', '--laps', '0')
+    with connect_page(url) as socket:
+        wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
+        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
+        wait(socket, lambda m: m.get('tuning', {}).get('kp') == 20.0)
+        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': -2e6}))
+        refused = wait(socket, lambda m: m.get('type') == 'refused')
+        assert 'Parameter kp out of range' in refused['why']
+        socket.send(json.dumps({'type': 'tune', 'name': 'motor_delay', 'value': 0.3}))
+        wait(socket, lambda m: m.get('tuning', {}).get('motor_delay') == 0.3)
+        socket.send(json.dumps({'type': 'pause', 'on': True}))
+        wait(socket, lambda m: bool(m.get('paused')))
+        process.send_signal(signal.SIGINT)
+        end = wait(socket, lambda m: m.get('type') == 'end')
+        assert end['reason'] == 'The run has ended.'
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0

@@ -1,4 +1,4 @@
-"""The bags of both engines are the same, but for what says who published."""
+"""A run without ROS gives the golden figures, and the bag that it gives with ROS."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ import pytest
 pytest.importorskip('rclpy')
 
 from command_line import call
+from golden.make_golden import differences, figures
+from golden.scenarios import SCENARIOS
+from golden.test_golden import golden
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.messages import leading_time
-from barc_sim.bags.reader import info
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from golden.scenarios import Scenario
+
+__all__ = ['golden']
 
 #: Their messages name the node, the folder of the bag and the line of code.
 WORDS = {'/rosout', '/parameter_events'}
@@ -61,33 +66,14 @@ def topics(bags: Path) -> dict[str, Topic]:
     return found
 
 
-#: Puts the speed where the position is wanted.
-STUCK = """
-from barc_sim.vehicle import bike_model
-
-
-def bikeFE(*state_and_input):
-    x, y, psi, v = bike_model.bikeFE(*state_and_input)
-    return [v, y, psi, v]
-"""
-
-
 @pytest.mark.usefixtures('ros_domain')
-@pytest.mark.parametrize(
-    ('local_factor', 'options'),
-    [
-        ('max', ('--distance', '30')),
-        ('20', ('--distance', '10')),
-        ('max', ('--distance', '10', '--controller-type', 'lqr')),
-    ],
-    ids=['lock-step', 'paced', 'another controller'],
-)
-def test_bags_are_equal(tmp_path: Path, local_factor: str, options: tuple[str, ...]) -> None:
+@pytest.mark.parametrize('controller', ['pid', 'lqr'])
+def test_bags_are_equal(tmp_path: Path, controller: str) -> None:
     found = {}
-    for engine, factor in (('ros', 'max'), ('local', local_factor)):
+    for engine in ('ros', 'local'):
         bags = tmp_path / engine
-        words = ('--engine', engine, '--realtime-factor', factor, '--bag-dir', str(bags))
-        done = call('acc', *words, *options)
+        words = ('--engine', engine, '--bag-dir', str(bags), '--controller-type', controller)
+        done = call('acc', *words, '--realtime-factor', 'max', '--distance', '20')
         assert (done.returncode, done.stdout.splitlines()[0].split()[0]) == (0, 'engine')
         found[engine] = topics(bags)
     assert found['local'].keys() == found['ros'].keys() >= {'/z_vhcl', '/ecu', '/rosout'}
@@ -95,18 +81,26 @@ def test_bags_are_equal(tmp_path: Path, local_factor: str, options: tuple[str, .
         assert found['local'][name] == topic, name
 
 
-@pytest.mark.usefixtures('ros_domain')
-def test_a_car_that_never_arrives_ends_both_in_the_same_state(tmp_path: Path) -> None:
-    (tmp_path / 'bike_model.py').write_text(STUCK)
-    found = []
-    for engine in ('ros', 'local'):
-        bags = tmp_path / engine
-        words = ('--engine', engine, '--realtime-factor', 'max', '--bag-dir', str(bags))
-        done = call('acc', *words, '--model', str(tmp_path / 'bike_model.py'))
-        sentence = 'the car stands at 8.0 m: the model returns the speed in place of x; it got no'
-        assert (done.returncode, sentence in done.stderr) == (1, True)
-        (bag,) = bags.iterdir()
-        assert info(bag)['failure'] in done.stderr
-        found.append(topics(bags)['/z_vhcl'])
-    assert found[0] == found[1]
-    assert len(found[0].messages) > 1000
+#: Those that need no node of another process and no namespace.
+NAMES = [
+    name
+    for name, scenario in SCENARIOS.items()
+    if scenario.mode == 'acc'
+    and not (scenario.driver or scenario.remap or '--cars' in scenario.options)
+]
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_run_without_ros_gives_the_golden_figures(
+    golden: dict[str, Any], name: str, tmp_path: Path
+) -> None:
+    def run(scenario: Scenario, folder: Path) -> None:
+        assert call(*scenario.arguments(), cwd=folder).returncode == 0
+
+    scenario = SCENARIOS[name]
+    local = scenario._replace(options=f'{scenario.options} --engine local')
+    found = figures(local, tmp_path, run)
+    before, engine, after = found['metadata'].partition('engine=local, without ROS ')
+    assert engine
+    found['metadata'] = before + after
+    assert not differences(golden[name], found)
