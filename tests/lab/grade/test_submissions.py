@@ -116,13 +116,6 @@ def test_a_file_that_may_not_be_read_is_told_of(
     assert only_the_controller(path) == ('bike_model.py cannot be read: Permission denied',)
 
 
-def test_a_file_that_is_too_large_is_left_out(folder: Callable[..., Path]) -> None:
-    path = folder(controller='')
-    (path / 'table.csv').write_bytes(bytes(MAX_FILE + 1))
-
-    assert only_the_controller(path) == ('table.csv has more than 1 MiB',)
-
-
 def test_plots_videos_and_bags_are_no_code(folder: Callable[..., Path]) -> None:
     path = folder(controller='')
     (path / 'course').mkdir()

@@ -86,18 +86,6 @@ def test_a_standard_module_is_not_hidden_by_a_file_of_its_name(tmp_path: Path) -
     assert not hasattr(own.load(own.path / 'main.py').random, 'mine')
 
 
-def test_a_file_named_like_a_standard_module_can_be_loaded(tmp_path: Path) -> None:
-    own = folder(tmp_path, random='mine = True')
-    assert own.load(own.path / 'random.py').mine
-    assert not hasattr(sys.modules.get('random'), 'mine')
-
-
-def test_an_edited_file_is_read_anew(tmp_path: Path) -> None:
-    for value in (1, 2, 3):
-        own = folder(tmp_path, main='from helpers import x', helpers=f'x = {value}')
-        assert own.load(own.path / 'main.py').x == value
-
-
 def test_a_dataclass_with_annotations_as_text_can_be_made(tmp_path: Path) -> None:
     text = (
         'from __future__ import annotations\nfrom dataclasses import dataclass\n'

@@ -66,10 +66,6 @@ def test_the_mark_that_windows_puts_in_front_is_no_harm(tmp_path: Path) -> None:
     assert module['x'] == 1
 
 
-def test_a_string_that_warns_does_not_fail(tmp_path: Path) -> None:
-    compiled(source(tmp_path, b"x = '\\d'\n"))
-
-
 def test_a_file_of_no_sensible_size_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserCodeError, match='more than 1000000 bytes'):
         source(tmp_path, b'#' * 1_000_001)
