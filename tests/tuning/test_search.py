@@ -75,11 +75,6 @@ def test_infinite_costs_are_passed_by() -> None:
     assert 0.0 < found.gains[0] < 0.01
 
 
-def test_where_nothing_arrives_the_cost_is_infinite() -> None:
-    found = search(lambda places: np.full(len(places), np.inf), LOW, HIGH, LOW, generations=3)
-    assert np.isinf(found.cost)
-
-
 def test_it_ends_where_all_cost_the_same() -> None:
     calls: list[int] = []
     search(

@@ -248,15 +248,6 @@ def test_grade_resistance_and_command_act_along_the_car() -> None:
     assert slopes[4:] == (0.0, 0.0)
 
 
-def test_state_is_the_speed_of_the_centre_of_mass() -> None:
-    bicycle, state = DynamicBicycle(integrator='rk4'), State(v=20.0)
-    for _ in range(200):
-        state = bicycle.step(state, Command(0.0, 0.05), flat, CAR, TS)
-    seen = bicycle.motion(state, 0.05, CAR)
-    assert state.v == pytest.approx(sqrt(seen.v_x**2 + seen.v_y**2))
-    assert (seen.x, seen.y, seen.psi) == state[:3]
-
-
 @pytest.mark.parametrize('integrator', ['euler', 'rk4'])
 @settings(deadline=None, derandomize=True, max_examples=30)
 @given(

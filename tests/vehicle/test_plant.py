@@ -13,7 +13,7 @@ from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle, LateralP
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE, forces, motion, step
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
+from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels
 
 HILL = Road((0.0, 20.0), (5.0, -7.0))
 VEHICLE = Vehicle(mass=1000.0, air_drag_coeff=2.0, friction=30.0, l_f=1.1, l_r=1.9, gravity=9.0)
@@ -42,14 +42,6 @@ def test_observation_has_road_and_forces_where_the_vehicle_is() -> None:
     assert seen.forces == forces(6.0, sin(radians(-7.0)), VEHICLE)
 
 
-def test_each_observation_draws_new_noise_from_the_seed() -> None:
-    noise = NoiseLevels(s=1.0, v_x=0.5)
-    plant, sensor = plant_at(STATE, noise=noise, seed=4), Sensor(noise, 4)
-    for _ in range(3):
-        seen = plant.observe()
-        assert (seen.measured, seen.error) == sensor.measure(motion(STATE, 0.0, VEHICLE))
-
-
 @pytest.mark.parametrize(('x', 'grade_deg'), [(19.9, 5.0), (20.0, -7.0)])
 def test_step_is_taken_on_the_grade_where_it_begins(x: float, grade_deg: float) -> None:
     begin = STATE._replace(x=x)
@@ -76,14 +68,6 @@ def test_replaced_vehicle_counts_from_the_next_step() -> None:
     assert plant.observe().forces == forces(6.0, sin(radians(-7.0)), Vehicle())
     plant.advance(Command(1.0))
     assert plant.state == step(STATE, Command(1.0), radians(-7.0), Vehicle(), 0.05)
-
-
-def test_brake_decelerates_at_its_limit_and_keeps_the_wheel() -> None:
-    plant = plant_at(State(v=6.0))
-    plant.advance(Command(servo=0.2))
-    plant.state = State(v=6.0)
-    plant.brake(3.0)
-    assert plant.state == step(State(v=6.0), Command(-3.0, 0.2), radians(5.0), VEHICLE, 0.05)
 
 
 def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
@@ -130,13 +114,6 @@ def test_velocities_are_observed_under_the_steering_that_acts_not_under_the_comm
         assert seen.true == motion(plant.state, seen.acting.servo, plant.vehicle)
         told.append(seen.acting.servo)
     assert told == pytest.approx([0.0, 0.02, 0.04])
-
-
-def test_without_actuators_the_command_acts() -> None:
-    plant = Plant()
-    assert plant.observe().acting == Command()
-    plant.advance(Command(1.5, 0.2))
-    assert plant.observe().acting == Command(1.5, 0.2)
 
 
 def test_placed_car_has_no_command_on_its_way() -> None:

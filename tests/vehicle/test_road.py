@@ -40,21 +40,7 @@ def test_lab_road_has_the_labs_grades_and_each_stretch_owns_its_left_end(
         assert Road.lab().grade_deg(s) == Road.lab().at(s)[0] == grade_deg
 
 
-def test_lab_road_rises_by_the_sine_of_its_grade() -> None:
-    top = 20.0 * sin(radians(10.0))
-    found = [Road.lab().elevation(s) for s in (20.0, 40.0, 60.0, 80.0, 110.0, 120.0, 150.0, 180.0)]
-    assert found == pytest.approx([0.0, top, top, 0.0, 5.0, 10.0, 5.0, 0.0], abs=1e-12)
-
-
 # Any road
-
-
-@properties
-@given(road=roads())
-def test_elevation_is_continuous(road: Road) -> None:
-    for start in road.starts:
-        before = road.elevation(nextafter(start, -inf))
-        assert road.elevation(start) == pytest.approx(before, abs=1e-9)
 
 
 @properties
