@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 #: ROS's own topics, which every node publishes; figures name them, but do not draw them.
 EVERYONES = ('/rosout', '/parameter_events')
 
-#: Of our nodes, by name: their `description`, for readers of a bag, who may have no ROS.
+#: What our nodes do, by name.
 PURPOSES = {
     'vehicle_simulator': 'owns time, and steps the car with the commands that it receives',
     'controller': 'holds the speed; each state that arrives is answered by a command',

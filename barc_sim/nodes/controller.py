@@ -44,7 +44,6 @@ class CruiseController(Node):
     """
 
     _error_sub: Subscription | None = None
-    description = 'holds the speed; each state that arrives is answered by a command'
     #: The topics that it subscribes to from its start.
     inputs: ClassVar = {names.STATE: ZDynBkMdl, names.SPEED_REFERENCE: Float64}
 

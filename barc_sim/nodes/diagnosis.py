@@ -36,13 +36,6 @@ class Facts(NamedTuple):
     stamp_lag: float | None = None  #: [s] by which stamps in real time are behind the wall clock
 
 
-class Measured(NamedTuple):
-    """Values measured on the topics; None before the first message."""
-
-    factor: float | None = None  #: simulated seconds per second since the last diagnosis
-    command_age: float | None = None  #: [s] since the latest command arrived, by the wall clock
-
-
 class Diagnosis(NamedTuple):
     """One status."""
 
@@ -52,11 +45,15 @@ class Diagnosis(NamedTuple):
     values: dict[str, str]
 
 
-def diagnose(facts: Facts, before: Facts, measured: Measured) -> list[Diagnosis]:
-    """Return the diagnoses; `before` has the facts of the last call."""
-    found = [_timing(facts, before, measured)]
-    if measured.command_age is not None:
-        age = measured.command_age
+def diagnose(
+    facts: Facts, before: Facts, factor: float | None = None, age: float | None = None
+) -> list[Diagnosis]:
+    """Return the diagnoses; `before` has the facts of the last call.
+
+    `factor` is simulated seconds per second since then, and `age` [s] that of the latest command.
+    """
+    found = [_timing(facts, before, factor)]
+    if age is not None:
         found.append(Diagnosis('command', Level.OK, f'{age:.3f} s old', {'age [s]': f'{age:.6f}'}))
     if facts.noise is not None:
         noisy = ', '.join(name for name, value in facts.noise._asdict().items() if value)
@@ -67,7 +64,7 @@ def diagnose(facts: Facts, before: Facts, measured: Measured) -> list[Diagnosis]
     return found
 
 
-def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
+def _timing(facts: Facts, before: Facts, factor: float | None) -> Diagnosis:
     missed = (facts.missed or 0) - (before.missed or 0)
     slipped = (facts.slipped or 0) - (before.slipped or 0)
     requested = facts.requested_factor or 0.0
@@ -78,8 +75,8 @@ def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
         message = f'{missed} commands missed their deadline'
     elif slipped > 0:
         message = f'simulated time has fallen behind by {slipped} periods'
-    elif measured.factor is not None and measured.factor < _SLOW * requested:
-        message = f'simulated time runs at {measured.factor:.2f}, not at {requested:g}'
+    elif factor is not None and factor < _SLOW * requested:
+        message = f'simulated time runs at {factor:.2f}, not at {requested:g}'
     elif (facts.stamp_lag or 0.0) > TOLERATED:
         message = (
             f'stamps are {facts.stamp_lag:.1f} s behind the wall clock: use_sim_time, or reset'
@@ -89,7 +86,7 @@ def _timing(facts: Facts, before: Facts, measured: Measured) -> Diagnosis:
     values = {
         'missed deadlines': facts.missed,
         'slipped periods': facts.slipped,
-        'real-time factor': None if measured.factor is None else f'{measured.factor:.3f}',
+        'real-time factor': None if factor is None else f'{factor:.3f}',
         'behind the wall clock [s]': None if facts.stamp_lag is None else f'{facts.stamp_lag:.3f}',
     }
     known = {name: str(value) for name, value in values.items() if value is not None}

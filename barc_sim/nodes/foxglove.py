@@ -156,8 +156,6 @@ class FoxgloveServer(Node):
     >>> rclpy.shutdown()
     """
 
-    description = 'serves every topic to the Foxglove app'
-
     def __init__(self, port: int = FOXGLOVE_PORT, **options: Any) -> None:  # noqa: ANN401
         """Serve at `port`, unless the parameter `port` is set; 0: at any that is free.
 

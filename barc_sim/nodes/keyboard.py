@@ -44,8 +44,6 @@ class Keyboard(Node):
     (None, None)
     """
 
-    description = "publishes the driver's input from the terminal's keys, as `cmd_vel`"
-
     def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)
         """Read keys from `terminal`, which is closed at the end.
 

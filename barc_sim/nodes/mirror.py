@@ -25,7 +25,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
-from barc_sim.nodes.diagnosis import Facts, Measured, diagnose
+from barc_sim.nodes.diagnosis import Facts, diagnose
 from barc_sim.ros import names
 from barc_sim.ros.node_helpers import declare, to_header, to_nanoseconds
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
@@ -96,7 +96,6 @@ class MirrorNode(Node):
     >>> rclpy.shutdown()
     """
 
-    description = "repeats the simulator's states in the messages of ROS's own tools"
     #: The topics that it subscribes to.
     inputs: ClassVar = {names.STATE: ZDynBkMdl, names.ECU: ECU}
 
@@ -212,7 +211,7 @@ class MirrorNode(Node):
         if self._command_received is not None:
             age = (time.time_ns() - self._command_received) / NANOSECONDS
         factor = _ratio(self._last_state, self._state)
-        diagnoses = diagnose(facts, self._last_facts, Measured(factor, age))
+        diagnoses = diagnose(facts, self._last_facts, factor, age)
         self._last_facts, self._last_state = facts, self._state
         source = self.get_fully_qualified_name()
         self._pubs['diagnostics'].publish(

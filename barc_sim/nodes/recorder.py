@@ -85,8 +85,6 @@ class BagRecorder(Node):
     >>> rclpy.shutdown()
     """
 
-    description = 'records every wanted topic into a bag'
-
     def __init__(
         self,
         directory: Path | None = None,

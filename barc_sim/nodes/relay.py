@@ -43,7 +43,6 @@ class Relay(Node):
     >>> rclpy.shutdown()
     """
 
-    description = "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz"
     inputs: ClassVar = {names.CMD_VEL: Twist, names.STATE: ZDynBkMdl}
 
     def __init__(self, *, driver: Driver | None = None, **options: Any) -> None:  # noqa: ANN401

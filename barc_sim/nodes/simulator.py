@@ -45,9 +45,8 @@ class VehicleSimulator(Node):
     `stepper` has the rules, and counts `states`, `missed` deadlines and `slipped` periods. This
     node converts, calls and publishes. State `k` is stamped `t_0 + k·T_s`.
 
-    If `realtime_factor` is not 1, or the parameter `clock` is true, each state's stamp is published
-    on `/clock` before the state, and again every second while time stands still. At factor 1 this
-    begins once stamps are more than 0.1 s behind the wall clock.
+    Each state's stamp is published on `/clock` before the state, and every second while time stands
+    still: at factor 1 once it is 0.1 s behind the wall clock, or if the parameter `clock` is true.
 
     The service `reset` restarts the run once the present state is answered; the controller or relay
     is reset, too. `pause` stops and resumes simulated time; meanwhile `step` takes one step. A
@@ -62,18 +61,15 @@ class VehicleSimulator(Node):
     >>> rclpy.init()
     >>> lock_step = [rclpy.Parameter('realtime_factor', value=0.0)]
     >>> simulator = VehicleSimulator(distance=50.0, parameter_overrides=lock_step)
-    >>> executor, nodes = MultiThreadedExecutor(), (CruiseController(), simulator)
-    >>> _ = [executor.add_node(node) for node in nodes]
-    >>> executor.spin_until_future_complete(simulator.finished)
+    >>> with MultiThreadedExecutor() as executor:
+    ...     _ = [executor.add_node(node) for node in (CruiseController(), simulator)]
+    ...     executor.spin_until_future_complete(simulator.finished)
     >>> simulator.stepper.states, simulator.stepper.missed
     (339, 0)
-    >>> _ = executor.shutdown()
-    >>> for node in nodes:
-    ...     node.destroy_node()
+    >>> simulator.destroy_node()
     >>> rclpy.shutdown()
     """
 
-    description = 'owns time, and steps the car with the commands that it receives'
     #: The topics that it subscribes to.
     inputs: ClassVar = {names.ECU: ECU, names.INITIAL_POSE: PoseWithCovarianceStamped}
 
@@ -112,10 +108,9 @@ class VehicleSimulator(Node):
         self._on_step = on_step
 
         # One header for all messages of a state; to make new messages would cost more.
-        self._header = Header()
-        self._time = ClockMessage(clock=self._header.stamp)
-        self._state, self._error = ZDynBkMdl(header=self._header), EZDynBkMdl(header=self._header)
-        self._environment = Environment(header=self._header)
+        self._header = header = Header()
+        self._time, self._environment = ClockMessage(clock=header.stamp), Environment(header=header)
+        self._state, self._error = ZDynBkMdl(header=header), EZDynBkMdl(header=header)
         self._may_keep_clock, self.keeps_clock = keeps_clock, False
         if values['clock'] or values['realtime_factor'] != 1.0:
             self.begin_clock()
@@ -134,8 +129,8 @@ class VehicleSimulator(Node):
         self._deadlines = self.create_timer(period, deadline, clock=wall) if period else None
         self.run_deadlines(on=False)
         self._deferred = self.create_guard_condition(self.stepper.decide)
-        self._peers = PeerWatch(self, self._publish_state, self._publish_clock)
-        self.create_timer(check_period, self._check_peers, clock=wall)
+        peers = PeerWatch(self, self.stepper, self._publish_state, self._publish_clock)
+        self.create_timer(check_period, peers.check, clock=wall)
         self._gate = StartGate(self, wall, self.stepper.start, wait=values['wait_for_controller'])
 
     def destroy_node(self) -> None:
@@ -199,10 +194,8 @@ class VehicleSimulator(Node):
         self._state_pub.publish(state)
 
     def _on_command(self, command: ECU) -> None:
-        why = self.stepper.take_command(
-            Command(command.motor, command.servo), to_nanoseconds(command.header.stamp)
-        )
-        if why:
+        stamp = to_nanoseconds(command.header.stamp)
+        if why := self.stepper.take_command(Command(command.motor, command.servo), stamp):
             self.refused.add(lambda: why)
 
     def _on_parameters(self, changed: list[Parameter]) -> None:
@@ -222,17 +215,11 @@ class VehicleSimulator(Node):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        changed = self.stepper.pause(on=request.data)
         response.success, response.message = True, 'paused' if request.data else 'running'
-        if changed:
+        if self.stepper.pause(on=request.data):
             self.get_logger().info(response.message)
         return response
 
     def _on_single_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = self.stepper.single_step()
         return response
-
-    def _check_peers(self) -> None:
-        self.stepper.check()
-        waits = not (self._deadlines or self.stepper.paused)
-        self._peers.check(self.stepper.states, waits=waits)

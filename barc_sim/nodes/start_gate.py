@@ -18,11 +18,14 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.task import Future
 
+    from barc_sim.simulation.stepper import Stepper
+
 _POLL_PERIOD = 0.01  #: [s]
-#: Polls from the first that finds a controller to the first state. The controller may discover this
-#: node a little later than it is discovered; messages sent meanwhile would be lost.
-_POLLS = 10
-#: The same for a controller in another process: our recorder discovers topics every 0.2 s.
+#: Polls from the first that finds a controller to the first state: within a process nodes find one
+#: another at once.
+_POLLS = 3
+#: The same for a controller in another process: it may discover this node a little later than it is
+#: discovered, and messages sent meanwhile would be lost. Our recorder discovers topics every 0.2 s.
 _POLLS_OTHER_PROCESS = 40
 _RESET_TIMEOUT = 0.5  #: [s] for the nodes that command to answer their reset
 
@@ -105,10 +108,14 @@ class PeerWatch:
     """
 
     def __init__(
-        self, node: Node, republish: Callable[[], None], publish_clock: Callable[[], None]
+        self,
+        node: Node,
+        stepper: Stepper,
+        republish: Callable[[], None],
+        publish_clock: Callable[[], None],
     ) -> None:
         """Watch the peers of `node`; the functions publish its latest state and time again."""
-        self._node = node
+        self._node, self._stepper = node, stepper
         self._republish, self._publish_clock = republish, publish_clock
         self._states = 0
         self._warned: set[str] = set()
@@ -116,8 +123,11 @@ class PeerWatch:
         self._commanders: set[bytes] = set()
         self._reached: set[bytes] = set()
 
-    def check(self, states: int, *, waits: bool) -> None:
-        """Check the peers; `states` are published, and time `waits` for the next answer."""
+    def check(self) -> None:
+        """Check the peers, and whether a reset waits for an answer; call it about once a second."""
+        self._stepper.check()
+        states = self._stepper.states
+        waits = self._stepper.deadline_period is None and not self._stepper.paused
         ends = living_publishers(self._node, names.ECU)
         commanders = {bytes(end.endpoint_gid) for end in ends}
         stands_still = states == self._states

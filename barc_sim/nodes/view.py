@@ -105,8 +105,6 @@ class ViewNode(Node):
     >>> rclpy.shutdown()
     """
 
-    description = 'serves the live page, and passes its requests to the other nodes'
-
     def __init__(
         self,
         mode: str = 'acc',

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from barc_sim.nodes.diagnosis import Diagnosis, Facts, Level, Measured, diagnose
+from barc_sim.nodes.diagnosis import Diagnosis, Facts, Level, diagnose
 from barc_sim.vehicle.sensor import NoiseLevels
 
 WELL = Facts(0, 0, False, 1.0, NoiseLevels(), 100, 0)
-REAL = Measured(factor=1.0, command_age=0.01)
+REAL = (1.0, 0.01)  # factor, and age of the command [s]
 
 
 def named(found: list[Diagnosis]) -> dict[str, Diagnosis]:
@@ -16,13 +16,13 @@ def named(found: list[Diagnosis]) -> dict[str, Diagnosis]:
 
 
 def test_run_that_is_well_is_ok_in_everything() -> None:
-    found = diagnose(WELL, WELL, REAL)
+    found = diagnose(WELL, WELL, *REAL)
     assert [diagnosis.name for diagnosis in found] == ['timing', 'command', 'noise', 'bag']
     assert {diagnosis.level for diagnosis in found} == {Level.OK}
 
 
 def test_figures_are_among_the_values() -> None:
-    found = named(diagnose(WELL, WELL, REAL))
+    found = named(diagnose(WELL, WELL, *REAL))
     assert found['timing'].values == {
         'missed deadlines': '0',
         'slipped periods': '0',
@@ -47,58 +47,58 @@ def test_figures_are_among_the_values() -> None:
         ),
         (
             WELL._replace(requested_factor=5.0),
-            Measured(factor=3.0),
+            (3.0, None),
             'simulated time runs at 3.00, not at 5',
         ),
     ],
 )
-def test_late_run_is_a_warning(facts: Facts, measured: Measured, message: str) -> None:
-    timing = named(diagnose(facts, WELL, measured))['timing']
+def test_late_run_is_a_warning(
+    facts: Facts, measured: tuple[float, float | None], message: str
+) -> None:
+    timing = named(diagnose(facts, WELL, *measured))['timing']
     assert (timing.level, timing.message) == (Level.WARN, message)
 
 
 def test_stamps_behind_the_wall_clock_are_a_warning_until_a_reset() -> None:
     behind = WELL._replace(stamp_lag=6.1)
-    timing = named(diagnose(behind, behind, REAL))['timing']
+    timing = named(diagnose(behind, behind, *REAL))['timing']
     assert timing.level == Level.WARN
     assert timing.message.startswith('stamps are 6.1 s behind the wall clock')
     assert timing.values['behind the wall clock [s]'] == '6.100'
     aligned = WELL._replace(stamp_lag=0.004)
-    assert named(diagnose(aligned, aligned, REAL))['timing'].level == Level.OK
+    assert named(diagnose(aligned, aligned, *REAL))['timing'].level == Level.OK
 
 
 def test_deadline_that_was_missed_long_ago_is_only_counted() -> None:
     late = WELL._replace(missed=2, slipped=1)
-    timing = named(diagnose(late, late, REAL))['timing']
+    timing = named(diagnose(late, late, *REAL))['timing']
     assert (timing.level, timing.values['missed deadlines']) == (Level.OK, '2')
 
 
 def test_time_that_stands_still_on_purpose_is_ok() -> None:
-    timing = named(diagnose(WELL._replace(paused=True), WELL, Measured(factor=0.0)))['timing']
+    timing = named(diagnose(WELL._replace(paused=True), WELL, 0.0))['timing']
     assert (timing.level, timing.message) == (Level.OK, 'paused')
 
 
 def test_as_fast_as_it_goes_is_never_too_slow() -> None:
-    timing = named(diagnose(WELL._replace(requested_factor=0.0), WELL, Measured(factor=0.1)))[
-        'timing'
-    ]
+    timing = named(diagnose(WELL._replace(requested_factor=0.0), WELL, 0.1))['timing']
     assert timing.level == Level.OK
 
 
 def test_noisy_signals_are_named() -> None:
     facts = WELL._replace(noise=NoiseLevels(epsi=0.01, v_x=0.1))
-    noise = named(diagnose(facts, WELL, REAL))['noise']
+    noise = named(diagnose(facts, WELL, *REAL))['noise']
     assert noise.message == 'of epsi, v_x'
     assert (noise.values['epsi'], noise.values['s']) == ('0.01', '0')
 
 
 def test_loss_is_a_warning_and_a_bag_that_cannot_be_written_an_error() -> None:
-    lossy = named(diagnose(WELL._replace(lost=7), WELL, REAL))['bag']
+    lossy = named(diagnose(WELL._replace(lost=7), WELL, *REAL))['bag']
     assert (lossy.level, lossy.message) == (Level.WARN, '7 messages are lost')
-    broken = named(diagnose(WELL._replace(lost=7, failure='disk full'), WELL, REAL))['bag']
+    broken = named(diagnose(WELL._replace(lost=7, failure='disk full'), WELL, *REAL))['bag']
     assert (broken.level, broken.message) == (Level.ERROR, 'disk full')
 
 
 def test_unknown_facts_have_no_diagnosis() -> None:
-    (timing,) = diagnose(Facts(), Facts(), Measured())
+    (timing,) = diagnose(Facts(), Facts())
     assert (timing.level, timing.values) == (Level.OK, {})
