@@ -315,8 +315,12 @@ def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
     commands = world.driver()
     simulator = world.simulator(command_timeout=0.2, realtime_factor=4.0, road='flat')
     world.until(lambda: simulator.stepper.states > 0)
-    commands.publish(ECU(motor=4.0, servo=0.1))
-    world.until(lambda: bool(world.states) and world.states[-1].v_x > 2.0)
+
+    def is_fast() -> bool:
+        commands.publish(ECU(motor=4.0, servo=0.1))
+        return bool(world.states) and world.states[-1].v_x > 2.0
+
+    world.until(is_fast)
     world.until(lambda: world.states[-1].v_x == pytest.approx(0.0, abs=1e-9))
     stood = len(world.states)
     world.until(lambda: len(world.states) > stood + 20)
