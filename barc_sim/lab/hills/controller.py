@@ -1,4 +1,4 @@
-"""Judges a `PID`: each term alone, its time step, its memory, and its integral at the limit.
+"""Judges a `PID`: each term alone, and its time step.
 
 Every common form of a term is right. The integral can add an error, or the mean of two, with or
 without the first, before or after it is used. The derivative can use the error or the measurement,
@@ -10,25 +10,22 @@ judges it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from math import inf
 from pathlib import Path
-from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
 from barc_sim.lab.check.findings import Finding, judges
 from barc_sim.lab.check.laws import Law, read
-from barc_sim.lab.hills.model import NOT_A_CAR, TS
+from barc_sim.lab.hills.memory import RANDOM, TOLERANCE, judge_reset, judge_windup, wandering
+from barc_sim.lab.hills.model import TS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-    from collections.abc import Sequence as SequenceOf
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from barc_sim.lab.check.code import JudgedCode, JudgedController, Sample
+    from barc_sim.lab.check.code import JudgedCode, Sample
     from barc_sim.lab.check.findings import Judged
     from barc_sim.lab.check.laws import Floats
 
@@ -105,43 +102,6 @@ LABELS = {
     'pid.windup': 'PID: integral at the limit',
     'pid.reset': 'PID: fresh start of a new run',
 }
-_TOLERANCE = 1e-9  #: [m/s²]
-_LENGTH = 120  #: calls of a sequence
-
-
-class Sequence(NamedTuple):
-    """The speeds that a controller gets, one sample every `TS`; arrays of shape `(n,)`."""
-
-    reference: Floats  #: [m/s]
-    measured: Floats  #: [m/s]
-
-    @property
-    def rows(self) -> list[Sample]:
-        """The arguments of each call."""
-        pairs = zip(self.reference.tolist(), self.measured.tolist(), strict=True)
-        return [(reference, measured, TS) for reference, measured in pairs]
-
-
-def wandering(seed: int, name: str, amplitude: float, max_sum: float = inf) -> Sequence:
-    """Return random errors up to ±`amplitude` [m/s], around a reference that changes.
-
-    They are smaller where the sum of errors would reach more than `max_sum` [m/s].
-    """
-    uniform = Random(f'{seed} {name}').uniform  # noqa: S311 (a simulation, not a secret)
-    error = amplitude * np.array([uniform(-1.0, 1.0) for _ in range(_LENGTH)])
-    error[40:60] = amplitude * uniform(0.5, 1.0)  # a constant error for a while
-    steps = [uniform(-0.5, 0.5) for _ in range(4)]
-    reference = 8.0 + amplitude * np.repeat(steps, _LENGTH // 4)
-    return Sequence(reference, reference - error * min(1.0, max_sum / _largest_sum(error)))
-
-
-def _largest_sum(error: Floats) -> float:
-    return float(np.abs(np.cumsum(error)).max())
-
-
-def constant(error: float, count: int) -> Sequence:
-    """Return a constant `error` [m/s], `count` times."""
-    return Sequence(np.full(count, 8.0), np.full(count, 8.0 - error))
 
 
 def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
@@ -155,7 +115,7 @@ def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
     others = (_judge_dt(terms), _judge_first_call(code, terms[-1], seed), judge_windup(code))
     for finding in (*terms, *others):
         # Randomness comes first in the message: it changes every other result.
-        random = not finding.passed and reset.message.startswith(_RANDOM)
+        random = not finding.passed and reset.message.startswith(RANDOM)
         message = f'{reset.message}. So: {finding.message}' if random else finding.message
         yield replace(finding, message=message)
     yield reset
@@ -177,8 +137,8 @@ class Term(NamedTuple):
         own, ki, kd = (gain if name == self.name else 0.0 for name in 'PID')
         return own or kp, ki, kd
 
-    def sequence(self, gain: float, seed: int, output: float = 0.1) -> Sequence:
-        """Return a sequence that makes outputs of the size `output` [m/s²].
+    def sequence(self, gain: float, seed: int, output: float = 0.1) -> list[Sample]:
+        """Return calls that make outputs of the size `output` [m/s²].
 
         The usual one is small: 50 times as much, with a missing dt, is still below 8.
         """
@@ -235,7 +195,7 @@ class Trials:
             raw = (factor * form)[:, self.term.first :]
             got = self.outputs[:, self.term.first :]
             tried = [raw, _low_passed(got, raw)] if self.term.first else [raw]
-            shares += [np.mean(np.abs(got - values) <= _TOLERANCE, axis=1) for values in tried]
+            shares += [np.mean(np.abs(got - values) <= TOLERANCE, axis=1) for values in tried]
         return float(np.mean(np.max(shares, axis=0)))
 
 
@@ -264,7 +224,7 @@ def _trials(
     outputs = _outputs(code, gains, sequences)
     if kp:
         outputs -= _outputs(code, [term.only(0.0, kp)] * len(gains), sequences)
-    reference, measured = np.array(sequences).transpose(1, 0, 2)
+    reference, measured, _ = np.array(sequences).transpose(2, 0, 1)
     inputs = {
         'reference': reference,
         'measured': measured,
@@ -276,9 +236,9 @@ def _trials(
     return Trials(term, outputs, inputs)
 
 
-def _outputs(code: JudgedCode, gains: SequenceOf[Gains], sequences: SequenceOf[Sequence]) -> Floats:
+def _outputs(code: JudgedCode, gains: Sequence[Gains], sequences: Sequence[list[Sample]]) -> Floats:
     pairs = zip(gains, sequences, strict=True)
-    return np.array([code.new_pid(*each).acc_sequence(sequence.rows) for each, sequence in pairs])
+    return np.array([code.new_pid(*each).acc_sequence(sequence) for each, sequence in pairs])
 
 
 @np.errstate(all='ignore')
@@ -367,7 +327,7 @@ def _remark(term: str, factor: float) -> str:
 @np.errstate(all='ignore')
 def _ignores_gains(code: JudgedCode, seed: int) -> str:
     """Return a message if the outputs are the same for all gains, else an empty string."""
-    rows = wandering(seed, 'gains', 1.0).rows
+    rows = wandering(seed, 'gains', 1.0)
     try:
         one, other = (
             code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
@@ -383,7 +343,7 @@ def _ignores_gains(code: JudgedCode, seed: int) -> str:
 
 
 @judges('pid.dt')
-def _judge_dt(findings: SequenceOf[Finding]) -> Judged:
+def _judge_dt(findings: Sequence[Finding]) -> Judged:
     """Return the finding on the factors of the terms, from their findings."""
     names = {term.criterion: term.name for term in TERMS}
     wrong = {names[each.criterion]: each.factor for each in findings if each.factor != 1.0}
@@ -403,141 +363,10 @@ def _judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Judge
     term = TERMS[-1]
     gain = term.gains[0]
     pid = code.new_pid(*term.only(gain))
-    output = pid.acc_calculate(*term.sequence(gain, seed).rows[0])
-    if abs(output) <= _TOLERANCE:
+    output = pid.acc_calculate(*term.sequence(gain, seed)[0])
+    if abs(output) <= TOLERANCE:
         return 1.0, 'D is 0 at the first call'
     return 0.0, (
         f'D is {output:.3g} m/s² at the first call, which has no error before it: start with '
         'e_before = None, and let D be 0 then'
     )
-
-
-_GAINS: Gains = (1.0, 2.0, 0.01)
-_ALONE: Mapping[str, Gains] = {'the integral': (0.0, 2.0, 0.0), 'the last error': (0.0, 0.0, 0.01)}
-_AMPLITUDE = 0.3  #: [m/s]
-
-
-@judges('pid.reset')
-def judge_reset(code: JudgedCode, seed: int) -> Judged:
-    """Return whether each `PID` starts fresh: a second one, one of two, and one after `reset()`.
-
-    The score is the share of these checks that pass; without a `reset()` the last one is left out.
-    """
-    own = wandering(seed, 'pid.reset', _AMPLITUDE).rows
-    other = wandering(seed, 'pid.reset, before', _AMPLITUDE).rows
-    new = partial(code.new_pid, fresh=False)
-    if _differ(new(1.0, 0.0, 0.0).acc_sequence(own), new(1.0, 0.0, 0.0).acc_sequence(own)):
-        return _random(', with kp alone')
-    used = new(*_GAINS)
-    used.acc_sequence(other)
-    first = new(*_GAINS).acc_sequence(own)
-    if not _differ(first, used.acc_sequence(own)):
-        return 0.0, 'PID keeps no errors between calls: I and D need them'
-    faults, checks = [], 2
-    if leaks := _differ(first, new(*_GAINS).acc_sequence(own)):
-        if not (kept := _kept(new, other)):
-            return _random('')
-        faults.append(
-            f'one run changes the next ({kept}): is it in a global or class variable? '
-            'Set it to 0 in __init__, as self.…'
-        )
-    one, another = new(*_GAINS), new(*_GAINS)
-    in_turn = [
-        (one.acc_calculate(*a), another.acc_calculate(*b)) for a, b in zip(own, other, strict=True)
-    ]
-    if _differ(first, [mine for mine, _ in in_turn]):
-        faults.append('two PIDs at the same time share their values: store them in self')
-    if used.reset():
-        checks += 1
-        if not leaks and _differ(first, used.acc_sequence(own)):
-            faults.append(f'reset() does not clear {_not_reset(new, own, other)}')
-    score = 1.0 - len(faults) / checks
-    return score, '; '.join(faults) or 'each run starts fresh'
-
-
-def _kept(new: Callable[..., JudgedController], other: SequenceOf[Sample]) -> str:
-    """Return what a new PID has of a run before it; empty if the outputs are random."""
-
-    def after(gains: Gains, rows: SequenceOf[Sample]) -> list[float]:
-        new(*gains).acc_sequence(rows)
-        return new(*gains).acc_sequence(still)
-
-    still = constant(0.0, 3).rows
-    return ' and '.join(
-        name for name, gains in _ALONE.items() if _differ(after(gains, still), after(gains, other))
-    )
-
-
-def _not_reset(
-    new: Callable[..., JudgedController], own: SequenceOf[Sample], other: SequenceOf[Sample]
-) -> str:
-    """Return what a PID has of its own run before its reset."""
-    kept = []
-    for name, gains in _ALONE.items():
-        pid = new(*gains)
-        first = pid.acc_sequence(own)
-        pid.acc_sequence(other)
-        pid.reset()
-        if _differ(first, pid.acc_sequence(own)):
-            kept.append(name)
-    return ' and '.join(kept) or 'its output'
-
-
-_RANDOM = 'the same speeds give different outputs'
-
-
-def _random(when: str) -> Judged:
-    return 0.0, (
-        f"{_RANDOM}{when}: does PID use random numbers, or the computer's clock? It is called "
-        f'every {TS:g} s of simulated time'
-    )
-
-
-def _differ(one: list[float], other: list[float]) -> bool:
-    return not np.allclose(one, other, rtol=0.0, atol=_TOLERANCE)
-
-
-_WINDING: Gains = (1.0, 2.0, 0.0)
-_PUSHED, _PULLED = 3.0, -0.5  #: [m/s] errors: into the limit, and out of it
-_PUSHES, _PULLS = 300, 600  #: calls
-_GROWN = 0.5  #: [m/s²] The minimum growth that shows an integral.
-_ALLOWED = 25  #: calls until the output leaves the limit
-
-
-@judges('pid.windup')
-def judge_windup(code: JudgedCode) -> Judged:
-    """Return whether the output leaves its limit when the error changes its sign.
-
-    The car's motor gives ±8 m/s² at most, also if the class has no such limit. Half a second or
-    less is full marks; beyond that the score falls with the time.
-    """
-    calls = [_recovery(code, sign) for sign in (1.0, -1.0)]
-    scores = [min(1.0, _ALLOWED / max(n, 1)) if n < _PULLS else 0.0 for n in calls]
-    if min(scores) == 1.0:
-        return 1.0, 'the output leaves its limit when the error changes its sign'
-    longest = max(calls)
-    time = f'{longest * TS:.1f} s' if longest < _PULLS else f'more than {_PULLS * TS:g} s'
-    return float(np.mean(scores)), (
-        f'the integral winds up: after {_PUSHES * TS:g} s with the output at its limit of '
-        f'{ACCELERATION_LIMIT:g} m/s² the error changed its sign, and the output stayed there for '
-        f'{time}. Do not add to the integral while the output is at its limit'
-    )
-
-
-def _recovery(code: JudgedCode, sign: float) -> int:
-    """Return the number of calls until the output leaves its limit."""
-    pid = code.new_pid(*_WINDING, limit=ACCELERATION_LIMIT)
-    pushed = sign * np.array(pid.acc_sequence(constant(sign * _PUSHED, _PUSHES).rows))
-    if (maximum := pushed.max()) <= _WINDING[0] * _PUSHED + _GROWN:
-        raise UserError(
-            f'with an error of {_PUSHED:g} m/s for {_PUSHES * TS:g} s the output is at most '
-            f'{maximum + 0.0:.3g} m/s²: is each error added to the sum, and is no limit too small?'
-        )
-    pulled = sign * np.array(pid.acc_sequence(constant(sign * _PULLED, _PULLS).rows))
-    largest = float(np.abs([*pushed, *pulled]).max())
-    if not largest < NOT_A_CAR:
-        raise UserError(
-            f'the output reaches {largest:.3g} m/s² while the error is {_PUSHED:g} m/s at most'
-        )
-    inside = np.flatnonzero(pulled < min(float(maximum), ACCELERATION_LIMIT) - _TOLERANCE)
-    return int(inside[0]) if inside.size else _PULLS

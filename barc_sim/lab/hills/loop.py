@@ -149,7 +149,10 @@ class _Limited(PID):
         requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
         output = min(max(requested, self.output_min), self.output_max)
         if abs(output) > NOT_A_CAR:
-            raise UserError(f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car')
+            raise UserError(
+                f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
+                + (f'; {_BACKWARDS}' if speed_current < -_HELD else '')
+            )
         self.saturated = abs(requested) >= self.output_max
         return output
 
@@ -237,6 +240,7 @@ class Drive:
         return f'. From {worst.start:.0f} m on, at {worst.theta_deg:g}°: {worst.remark}'
 
 
+_BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_current?'
 _HELD = 0.05  #: [m/s] An error up to this is negligible.
 _NEAR = 0.02  #: share of the reference within which it counts as reached
 _LONG_LIMIT = 0.1  #: [s] An output at its limit for a shorter time has no effect.
@@ -252,7 +256,7 @@ def _of_start(log: Log, part: slice, limit: float) -> str:
     near = np.flatnonzero(np.abs(error) <= _NEAR * abs(reference))
     if not near.size:
         if speed.min() < -_HELD:
-            return 'the car drives backwards: is the error speed_reference - speed_current?'
+            return _BACKWARDS
         return f'{reference:g} m/s is not reached: the maximum speed is {speed.max():.2f} m/s'
     text = f'{near[0] * TS:.2f} s to {reference:g} m/s'
     if isfinite(limit):

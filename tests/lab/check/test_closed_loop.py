@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
+from user_files import replaced
 
 from barc_sim.lab.hills.loop import (
     STEEPEST_DEG,
@@ -102,6 +103,16 @@ def test_the_own_run_is_kept_beside_the_references(lab: Lab, controller: str) ->
     assert evidence.reference.motor.max() == 8.0  # under the same limit
     assert abs(evidence.user.speed_error[evidence.user.distance > 10.0]).max() == pytest.approx(
         abs(evidence.reference.speed_error[evidence.reference.distance > 10.0]).max(), rel=0.05
+    )
+
+
+def test_a_car_that_flees_backwards_has_a_hint(lab: Lab, controller: str) -> None:
+    text = replaced(controller, ('max(-8.0, min(8.0, out))', 'out'))
+    free = Conditions(ChosenGains(-50.0, 0.0, 0.0, 'the test'))
+    finding = judge_lab_road(lab(controller=text), free)
+    assert finding.score == 0.0
+    assert 'the car drives backwards: is the error speed_reference - speed_current?' in (
+        finding.message
     )
 
 
