@@ -22,7 +22,6 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
@@ -247,32 +246,6 @@ def services_and_clients(node: Node) -> None:
     rclpy.spin_once(node, timeout_sec=0.1)
     print([answer.result() for answer in answers], heard)
     print(node.destroy_service(service), node.destroy_service(service))
-
-
-def coroutines(node: Node) -> None:
-    said: list[Any] = []
-    done = Future()
-    client = node.create_client(Trigger, 'reset', callback_group=ReentrantCallbackGroup())
-
-    def on_reset(_: Any, response: Any) -> Any:
-        response.message = 'back'
-        return response
-
-    async def on_note(note: String) -> None:
-        said.append(note.data)
-        answer = await client.call_async(Trigger.Request())
-        said.append(answer.message)
-        done.set_result(None)
-
-    group = ReentrantCallbackGroup()
-    node.create_service(Trigger, 'reset', on_reset, callback_group=group)
-    node.create_subscription(String, 'note', on_note, 10, callback_group=group)
-    publisher = node.create_publisher(String, 'note', 10)
-    client.wait_for_service(5.0)
-    wait_for(node, publisher.get_subscription_count)
-    publisher.publish(String(data='reset'))
-    spin(node, done)
-    print(said)
 
 
 def an_error_in_a_callback_ends_the_spin(node: Node) -> None:
