@@ -37,7 +37,7 @@ class Answer(NamedTuple):
     """What a controller computed for a state."""
 
     reference: float  #: [m/s]
-    speed: float  #: [m/s] as the controller was given it
+    speed: float  #: [m/s] that the controller received
     acceleration: float  #: [m/s²]
 
 

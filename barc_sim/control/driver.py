@@ -85,7 +85,7 @@ class Driver:
         Parameters
         ----------
         limits
-            The defaults unless given.
+            Those of `Limits()` by default.
         dt
             [s] from one command to the next.
         stale_after
@@ -225,12 +225,12 @@ class VelocityDriver(Driver):
         self.servo += limited(limited(servo, limits.steering) - self.servo, change)
 
     def _angle(self, request: DriverInput) -> float:
-        """Return the steering angle [rad] that turns the car at the rate that is asked for."""
+        """Return the steering angle [rad] that turns the car at the requested rate."""
         direction = copysign(1.0, request.forward)
         return atan2(self.wheelbase * request.turn * direction, abs(request.forward))
 
     def _acceleration(self, request: DriverInput, speed: float) -> float:
-        """Return the acceleration [m/s²] towards the speed that is asked for."""
+        """Return the acceleration [m/s²] towards the requested speed."""
         limits, pi = self.limits, self._pi
         if request.brake:
             pi.reset()

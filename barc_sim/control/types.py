@@ -1,4 +1,4 @@
-"""The controllers that a run can be given: by name, or as any object with `acc_calculate`."""
+"""The controllers of a run: those with a name, and any object with `acc_calculate`."""
 
 from __future__ import annotations
 
@@ -137,13 +137,13 @@ class Adapter:
 
 def _dt_argument(method: Any) -> str | None:  # noqa: ANN401 (any object of the user's)
     """Return the name by which a method takes dt; empty: by position; None: it takes none."""
-    found = signature(method)
-    parameters = found.parameters
+    accepted = signature(method)
+    parameters = accepted.parameters
     if 'dt' in parameters and parameters['dt'].kind is not Parameter.POSITIONAL_ONLY:
         return 'dt'
     for arguments, answer in (((0.0, 0.0), None), ((0.0, 0.0, 0.0), '')):
         try:
-            found.bind(*arguments)
+            accepted.bind(*arguments)
         except TypeError:
             continue
         return answer

@@ -161,7 +161,7 @@ class RunPage(Host):
     Attributes
     ----------
     url
-        The page's address, with its token: whoever has it can drive.
+        The page's address, with its token: anyone with this link can drive.
     """
 
     def __init__(

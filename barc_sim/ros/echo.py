@@ -51,7 +51,7 @@ class Messages:
         self.losses = Losses()
         publishers = observer.node.get_publishers_info_by_topic(topic)
         qos = request(publishers, _DEPTH)
-        if not publishers:  # none to match yet: request the least
+        if not publishers:  # none to match yet: request the weakest
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         if not (publishers and latched):
             qos.durability = DurabilityPolicy.VOLATILE

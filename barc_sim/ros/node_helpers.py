@@ -55,15 +55,15 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
             parameter.name, parameter.default, descriptor(parameter)
         ).value
     except InvalidParameterTypeException as error:
-        given = str(error).split(', expecting')[0]
+        received = str(error).split(', expecting')[0]
         kind = type(parameter.default).__name__
         raise UserError(
-            f'{owner} must be of type {kind}, such as {parameter.default!r}: {given}'
+            f'{owner} must be of type {kind}, such as {parameter.default!r}: {received}'
         ) from None
     except InvalidParameterValueException as error:
         span = ' and '.join(str(bound) for bound in parameter.between or ())
-        given = str(error).split('. Reason')[0]
-        raise UserError(f'{owner} must lie between {span}: {given}') from None
+        received = str(error).split('. Reason')[0]
+        raise UserError(f'{owner} must lie between {span}: {received}') from None
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:

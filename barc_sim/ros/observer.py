@@ -134,7 +134,7 @@ class GraphObserver:
         """Wait for the node `name`; return its full name."""
         full = f'/{name.lstrip("/")}'
         try:
-            validate_full_topic_name(full)  # its errors say more than those for a node's name
+            validate_full_topic_name(full)  # its errors are clearer than those for a node's name
         except InvalidTopicNameException as error:
             raise UserError(f'{name!r} cannot be a node: {_first_words(error)}') from None
         if not self._wait_to_find(lambda: full in self.nodes(hidden=True)):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-import resource
 import sys
 import time
 from contextlib import contextmanager, suppress
@@ -73,8 +72,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     use_profiles()
     sweep()
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # thirty cars need more than 1024
     if sys.stderr.isatty():
         os.environ.setdefault('RCUTILS_CONSOLE_OUTPUT_FORMAT', _CONSOLE_FORMAT)
     try:
@@ -153,7 +150,7 @@ def sweep(folder: Path = _SHARED_MEMORY, least_age: float = 10.0) -> int:
     """Remove this user's shared-memory segments whose process is dead; return how many.
 
     Fast DDS gives each participant a segment `fastrtps_<16 hex digits>` of half a megabyte, and a
-    file `..._el` that its process holds locked. A killed process leaves both, nobody uses them
+    file `..._el` that its process holds locked. A killed process leaves both, no process uses them
     again, and after a hundred of them the small /dev/shm of a container is full. Fast DDS itself
     repairs what participants share, the ports.
 

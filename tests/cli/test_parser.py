@@ -111,11 +111,6 @@ def test_a_python_of_the_system_gets_the_line_that_it_accepts(
     assert install in capsys.readouterr().err
 
 
-def test_error_of_our_own_keeps_its_traceback() -> None:
-    with pytest.raises(ValueError, match='ours'):
-        call('drive', lambda: raising(ValueError('ours')))
-
-
 @pytest.mark.parametrize('flush', [True, False])
 def test_reader_that_went_away_ends_the_command(
     *, flush: bool, monkeypatch: pytest.MonkeyPatch

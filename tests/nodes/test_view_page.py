@@ -333,17 +333,6 @@ def test_goal_counts_cones_and_times_and_keeps_the_best(teleop: Teleop, open_: O
     assert tab.run(OVERFLOW) == []
 
 
-def test_watching_page_shows_that_another_one_drives(teleop: Teleop, open_: Open) -> None:
-    view, car = teleop
-    watcher = open_(view.url)
-    driver = open_(view.url)
-    driver.press('ArrowUp')
-    wait_until(lambda: car.state.v > 1.0)
-    wait_until(lambda: watcher.number('#speed') > 1.0)
-    wait_until(lambda: watcher.text('#driver') == 'Another page is driving.')
-    driver.release('ArrowUp')
-
-
 def test_sliders_set_the_controllers_parameters_and_follow_them(acc: Acc, open_: Open) -> None:
     view, _, controller = acc
     tab, other = open_(view.url), open_(view.url)
@@ -363,25 +352,11 @@ def test_sliders_work_by_keyboard_and_arrows_do_not_drive(acc: Acc, open_: Open)
     wait_until(lambda: controller.get_parameter('kp').value == pytest.approx(30.5))
     assert car.twists == []
     tab.focus_by_tab('#pause')
-    tab.type('Space')
-    wait_until(lambda: car.paused)
-
-
-def test_keys_of_a_focused_control_do_not_drive(teleop: Teleop, open_: Open) -> None:
-    view, car = teleop
-    tab = open_(view.url)
-    tab.focus_by_tab('#pause')
     tab.press('ArrowUp')
     tab.release('ArrowUp')
     tab.type('Space')
     wait_until(lambda: car.paused and tab.text('#pause') == 'Resume')
-    tab.type('Space')
-    wait_until(lambda: not car.paused)
     assert car.twists == []
-    tab.type('Escape')
-    tab.press('ArrowUp')
-    wait_until(lambda: car.state.v > 0.5)
-    tab.release('ArrowUp')
 
 
 def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) -> None:
@@ -424,7 +399,7 @@ def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> No
     car.paused = True  # before the grade ends
     wait_until(lambda: tab.number('#position') == pytest.approx(car.state.x, abs=0.1))
     gravity = -Vehicle().mass * Vehicle().gravity * math.sin(math.radians(10.0))
-    assert tab.number('#force-gravity') == round(gravity)
+    wait_until(lambda: tab.number('#force-gravity') == round(gravity))
     assert (tab.number('#force-drag'), tab.number('#force-friction')) == (-1.5, -0.25)
     shown = tab.run(
         "['#force-motor', '#term-motor', '#term-proportional', '#term-integral', "

@@ -1,10 +1,10 @@
 // The states so far, and the state at any time between them.
 
-const MOST = 1 << 18; // rows: an hour and a half, then the older half is thinned out
+const MAX_STATES = 1 << 18; // rows: an hour and a half, then the older half is thinned out
 
 export class History {
-  constructor(most = MOST) {
-    this.most = most;
+  constructor(maximum = MAX_STATES) {
+    this.maximum = maximum;
     this.columns = [];
     this.repeats = false;
     this.clear();
@@ -36,7 +36,7 @@ export class History {
         this.clear();
       }
       if (this.count && t === this.last('t')) continue;
-      if (this.count === this.most) this.#thin();
+      if (this.count === this.maximum) this.#thin();
       if ((this.count + 1) * width > this.data.length) this.#grow();
       this.data.set(rows.subarray(from, from + width), this.count * width);
       this.count += 1;

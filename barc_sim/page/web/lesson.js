@@ -72,7 +72,7 @@ export class Lesson {
     }
   }
 
-  /** Offer downloads, the run before and another run; `request` sends what is asked for. */
+  /** Offer downloads, the run before and another run; `request` sends a request. */
   offer({ files, before, again }, request) {
     const button = (text, type, once) => make('button', {
       type: 'button',
