@@ -151,7 +151,8 @@ class RelayWorld(World):
     """
 
     def __init__(self, twists: Sequence[Sequence[float]], end: float) -> None:
-        super().__init__(simulated=True, end=end, flat_names=_TOPICS, silent=True)
+        super().__init__(simulated=True)
+        self.end, self.flat_names, self.is_silent = end * SECOND, _TOPICS, True
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
         self.published: set[str] = set()  #: the program's topics
         self.subscribed: set[str] = set()

@@ -253,7 +253,7 @@ class Logger:
         skip_first: bool = False,
         once: bool = False,
     ) -> bool:
-        if self._world.silent or severity < self.get_effective_level():
+        if self._world.is_silent or severity < self.get_effective_level():
             return False
         frame = sys._getframe(1)  # noqa: SLF001 (who logs)
         place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND

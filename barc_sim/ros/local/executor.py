@@ -43,22 +43,14 @@ class World:
     start of simulated time.
     """
 
-    def __init__(
-        self,
-        *,
-        simulated: bool = False,
-        end: float = float('inf'),
-        flat_names: Collection[str] = (),
-        silent: bool = False,
-    ) -> None:
-        """Begin; `simulated` time lasts from 0 to `end` [s].
+    end = float('inf')  #: of simulated time [ns]
+    flat_names: Collection[str] = ()  #: topics that have no namespaces
+    is_silent = False  #: whether there is no log
 
-        Topics of the `flat_names` have no namespaces; a `silent` world has no log.
-        """
-        self.simulated, self.now_ns, self.end = simulated, 0, end * SECOND
+    def __init__(self, *, simulated: bool = False) -> None:
+        self.simulated, self.now_ns = simulated, 0
         self.now: Callable[[], int] = (lambda: self.now_ns) if simulated else time.monotonic_ns
         self.date: Callable[[], int] = self.now if simulated else time.time_ns
-        self.flat_names, self.silent = flat_names, silent
         self.default_context: Any = None
         self.nodes: list[Any] = []
         self.log_levels: dict[str, int] = {}
