@@ -234,3 +234,40 @@ def test_a_clock_is_told_from_what_is_kept_across_runs(lab: Lab, controller: str
     findings = of_pid(lab(controller=text))
     assert findings['pid.reset'].score == 0.0
     assert 'It is called every 0.02 s' in findings['pid.reset'].message
+
+
+#: A PID that answers by the number of the call, and the error.
+BY_CALL = """\
+class PID:
+    def __init__(self, kp, ki, kd):
+        self.k = 0
+
+    def acc_calculate(self, speed_reference, speed_current):
+        self.k += 1
+        k, e = self.k, speed_reference - speed_current
+        return {}
+"""
+
+
+@pytest.mark.parametrize(
+    'state',
+    [
+        '[1.7e308, -1.7e308, 1.7e308, -1.7e308]',
+        '[1e-320] * 4',
+        '[x + 0.02 * v, y, psi, v - 1e200]',
+        '[x + 1e5 * v, y, psi, 1e3 * v + 1.0]',
+    ],
+)
+def test_no_state_scores_by_chance_or_warns(lab: Lab, model: str, state: str) -> None:
+    text = replaced(model, ('[x_next, y_next, psi_next, v_next]', state))
+    assert all(0.0 <= finding.score < 0.2 for finding in judge(lab(text)))
+
+
+@pytest.mark.parametrize(
+    'answer',
+    ['1.7e308', '1.7e308 * (-1) ** k', '1e-320', '1e200 * e', '1.7e308 if k == 1 else 0.0'],
+)
+def test_no_acceleration_scores_by_chance_or_warns(lab: Lab, answer: str) -> None:
+    findings = judge(lab(controller=BY_CALL.format(answer)))
+    assert all(0.0 <= finding.score <= 1.0 for finding in findings)
+    assert [finding.score for finding in findings[7:10]] == [0.0] * 3
