@@ -85,12 +85,6 @@ def read(path: Path, namespace: str | None = None) -> Facts:
     ------
     UserError
         if there is none, or it has no car, or several.
-
-    Examples
-    --------
-    >>> facts = read(reader.newest('bags'))
-    >>> facts.shown_lap.number
-    0
     """
     bag = reader.load(path)
     log, info = _sensible(bag.log(namespace)), bag.info

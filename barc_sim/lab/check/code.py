@@ -214,7 +214,7 @@ def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwi
 
 
 def _rows(function: str, found: Any, rows: int, columns: int) -> list[Any]:  # noqa: ANN401
-    """Return rows of numbers; whatever a process sends is only numbers."""
+    """Return rows of numbers: the process can send anything."""
     if not isinstance(found, list) or len(found) != rows:
         raise UserCodeError(f'{function} returned something else than {rows} rows of numbers')
     return [tuple(_numbers(function, row, columns)) for row in found]

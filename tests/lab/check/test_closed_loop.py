@@ -59,14 +59,14 @@ def remarks(finding: Finding) -> list[str]:
         ((-5.0, 0.0, 0.0), 0, 'the car drives backwards'),
     ],
 )
-def test_what_the_speed_does_is_said(
+def test_each_stretch_has_what_the_speed_does(
     lab: Lab, controller: str, gains: Gains, stretch: int, words: str
 ) -> None:
     finding = judge_lab_road(lab(controller=controller), conditions(gains))
     assert words in remarks(finding)[stretch]
 
 
-def test_an_output_against_the_error_is_said(lab: Lab, controller: str) -> None:
+def test_an_output_against_the_error_is_named(lab: Lab, controller: str) -> None:
     code = lab(controller=controller.replace('if abs(out) < 8.0', 'if True'))
     finding = judge_lab_road(code, conditions((2.0, 50.0, 0.0)))
     assert finding.score < 0.5
@@ -106,7 +106,7 @@ def test_the_own_run_is_kept_beside_the_references(lab: Lab, controller: str) ->
     )
 
 
-def test_a_car_that_flees_backwards_has_a_hint(lab: Lab, controller: str) -> None:
+def test_a_car_that_drives_backwards_has_a_hint(lab: Lab, controller: str) -> None:
     text = replaced(controller, ('max(-8.0, min(8.0, out))', 'out'))
     free = Conditions(ChosenGains(-50.0, 0.0, 0.0, 'the test'))
     finding = judge_lab_road(lab(controller=text), free)

@@ -1,4 +1,4 @@
-"""Whatever is right gets full marks, however it is written; the same every time."""
+"""Right code gets full marks, in any of its forms; the same every time."""
 
 from __future__ import annotations
 
