@@ -4,7 +4,7 @@ A script that `process.py` starts without site-packages and with an empty enviro
 replies are lines of JSON: `{"serial": 1, "do": NAME, "arguments": […]}` gets
 `{"serial": 1, "result": …}` or `{"serial": 1, "error": TEXT}`. The first reply, with the serial 0,
 comes unasked: the process is confined. It has no score, no rubric and no law of the vehicle or of
-control: whatever a submission finds or changes here can only change its own results.
+control: what a submission finds or changes here can only change its own results.
 """
 
 from __future__ import annotations

@@ -166,13 +166,7 @@ class Machine(NamedTuple):
     audit: int  #: in struct seccomp_data
 
     def number(self, call: str) -> int:
-        """Return the number of the system call named `call`.
-
-        Raises
-        ------
-        NotSupportedSystemCall
-            if the architecture lacks it.
-        """
+        """Return the number of the system call named `call`."""
         return int(_TABLES.get(call, self.name))
 
     def allowed(self) -> list[int]:
@@ -188,13 +182,7 @@ MACHINES = {'x86_64': Machine('x86_64', 0xC000003E), 'aarch64': Machine('arm64',
 
 
 def program(machine: Machine | None = None) -> bytes:
-    """Return the filter for `machine` (default: this one) as an array of `sock_filter`.
-
-    Raises
-    ------
-    OSError
-        if this machine has another architecture.
-    """
+    """Return the filter for `machine`, by default this one, as an array of `sock_filter`."""
     machine = machine or MACHINES.get(platform.machine())
     if machine is None:
         raise OSError(

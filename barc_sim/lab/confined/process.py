@@ -76,13 +76,7 @@ class Process:
     def __init__(
         self, folder: Path, limits: Limits, *, sandbox: bool = True, archive: Path | None = None
     ) -> None:
-        """Start it, and wait until it is confined.
-
-        Raises
-        ------
-        Unconfined
-            if the kernel cannot do that.
-        """
+        """Start it, and wait until it is confined; where that fails it is `Unconfined`."""
         self._limits = limits
         self._serial = 0
         #: The first bytes of the output, one more than the limit where there are more.
@@ -120,16 +114,7 @@ class Process:
         self.close()
 
     def request(self, do: str, *arguments: object, wait: float) -> Any:  # noqa: ANN401 (JSON)
-        """Return the reply to a request within `wait` [s]: any value of JSON.
-
-        Raises
-        ------
-        Failed
-            if the submission's code fails.
-        Ended
-            where the process has ended, was too slow or answered with something else, and so has
-            been ended.
-        """
+        """Return the reply to a request within `wait` [s]: any value of JSON."""
         self._serial += 1
         request = {'serial': self._serial, 'do': do, 'arguments': arguments}
         self._requests.put(json.dumps(request).encode() + b'\n')
@@ -292,13 +277,7 @@ def _start(
 
 
 def check(*, sandbox: bool) -> None:
-    """Start a process that runs nothing, where processes can be confined.
-
-    Raises
-    ------
-    UserError
-        if it cannot be confined here.
-    """
+    """Start a process that runs nothing; a UserError if it cannot be confined here."""
     if not ON_LINUX:
         if sandbox:
             raise UserError(

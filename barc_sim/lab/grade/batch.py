@@ -77,13 +77,7 @@ def _follow(sentinel: int) -> None:
 
 @contextmanager
 def dask(address: str) -> Iterator[Executor]:
-    """Give the workers of the Dask cluster whose scheduler listens at `address`.
-
-    Raises
-    ------
-    UserError
-        if `distributed` is not installed, or no scheduler answers.
-    """
+    """Give the workers of the Dask cluster whose scheduler listens at `address`."""
     with client(address) as cluster, cluster.get_executor(pure=False) as executor:
         yield executor
 

@@ -65,13 +65,7 @@ class Rubric:
 
 
 def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
-    """Return the rubric of that name in `RUBRICS`, or in the file at that path.
-
-    Raises
-    ------
-    UserError
-        if the file cannot be read or has an error; it names the line.
-    """
+    """Return the rubric of that name in `RUBRICS`, or in the file at that path, or a UserError."""
     name = str(rubric)
     shipped = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
     try:

@@ -73,11 +73,6 @@ def find(path: Path) -> list[Path]:
 
     What is no folder and no archive is one, too, so that nothing handed in is overlooked; hidden
     files are not. Only `path` itself may be a link, because the grader has typed it.
-
-    Raises
-    ------
-    UserError
-        if there is none.
     """
     if path.exists() and not path.is_dir() and is_archive(path):
         return [path.resolve()]
@@ -99,7 +94,7 @@ def find(path: Path) -> list[Path]:
 
 
 def read(path: Path) -> Submission:
-    """Read the submission at `path`; its notes name what cannot be read, whatever the reason."""
+    """Read the submission at `path`; its notes name all that cannot be read."""
     files: dict[str, bytes] = {}
     notes: list[str] = []
     try:

@@ -333,13 +333,7 @@ class UserPid:
 
 
 def find_files(folder: Path, parts: Collection[str] = tuple(FILES)) -> dict[str, Path]:
-    """Return the files in `folder`, by part.
-
-    Raises
-    ------
-    UserCodeError
-        if there is no such folder, or nothing in it.
-    """
+    """Return the files in `folder`, by part."""
     if not folder.is_dir():
         raise UserCodeError(
             f'there is no folder {str(folder)!r}: barc new {shlex.quote(str(folder))} writes one'

@@ -8,12 +8,12 @@ from __future__ import annotations
 import ast
 import builtins
 import contextlib
-import importlib.util
 import io
 import re
 import sys
 import threading
-from importlib.machinery import FileFinder, SourceFileLoader
+from importlib.machinery import ModuleSpec
+from importlib.util import module_from_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -22,7 +22,6 @@ from barc_sim.lab.user_code.source import Reassigned, Source, compiled, guarded_
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
-    from importlib.machinery import ModuleSpec
     from types import FrameType, ModuleType
 
 _SWAP = threading.RLock()
@@ -39,14 +38,14 @@ _OPERATORS = (
 )
 
 
-def is_ros_1(module: str) -> bool:
+def _is_ros_1(module: str) -> bool:
     """Return whether `module` is one of ROS 1, or of the lab's packages for it."""
     return module.partition('.')[0] in _ROS_1
 
 
-def is_ros(module: str) -> bool:
+def _is_ros(module: str) -> bool:
     """Return whether `module` is one of ROS, which user code does not need."""
-    return is_ros_1(module) or module == 'rclpy' or bool(_MESSAGES.fullmatch(module))
+    return _is_ros_1(module) or module == 'rclpy' or bool(_MESSAGES.fullmatch(module))
 
 
 class AbsentModuleError(Exception):
@@ -54,7 +53,7 @@ class AbsentModuleError(Exception):
 
 
 class Absent:
-    """Stands for a module that is not here, and for whatever is taken from it.
+    """Stands for a module that is not here, and for all that is taken from it.
 
     It can be called and have attributes; its use as a number is an `AbsentModuleError`.
     """
@@ -145,20 +144,17 @@ class Folder:
     def load(self, file: Path) -> ModuleType:
         """Import `file`, once; its exceptions are passed on."""
         name = file.stem if file.stem in self._names else f'user_code_{file.stem}'
-        path = str(file.absolute())
         if name not in self._modules:
-            spec = importlib.util.spec_from_loader(name, _Loader(self, name, path))
-            assert spec  # noqa: S101 (there is a loader)
-            spec.has_location = True
-            module = importlib.util.module_from_spec(spec)
+            module = module_from_spec(self._spec(name, file.absolute()))
             with self._modules_in_place():
                 sys.modules[name] = module
-                _Loader(self, name, path).exec_module(module)
+                self.exec_module(module)
             self._modules[name] = module
         return self._modules[name]
 
-    def execute(self, module: ModuleType, path: Path) -> None:
-        """Run the file at `path` as `module`."""
+    def exec_module(self, module: ModuleType) -> None:
+        """Run the file of a module, as a loader does."""
+        path = Path(str(module.__file__))
         source = self._read(path)
         # All of the module's functions find `import` and `print` here.
         vars(module)['__builtins__'] = self._builtins
@@ -200,12 +196,19 @@ class Folder:
         """Find a module of the folder, as a finder on `sys.meta_path` does."""
         if name.partition('.')[0] not in self._names:
             return None
-        # A new finder sees files that were added just now.
-        spec = FileFinder(
-            path[0] if path else str(self.path), (SourceFileLoader, ['.py'])
-        ).find_spec(name)
-        if spec and spec.origin and spec.loader:
-            spec.loader = _Loader(self, name, spec.origin)
+        folder, tail = Path(path[0]) if path else self.path, name.rpartition('.')[2]
+        files = (folder / tail / '__init__.py', folder / f'{tail}.py')
+        return next((self._spec(name, file) for file in files if file.is_file()), None)
+
+    def create_module(self, _: ModuleSpec) -> None:
+        """Leave it to Python, as a loader does."""
+
+    def _spec(self, name: str, file: Path) -> ModuleSpec:
+        is_package = file.name == '__init__.py'
+        spec = ModuleSpec(name, self, origin=str(file), is_package=is_package)  # type: ignore[arg-type]
+        spec.has_location = True
+        if is_package:
+            spec.submodule_search_locations = [str(file.parent)]
         return spec
 
     def _import(
@@ -244,7 +247,7 @@ class Folder:
         source = self.sources.get(path)
         here = source is None or top in sys.stdlib_module_names or top == 'numpy'
         if not here and self._packages:
-            here = not is_ros(name) or (self._uses_rclpy and not is_ros_1(name))
+            here = not _is_ros(name) or (self._uses_rclpy and not _is_ros_1(name))
         missing = name
         if here:
             try:
@@ -254,9 +257,9 @@ class Folder:
                     raise
                 missing = error.name or name
         assert source  # noqa: S101 (others are here)
-        if not is_ros(name) and (line in self._guarded[path] or '*' in (fromlist or ())):
+        if not _is_ros(name) and (line in self._guarded[path] or '*' in (fromlist or ())):
             raise ModuleNotFoundError(missing, name=missing)
-        ros = is_ros(name)
+        ros = _is_ros(name)
         reason = (
             'ROS 1 is not here and not needed: barc_sim provides the nodes, and calls PID every '
             '0.02 s'
@@ -309,17 +312,6 @@ class Folder:
 
     def _is_own(self, name: str) -> bool:
         return name.partition('.')[0] in self._names or name.startswith('user_code_')
-
-
-class _Loader(SourceFileLoader):
-    """Lets its folder run the module."""
-
-    def __init__(self, folder: Folder, name: str, path: str) -> None:
-        super().__init__(name, path)
-        self._folder = folder
-
-    def exec_module(self, module: ModuleType) -> None:
-        self._folder.execute(module, Path(self.path))
 
 
 def _modules_in(folder: Path) -> Iterator[str]:

@@ -29,7 +29,7 @@ ANSWER = [float(value) for value in bikeFE(*ROW)]
 _PID = PID(2.0, 3.0, 0.01)
 OUTPUTS = [_PID.acc_calculate(8.0, 7.0, 0.02), _PID.acc_calculate(8.0, 7.5, 0.02)]
 
-#: Looks at whatever can be reached, calls what could compute the answers, and reports what does.
+#: Looks at all that can be reached, calls what could compute the answers, and reports what does.
 WALK = f"""
 import gc, inspect, os, sys, types
 

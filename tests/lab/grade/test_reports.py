@@ -1,4 +1,4 @@
-"""The files that tell a grade, whatever a submission has put into them."""
+"""The files of a grade, with any text that a submission has put into them."""
 
 from __future__ import annotations
 

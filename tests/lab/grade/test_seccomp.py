@@ -28,7 +28,7 @@ EMPTIES = (os.O_TRUNC, 3 | os.O_TRUNC, os.O_TRUNC | os.O_CLOEXEC | 1 << 40)
 
 
 def decide(machine: str, number: int, *arguments: int, audit: int | None = None) -> int:
-    """Return what the filter for `machine` says of a system call."""
+    """Return the filter's answer to a system call on `machine`."""
     padded = (*arguments, *(0,) * (6 - len(arguments)))
     audit = MACHINES[machine].audit if audit is None else audit
     data = pack('=IIQ6Q', number, audit, 0, *padded)
