@@ -42,17 +42,7 @@ class Answer(NamedTuple):
 
 
 class CruiseControl:
-    """A controller with its parameters; its dt is the difference of the states' stamps.
-
-    Attributes
-    ----------
-    controller
-        What computes; `reset` and `configure` change it.
-    is_pid
-        Whether its terms are those of the PID.
-    values
-        The parameters by name.
-    """
+    """A controller with its parameters; its dt is the difference of the states' stamps."""
 
     def __init__(
         self,
@@ -71,7 +61,7 @@ class CruiseControl:
         self._refuse, self._warn = refuse, warn
         self.controller = as_controller(controller) if controller else _of_type(declare)
         self.is_pid = self.controller.terms.keys() == PID.terms.keys()
-        self.values: dict[str, Any] = {}
+        self.values: dict[str, Any] = {}  #: the parameters by name
         self._awaits_error = True  # whether a state is answered only once its error is there
         self.configure(declare(self.parameters(acceleration_limit)))
         self.reset()

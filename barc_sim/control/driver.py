@@ -59,19 +59,7 @@ class Limits(NamedTuple):
 
 
 class Driver:
-    """Turns the driver's latest input into a command every `dt`.
-
-    Attributes
-    ----------
-    limits
-        May be replaced at any time.
-    linear_scale, angular_scale
-        Factors of a request, before its limits.
-    request
-        The input that the latest command follows.
-    servo
-        [rad] the latest command's.
-    """
+    """Turns the driver's latest input into a command every `dt`."""
 
     def __init__(
         self,
@@ -82,19 +70,12 @@ class Driver:
     ) -> None:
         """Begin with the wheel straight, coasting.
 
-        Parameters
-        ----------
-        limits
-            Those of `Limits()` by default.
-        dt
-            [s] from one command to the next.
-        stale_after
-            [s] An input that is older is ignored.
+        Commands are `dt` [s] apart; an input older than `stale_after` [s] is ignored.
         """
-        self.limits = limits or Limits()
+        self.limits = limits or Limits()  #: may be replaced at any time
         self.dt = dt
         self.stale_after = stale_after
-        self.linear_scale = self.angular_scale = 1.0
+        self.linear_scale = self.angular_scale = 1.0  #: factors of an input, before its limits
         self.reset()
 
     def configure(self, values: Mapping[str, Any]) -> None:
@@ -106,7 +87,8 @@ class Driver:
 
     def reset(self) -> None:
         """Forget the input, and put the wheel straight."""
-        self._latest = self.request = COAST
+        self._latest = COAST
+        self.request = COAST  #: the input that the latest command follows
         self._received = -inf
         self._speed = 0.0
         self.servo = 0.0
@@ -188,16 +170,11 @@ class VelocityDriver(Driver):
     the car speeds up, too. A car cannot turn on the spot: with a `linear.x` of zero it stops, and
     its wheels turn as far as they go. A zero Twist stops the car with its wheels straight, and so
     does silence for longer than `stale_after`.
-
-    Attributes
-    ----------
-    wheelbase
-        L, from axle to axle [m]; may be changed at any time.
     """
 
     def __init__(self, limits: Limits | None = None, **options: Any) -> None:  # noqa: ANN401
         """Begin at rest; the options are those of `Driver`."""
-        self.wheelbase = L_F + L_R
+        self.wheelbase = L_F + L_R  #: [m] L, from axle to axle; may be changed at any time
         self._pi = PID(_KP, _KI, 0.0)
         super().__init__(limits, **options)
 

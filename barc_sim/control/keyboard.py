@@ -152,16 +152,11 @@ class HeldKeys:
 
     Most terminals report no release. There a key counts as held for `press_hold` after it was
     pressed, and for `repeat_hold` after each repeat. Only the key pressed last repeats.
-
-    Attributes
-    ----------
-    releases
-        Whether the terminal reports releases; the terminal sets it once one was reported.
     """
 
     def __init__(self, press_hold: float = PRESS_HOLD, repeat_hold: float = REPEAT_HOLD) -> None:
         """Begin with nothing held; times in seconds."""
-        self.releases = False
+        self.releases = False  #: whether the terminal reports releases, set once it has
         self._press_hold, self._repeat_hold = press_hold, repeat_hold
         self._until: dict[str, float] = {}
         self._previous = COAST

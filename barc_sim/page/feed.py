@@ -49,20 +49,12 @@ _WINDOW = 4  #: calls over which the real-time factor is measured
 
 
 class Feed(ABC):
-    """The states of a run with their other messages, as rows; it keeps those of the last minute.
-
-    Attributes
-    ----------
-    seen
-        Number of states taken.
-    laps
-        The laps of the run so far.
-    """
+    """The states of a run with their other messages, as rows; it keeps those of the last minute."""
 
     def __init__(self) -> None:
         """Begin without states."""
-        self.seen = 0
-        self.laps = Laps()
+        self.seen = 0  #: number of states taken
+        self.laps = Laps()  #: those of the run so far
         self._first: int | None = None  # stamp [ns] at which the time of the rows begins
         self._latest = {topic: tuple(fields.values()) for topic, fields in FIELDS.items()}
         self._waiting: dict[str, deque[Sample]] = {

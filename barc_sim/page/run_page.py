@@ -100,15 +100,10 @@ class DriverArbiter:
     While a key is held, `due` returns a command every 50 ms; after its release zero once, then
     nothing, so that other publishers of `cmd_vel` are not overridden. If the page closes or falls
     silent with a key held, the brake takes the place of zero. Times are of a monotonic clock.
-
-    Attributes
-    ----------
-    driver
-        The page that drives, or None.
     """
 
     def __init__(self) -> None:
-        self.driver: object | None = None
+        self.driver: object | None = None  #: the page that drives
         self._command = self._sent = _REST
         self._received = self._published = float('-inf')  # [s]
 
@@ -156,13 +151,7 @@ class DriverArbiter:
 
 
 class RunPage(Host):
-    """Serves the page at `url`; the server's thread does the work, between two steps.
-
-    Attributes
-    ----------
-    url
-        The page's address, with its token: anyone with this link can drive.
-    """
+    """Serves the page at `url`; the server's thread does the work, between two steps."""
 
     def __init__(
         self,
@@ -192,7 +181,7 @@ class RunPage(Host):
         self._ended: str | None = None  # the message of the end
         self._next_status = 0.0
         self._server = ViewServer(self, host, port)
-        self.url = self._server.url
+        self.url = self._server.url  #: with its token: anyone with this link can drive
         self.call = self._server.call  #: calls a function in the server's thread
 
     def start(

@@ -154,20 +154,13 @@ class _Connection(ServerConnection):
 
 
 class ViewServer:
-    """Serves the page at `url`, which contains a secret token, until it is closed.
-
-    Attributes
-    ----------
-    url
-        The page's address. Its first part is the token, the same for each run of this checkout
-        on a given port; a new one for port 0.
-    """
+    """Serves the page at `url`, which contains a secret token, until it is closed."""
 
     def __init__(self, host: Host, address: str = '127.0.0.1', port: int = 0) -> None:
         """Listen on `port` of `address`; 0 for any that is free."""
         self._host = host
         self._socket = _listen(address, port)
-        # A page that is still open finds the next run on the same port.
+        # The same for each run of this checkout on a port, so that an open page finds the next run.
         self._token = (port and kept_token(port)) or token_urlsafe(16)
         self._run_id = token_hex(8)
         if not ip_address(self._socket.getsockname()[0]).is_loopback:

@@ -36,19 +36,13 @@ _PERIOD = 0.02  #: [s] between two polls for messages
 
 
 class Messages:
-    """The messages of a topic from now on, by the strictest QoS that all its publishers offer.
-
-    Attributes
-    ----------
-    losses
-        Gaps between the messages taken, by publisher.
-    """
+    """The messages of a topic from now on, by the strictest QoS that all its publishers offer."""
 
     def __init__(
         self, observer: GraphObserver, topic: str, kind: type[Any], *, latched: bool = True
     ) -> None:
         """Subscribe; `kind` is the class of the messages, `latched` whether old ones count."""
-        self.losses = Losses()
+        self.losses = Losses()  #: gaps between the messages taken, by publisher
         publishers = observer.node.get_publishers_info_by_topic(topic)
         qos = request(publishers, _DEPTH)
         if not publishers:  # none to match yet: request the weakest

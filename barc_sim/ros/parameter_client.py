@@ -42,17 +42,11 @@ _MAX_FILE = 1 << 24  #: [B]
 
 
 class Parameters:
-    """The parameters of a node.
-
-    Attributes
-    ----------
-    node
-        The node's full name.
-    """
+    """The parameters of a node."""
 
     def __init__(self, observer: GraphObserver, node: str) -> None:
         """Find the node's services."""
-        self.node = observer.find_node(node)
+        self.node = observer.find_node(node)  #: its full name
         self._observer = observer
         self._client = AsyncParameterClient(observer.node, self.node)
         if not observer.wait_for(self._client.services_are_ready):
