@@ -47,10 +47,10 @@ class ReferenceDrive(NamedTuple):
     name: str
     text: str
     start: State
-    held: Command
-    grade: Callable[[float], float]  #: distance along the road [m] to incline [rad]
-    vehicle: Vehicle
     duration: float  #: [s]
+    held: Command = Command()
+    grade: Callable[[float], float] = lambda _: 0.0  #: distance along the road [m] to incline [rad]
+    vehicle: Vehicle = Vehicle()
     models: tuple[str, ...] = ('kinematic', 'dynamic')
     exact: Callable[[ReferenceDrive], tuple[float, float]] | None = None  #: x and y [m] at the end
 
@@ -96,7 +96,6 @@ REFERENCE_DRIVES = (
         text='15 m/s, 0.4 rad',
         start=State(v=15.0),
         held=Command(0.0, 0.4),
-        grade=lambda _: 0.0,
         vehicle=Vehicle(air_drag_coeff=0.0, friction=0.0),
         duration=4.0,
         models=('kinematic',),
@@ -107,8 +106,6 @@ REFERENCE_DRIVES = (
         text='20 m/s, 0.05 rad',
         start=State(v=20.0),
         held=Command(0.0, 0.05),
-        grade=lambda _: 0.0,
-        vehicle=Vehicle(),
         duration=4.0,
         models=('dynamic',),
     ),
@@ -116,7 +113,6 @@ REFERENCE_DRIVES = (
         name='descent',
         text='30° down, strong drag',
         start=State(v=20.0),
-        held=Command(),
         grade=lambda _: radians(-30.0),
         vehicle=Vehicle(mass=1000.0, air_drag_coeff=200.0, friction=50.0),
         duration=2.0,
@@ -128,7 +124,6 @@ REFERENCE_DRIVES = (
         start=State(v=10.0),
         held=Command(0.5, 0.03),
         grade=lambda x: radians(10.0) * sin(pi * x / 20.0),
-        vehicle=Vehicle(),
         duration=6.0,
     ),
     ReferenceDrive(
@@ -147,9 +142,7 @@ REFERENCE_DRIVES = (
 class Study(NamedTuple):
     """The errors of one integrator of one model in one test drive."""
 
-    test_drive: str
-    text: str
-    reference: str
+    test_drive: ReferenceDrive
     model: str
     integrator: str
     errors: tuple[float, ...]  #: [m] of the position at the end, for each of `STEPS`
@@ -161,24 +154,13 @@ def studies() -> Iterator[Study]:
     for test_drive in REFERENCE_DRIVES:
         for model in test_drive.models:
             if test_drive.exact:
-                reference, (x, y) = 'the closed form', test_drive.exact(test_drive)
+                x, y = test_drive.exact(test_drive)
             else:
-                reference, (x, y) = (
-                    'a fine solution',
-                    final_state(test_drive, model, 'rk4', FINE)[:2],
-                )
+                x, y, *_ = final_state(test_drive, model, 'rk4', FINE)
             for integrator in INTEGRATORS:
                 ends = (final_state(test_drive, model, integrator, ts) for ts in STEPS)
                 errors = tuple(hypot(end.x - x, end.y - y) for end in ends)
-                yield Study(
-                    test_drive=test_drive.name,
-                    text=test_drive.text,
-                    reference=reference,
-                    model=model,
-                    integrator=integrator,
-                    errors=errors,
-                    order=order(errors),
-                )
+                yield Study(test_drive, model, integrator, errors, order(errors))
 
 
 def final_state(test_drive: ReferenceDrive, model: str, integrator: str, ts: float) -> State:
@@ -208,7 +190,7 @@ def convergence_figure() -> Figure:
     """Draw the errors of the studies, those of a test drive next to each other."""
     figure = Figure(figsize=(11.0, 6.8))
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.12)
-    panels = [[*group] for _, group in groupby(studies(), lambda study: study.test_drive)]
+    panels = [[*group] for _, group in groupby(studies(), lambda study: study.test_drive.name)]
     rows = -(-(len(panels) + 1) // _COLUMNS)
     grid = figure.subplots(rows, _COLUMNS, sharex=True, sharey=True, squeeze=False)
     axes = [*grid.flat]
@@ -254,9 +236,10 @@ def _draw(axes: Axes, group: list[Study]) -> None:
     axes.xaxis.set_major_locator(FixedLocator(STEPS))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda ts, _: f'{1e3 * ts:g}'))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.set_title(group[0].test_drive, loc='left', fontsize=11, fontweight='bold', pad=18.0)
+    drive = group[0].test_drive
+    axes.set_title(drive.name, loc='left', fontsize=11, fontweight='bold', pad=18.0)
     text = axes.annotate(
-        f'{group[0].text}; against {group[0].reference}',
+        f'{drive.text}; against {"the closed form" if drive.exact else "a fine solution"}',
         (0.0, 1.0),
         (0.0, 5.0),
         'axes fraction',
@@ -288,5 +271,5 @@ if __name__ == '__main__':
     for study in studies():
         errors = ''.join(f'{error:10.1e}' for error in study.errors)
         print(  # noqa: T201
-            f'{study.test_drive:12}{study.model:11}{study.integrator:7}{errors}{study.order:8.2f}'
+            f'{study.test_drive.name:12}{study.model:11}{study.integrator:7}{errors}{study.order:8.2f}'
         )
