@@ -41,19 +41,20 @@ class Commands:
         self._latest_state = 0  # [ns] stamp of the state that `latest` belongs to
         self._received = -inf
 
-    def accepts(self, stamp: int, present: int) -> bool:
-        """Return whether a command stamped `stamp` [ns] may hold in the state stamped `present`."""
-        if self._answered_by_stamp and stamp not in (0, present):
-            return False
-        return _state_stamp(stamp, present) >= self._latest_state
+    def store(self, command: Command, stamp: int, present: int, t: float) -> bool:
+        """Let a `command` that arrived at `t` [s] hold from now on, in the state `present` [ns].
 
-    def store(self, command: Command, stamp: int, present: int, t: float) -> None:
-        """Let an accepted `command` hold from now on; it arrived at `t` [s]."""
-        self.latest, self._latest_state, self._received = command, _state_stamp(stamp, present), t
+        Return False if its `stamp` [ns] is out of order: another one holds.
+        """
+        state = min(stamp, present) if stamp else present  # that it belongs to
+        if state < self._latest_state or (self._answered_by_stamp and stamp not in (0, present)):
+            return False
+        self.latest, self._latest_state, self._received = command, state, t
         self._answered_by_stamp = stamp == present
         if self._answered_by_stamp or stamp == 0:
             self._unsynchronised = stamp == 0
         self.answered = self._unsynchronised or self._answered_by_stamp
+        return True
 
     def next_step(self) -> None:
         """Wait for the answer to the next state."""
@@ -73,8 +74,3 @@ def out_of_order(stamp: int, present: int) -> str:
     """Return why a command with this `stamp` [ns] is not accepted in the state `present` [ns]."""
     away = (stamp - present) / _NANOSECONDS
     return f'a command stamped {away:+g} s from the present state: a newer one or its answer holds'
-
-
-def _state_stamp(stamp: int, present: int) -> int:
-    """Return the stamp [ns] of the state that a command belongs to; at most the present one."""
-    return min(stamp, present) if stamp else present

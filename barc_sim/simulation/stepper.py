@@ -231,15 +231,14 @@ class Stepper:
         Return why it is refused, if it is.
         """
         limit = self._settings.max_command
-        if not self._commands.accepts(stamp, self.stamp):
-            return out_of_order(stamp, self.stamp)
         # Written so that NaN is out of range, too.
         if not (abs(command.motor) <= limit.motor and abs(command.servo) <= limit.servo):
             return (
                 f'a command beyond ±{limit.motor:g} m/s² or ±{limit.servo:g} rad: '
                 f'{command.motor}, {command.servo}'
             )
-        self._commands.store(command, stamp, self.stamp, self._clock())
+        if not self._commands.store(command, stamp, self.stamp, self._clock()):
+            return out_of_order(stamp, self.stamp)
         lock_step = self.phase is Phase.RUNNING and not self._pace
         if self._commands.answered and (lock_step or self._request):
             self._step()

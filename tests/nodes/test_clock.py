@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -168,16 +167,6 @@ def test_a_reset_without_an_answer_is_warned_of_once(
     world.until(lambda: time.monotonic() > end)
     silent.destroy_node()
     assert capfd.readouterr().err.count('has not answered its reset') == 1
-
-
-@pytest.mark.parametrize('realtime_factor', [0.0, 5.0])
-def test_clock_never_goes_back_at_a_reset(bench: Make, realtime_factor: float) -> None:
-    world = bench(realtime_factor=realtime_factor)
-    world.until(lambda: len(world.times) > 20)
-    before = len(world.times)
-    world.call(Trigger, 'vehicle_simulator/reset')
-    world.until(lambda: len(world.times) > before + 20)
-    assert all(earlier <= later for earlier, later in pairwise(world.times))
 
 
 @pytest.mark.usefixtures('ros_domain')

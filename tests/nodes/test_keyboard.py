@@ -111,20 +111,6 @@ def test_what_is_published_is_what_the_keys_make(bench: Bench) -> None:
     assert bench.changes == [request for request in expected if request is not None]
 
 
-def test_with_releases_keys_combine_until_released(bench: Bench) -> None:
-    bench.type(b'\x1b[?0u\x1b[119;1:1u')
-    bench.until(lambda: UP in bench.received)
-    spin_for(bench, 0.8)
-    bench.type(b'\x1b[97;1:1u')
-    both = DriverInput(forward=1.0, turn=1.0)
-    bench.until(lambda: both in bench.received)
-    bench.type(b'\x1b[119;1:3u')
-    bench.until(lambda: LEFT in bench.received)
-    bench.type(b'\x1b[O')
-    bench.until(lambda: COAST in bench.received)
-    assert bench.changes == [UP, both, LEFT, COAST]
-
-
 def test_nothing_follows_the_brake(bench: Bench) -> None:
     bench.type(b' ')
     bench.until(lambda: FULL_BRAKE in bench.received)

@@ -74,17 +74,6 @@ def test_twist_is_a_share_of_the_limits_which_may_be_changed(bench: Make) -> Non
     b.until_motor(5.0)
 
 
-def test_wheel_turns_and_returns_or_stays_as_set(bench: Make) -> None:
-    b = bench(self_centring=False, steering=0.2, stale_after=60.0)
-    b.send(turn=1.0)
-    b.until(lambda: any(command.servo == 0.2 for command in b.commands))
-    b.send()
-    b.until(lambda: not b.relay.driver.request.turn)
-    assert b.relay.driver.servo == 0.2
-    b.relay.set_parameters([Parameter('self_centring', value=True)])
-    b.until(lambda: b.relay.driver.servo == 0.0)
-
-
 def test_twists_that_are_not_finite_are_refused_with_one_warning_and_counted(
     bench: Make, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,10 +115,3 @@ def test_reset_clears_request_and_wheel(bench: Make) -> None:
 def test_parameter_out_of_range_is_refused(bench: Make, name: str) -> None:
     with pytest.raises(UserError, match=f'parameter {name} of relay must lie between'):
         bench(**{name: -1.0})
-
-
-def test_every_parameter_is_described(bench: Make) -> None:
-    relay = bench().relay
-    known = set(relay.list_parameters(prefixes=[], depth=0).names) - {'use_sim_time'}
-    assert len(known) >= 9
-    assert [name for name in known if not relay.describe_parameter(name).description] == []

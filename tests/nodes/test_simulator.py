@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from functools import partial
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -18,7 +17,6 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from barc_sim.errors import UserError
@@ -205,20 +203,6 @@ def test_run_without_a_controller_counts_missed_commands(world: World, capfd: Ca
     assert 'missed deadline 1: no command answers state 0 in time' in capfd.readouterr().err
 
 
-def test_command_that_is_not_finite_is_refused(world: World, capfd: Capture) -> None:
-    commands = world.driver()
-    simulator = world.simulator(realtime_factor=LOCK_STEP)
-    world.until(lambda: len(world.states) == 1)
-    (state,) = world.states
-    commands.publish(ECU(header=state.header, motor=math.nan))
-    commands.publish(command(1.0, state))
-    world.until(lambda: len(world.states) == 2)
-    assert world.states[-1].v_x == pytest.approx(0.02, rel=1e-3)
-    assert simulator.stepper.states == 2
-    assert simulator.refused.count == 1
-    assert 'beyond ±100 m/s² or ±1.5 rad: nan, 0.0' in capfd.readouterr().err
-
-
 def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
     world.driver()
     simulator = world.simulator(check_period=OFTEN, realtime_factor=LOCK_STEP)
@@ -306,32 +290,6 @@ def test_foreign_publisher_of_states_is_noticed_before_the_first_state(world: Wo
     assert simulator.stepper.states == 0
 
 
-# Lost commands
-
-
-def test_car_whose_commands_stop_brakes_to_a_standstill_and_stays(
-    world: World, capfd: Capture
-) -> None:
-    commands = world.driver()
-    simulator = world.simulator(command_timeout=0.2, realtime_factor=4.0, road='flat')
-    world.until(lambda: simulator.stepper.states > 0)
-
-    def is_fast() -> bool:
-        commands.publish(ECU(motor=4.0, servo=0.1))
-        return bool(world.states) and world.states[-1].v_x > 2.0
-
-    world.until(is_fast)
-    world.until(lambda: world.states[-1].v_x == pytest.approx(0.0, abs=1e-9))
-    stood = len(world.states)
-    world.until(lambda: len(world.states) > stood + 20)
-    assert min(state.v_x for state in world.states) >= -1e-12
-    assert world.states[-1].x == pytest.approx(world.states[stood].x, abs=1e-6)
-    braking = [b.v_x - a.v_x for a, b in pairwise(world.states)]
-    assert min(braking) == pytest.approx(-8.0 * 0.02, rel=0.02)
-    assert simulator.stepper.missed == 0
-    assert 'no command for 0.2 s: the car brakes to a standstill' in capfd.readouterr().err
-
-
 # Services
 
 
@@ -343,38 +301,6 @@ def reset(world: World) -> None:
     future = client.call_async(Trigger.Request())
     world.until(future.done)
     assert future.result().success
-
-
-def rows(states: list[ZDynBkMdl]) -> list[tuple[float, ...]]:
-    return [(state.x, state.y, state.psi, state.v_x, state.psi_dot) for state in states]
-
-
-@pytest.mark.parametrize('factor', [LOCK_STEP, 10.0])
-def test_reset_gives_the_same_states_again_with_later_stamps(world: World, factor: float) -> None:
-    def answer(state: ZDynBkMdl) -> ECU:
-        return ECU(header=state.header, motor=3.0 - state.v_x, servo=0.05 * state.v_x)
-
-    calls: list[float] = []
-    world.driver(answer)
-    simulator = world.simulator(
-        realtime_factor=factor,
-        noise_v_x=0.1,
-        noise_s=0.2,
-        seed=4,
-        on_step=lambda t, _: calls.append(t),
-    )
-    world.until(lambda: len(world.states) >= 30)
-    for run in (2, 3, 4):
-        reset(world)
-        world.until(lambda run=run: calls.count(0.0) == run and calls[-1] > 0.6)
-    world.until(lambda: len(world.states) == len(calls) == simulator.stepper.states)
-    starts = [k for k, t in enumerate(calls) if t == 0.0]
-    assert len(starts) == 4
-    runs = [rows(world.states[k : k + 30]) for k in starts]
-    if simulator.stepper.missed == 0:
-        assert runs[0] == runs[1] == runs[2] == runs[3]
-    times = stamps(world.states)
-    assert all(a < b for a, b in pairwise(times))
 
 
 def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None:

@@ -207,14 +207,6 @@ def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> Non
     assert tuned == {'kp': 7.0}
 
 
-def test_late_page_receives_the_past(view: ViewNode, peer: Peer) -> None:
-    peer.step(1.0)
-    until(lambda: view.page.seen == 1)
-    with page(view) as client:
-        client.receive('status')
-    np.testing.assert_array_equal(client.column('x'), [1.0])
-
-
 def test_status_has_the_facts_of_the_run_from_the_first_state_on(
     view: ViewNode, peer: Peer
 ) -> None:
@@ -226,35 +218,12 @@ def test_status_has_the_facts_of_the_run_from_the_first_state_on(
     assert (status['missed'], status['paused'], status['driver']) == (3, False, None)
 
 
-def test_held_key_is_published_until_its_release(view: ViewNode, peer: Peer) -> None:
-    with page(view) as client:
-        client.request('drive', linear=1.0, angular=-0.5)
-        until(lambda: len(peer.twists) >= 3)
-        client.request('drive', linear=0.0, angular=0.0)
-        until(lambda: peer.twists[-1] == (0.0, 0.0))
-        silent_since = len(peer.twists)
-        client.receive('status')
-        client.receive('status')
-    assert set(peer.twists[:-1]) == {(1.0, -0.5)}
-    assert len(peer.twists) == silent_since
-
-
 def test_page_that_closes_with_a_key_held_brakes(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
         client.request('drive', linear=1.0, angular=0.0)
         until(lambda: (1.0, 0.0) in peer.twists)
     until(lambda: peer.twists[-1] == (0.0, 0.0))
     assert peer.braked
-
-
-def test_only_one_page_drives(view: ViewNode, peer: Peer) -> None:
-    with page(view) as driver, page(view) as watcher:
-        driver.request('drive', linear=1.0, angular=0.0)
-        until(lambda: peer.twists)
-        watcher.request('drive', linear=-1.0, angular=0.0)
-        assert watcher.receive('refused')['what'] == 'drive'
-        assert watcher.receive('status')['driver'] == 'other'
-        assert (-1.0, 0.0) not in peer.twists
 
 
 def test_reset_and_pause_call_the_simulator(view: ViewNode, peer: Peer) -> None:
@@ -352,16 +321,6 @@ def test_slider_sets_a_parameter_on_all_pages(ros: Context) -> None:
     assert refusal['what'] == 'kp'
     assert '-2000000.0' in refusal['why']
     assert controller.get_parameter('kp').value == 30.0
-
-
-def test_slider_sets_a_parameter_of_the_car(ros: Context) -> None:
-    view = ViewNode(context=ros)
-    simulator = VehicleSimulator(context=ros)
-    with spinning(ros, view, simulator), page(view) as client:
-        client.request('tune', name='motor_delay', value=0.25)
-        while client.receive('facts')['tuning'].get('motor_delay') != 0.25:
-            pass
-        assert simulator.values['motor_delay'] == 0.25
 
 
 def test_namespace_applies_to_its_clients(ros: Context) -> None:

@@ -66,12 +66,6 @@ def assert_same(one: Log, other: Log, rows: int | None = None) -> None:
 # One trajectory
 
 
-def test_run_in_lock_step_is_the_rollout_to_the_last_bit(tmp_path: Path) -> None:
-    run = bag.read(bag_of(tmp_path, '--realtime-factor', 'max'))
-    assert_same(run, closed_loop())
-    assert not run.missed.any()
-
-
 def test_run_in_real_time_is_the_rollout_as_far_as_no_deadline_was_missed(tmp_path: Path) -> None:
     expected = closed_loop(distance=5.0)
     for _ in range(3):

@@ -12,8 +12,7 @@ GO, STOP = Command(motor=1.0), Command(motor=-1.0)
 
 def test_a_command_answers_the_state_of_its_stamp_only() -> None:
     commands = Commands()
-    assert commands.accepts(10, present=20)
-    commands.store(GO, stamp=10, present=20, t=0.0)
+    assert commands.store(GO, stamp=10, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (GO, False)
     commands.store(STOP, stamp=20, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (STOP, True)
@@ -35,28 +34,28 @@ def test_a_command_that_is_older_than_the_one_that_holds_is_not_usable() -> None
     commands = Commands()
     commands.store(GO, stamp=20, present=20, t=0.0)
     commands.next_step()
-    assert not commands.accepts(10, present=40)
-    assert commands.accepts(20, present=40)  # late, but the newest
-    assert commands.accepts(40, present=40)
+    assert not commands.store(STOP, stamp=10, present=40, t=0.0)
+    assert commands.latest == GO
+    assert commands.store(STOP, stamp=20, present=40, t=0.0)  # late, but the newest
+    assert commands.store(STOP, stamp=40, present=40, t=0.0)
 
 
 @pytest.mark.parametrize('stamp', [-5, 10, 19, 21, 10**18])
 def test_what_came_before_it_or_comes_after_it_cannot_keep_the_answer_out(stamp: int) -> None:
     commands = Commands()
     commands.store(STOP, stamp=20, present=20, t=0.0)
-    assert not commands.accepts(stamp, present=20)
+    assert not commands.store(GO, stamp, present=20, t=0.0)
+    assert commands.latest == STOP
     commands = Commands()
-    if commands.accepts(stamp, present=20):
-        commands.store(STOP, stamp, present=20, t=0.0)
-    assert commands.accepts(20, present=20)
-    commands.store(GO, stamp=20, present=20, t=0.0)
+    commands.store(STOP, stamp, present=20, t=0.0)
+    assert commands.store(GO, stamp=20, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (GO, True)
 
 
 def test_a_command_without_a_stamp_is_usable_at_any_time() -> None:
     commands = Commands()
     commands.store(GO, stamp=20, present=20, t=0.0)
-    assert commands.accepts(0, present=20)
+    assert commands.store(STOP, stamp=0, present=20, t=0.0)
 
 
 def test_what_answers_no_state_makes_none_due_where_commands_come_as_they_please() -> None:
