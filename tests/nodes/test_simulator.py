@@ -97,9 +97,9 @@ def world(ros: Context, spin_until: Callable[..., None]) -> Iterator[World]:
         node.destroy_node()
 
 
-def command(motor: float, stamp_of: ZDynBkMdl | None = None) -> ECU:
-    """Return a command that answers a state; without, one that bears no stamp."""
-    return ECU(header=stamp_of.header if stamp_of else Header(), motor=motor)
+def command(motor: float, stamp_of: ZDynBkMdl) -> ECU:
+    """Return a command that answers a state."""
+    return ECU(header=stamp_of.header, motor=motor)
 
 
 def stamps(messages: list[Any]) -> list[int]:
