@@ -15,7 +15,6 @@ import resource
 import select
 from contextlib import suppress
 from functools import partial
-from math import inf
 from struct import pack
 from typing import TYPE_CHECKING, TypeVar
 
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
 
 Opened = TypeVar('Opened')
 
-_POLL_RESOLUTION = 1e-3  # s
 _MOST = 64  # descriptors in one poll
 #: The length of a struct epoll_event, and the place of the descriptor in it, both in integers of
 #: four bytes. Only x86-64 packs it without gaps.
@@ -35,10 +33,10 @@ _COUNT_SIZE = 8  # of an eventfd
 _MONOTONIC, _ABSOLUTE = 1, 1  # CLOCK_MONOTONIC, TFD_TIMER_ABSTIME
 
 _LIBC = ctypes.PyDLL(None)  # keeps the interpreter's lock
-_LIBC.timerfd_settime.argtypes = (ctypes.c_int, ctypes.c_int, ctypes.c_char_p, ctypes.c_void_p)
 _spare: list[int] = []  # eventfds that nothing uses
 add_to = os.eventfd_write
 _epoll_wait, _read = _LIBC.epoll_wait, _LIBC.read  # without `argtypes`, which cost 0.3 us
+_wait = ctypes.CDLL(None).ppoll  # gives the lock up; `select`'s functions round to milliseconds
 
 
 class Descriptors:
@@ -51,14 +49,9 @@ class Descriptors:
         self._events, self._count = (ctypes.c_int32 * (_LENGTH * _MOST))(), ctypes.c_uint64()
         self._at_events, self._at_count = ctypes.byref(self._events), ctypes.byref(self._count)
         self._integers = memoryview(self._events).cast('B').cast('i')
-
-    def add(self, descriptor: int) -> None:
-        """Wait for a descriptor, too."""
-        self._epoll.register(descriptor, select.EPOLLIN)
-
-    def remove(self, descriptor: int) -> None:
-        """Wait for a descriptor no longer; it must be open."""
-        self._epoll.unregister(descriptor)
+        self._polled = ctypes.create_string_buffer(pack('ihh', self._number, select.POLLIN, 0))
+        self.add = partial(self._epoll.register, eventmask=select.EPOLLIN)
+        self.remove = self._epoll.unregister  #: of a descriptor that is open
 
     def ready(self) -> list[int]:
         """Return the descriptors that are readable now, without giving up the lock."""
@@ -69,11 +62,8 @@ class Descriptors:
 
     def wait(self, seconds: float) -> list[int]:
         """Wait up to `seconds` until a descriptor is readable; return those that are."""
-        if seconds < _POLL_RESOLUTION:
-            with suppress(ValueError):  # it has a descriptor above 1023
-                select.select((self._epoll,), (), (), seconds)
-                seconds = 0.0
-        return [descriptor for descriptor, _ in self._epoll.poll(seconds, _MOST)]
+        _wait(self._polled, ctypes.c_ulong(1), _timespec(seconds), None)
+        return self.ready()
 
     def take_count(self, descriptor: int) -> int:
         """Return what was counted in an eventfd, and count from 0 again."""
@@ -110,10 +100,18 @@ def retire(descriptor: int) -> None:
     _spare.append(descriptor)
 
 
-def timerfd(*, blocking: bool = False) -> int:
-    """Return a descriptor that is readable when its time has come."""
-    flags = os.O_CLOEXEC if blocking else os.O_CLOEXEC | os.O_NONBLOCK
-    return int(_opened(partial(_LIBC.timerfd_create, _MONOTONIC, flags)))
+def timerfd() -> int:
+    """Return a descriptor that can be read when its time has come."""
+    return int(_opened(partial(_LIBC.timerfd_create, _MONOTONIC, os.O_CLOEXEC)))
+
+
+def set_time(descriptor: int, due: float) -> None:
+    """Set a timerfd's time [s] of the monotonic clock."""
+    _LIBC.timerfd_settime(descriptor, _ABSOLUTE, bytes(16) + _timespec(due), None)
+
+
+def _timespec(seconds: float) -> bytes:
+    return pack('ll', int(seconds), int(seconds % 1.0 * 1e9))
 
 
 def _opened(create: Callable[[], Opened]) -> Opened:
@@ -126,9 +124,3 @@ def _opened(create: Callable[[], Opened]) -> Opened:
         f'this process may open {allowed} files at a time, and the executor needs one more: '
         'raise the limit with `ulimit -n`, or start fewer nodes in one process'
     )
-
-
-def set_time(descriptor: int, due: float) -> None:
-    """Set a timerfd's time [ns] of the monotonic clock; inf: never."""
-    first = divmod(int(due), 1_000_000_000) if due < inf else (0, 0)
-    _LIBC.timerfd_settime(descriptor, _ABSOLUTE, pack('4l', 0, 0, *first), None)

@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rclpy.action import ActionClient, ActionServer
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
@@ -18,7 +20,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from barc_sim.ros.executor.rclpy_private import message_taker, raised_by_rclpy
+from barc_sim.ros.executor.rclpy_private import handle_of, message_taker, raised_by_rclpy
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,22 +73,60 @@ class Entry:
         """The topic's name, or else the entity's type."""
         return str(getattr(self.entity, 'topic', type(self.entity).__name__))
 
-    def warn_or_raise(self, error: Exception, *, taking: bool = False) -> None:
-        """Warn where rclpy itself cannot handle what has arrived; raise any other exception.
+    def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
+        """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
 
         That is a message that cannot be taken, and what its own callback and all below raises.
         """
         module = getattr(getattr(self.entity, 'callback', None), '__module__', None) or ''
         of_rclpy = module.startswith('rclpy.') and raised_by_rclpy(error)
-        if not (self.kind in _WITH_MESSAGES if taking else of_rclpy):
-            raise error
+        if not (
+            isinstance(error, Exception) and (self.kind in _WITH_MESSAGES if taking else of_rclpy)
+        ):
+            return False
         self.node.get_logger().warning(
             f'what has arrived for {self.name!r} was dropped: {type(error).__name__}: {error}',
             throttle_duration_sec=1.0,
         )
+        return True
 
 
-def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+def entry_of(entity: Entity, kind: str, node: Node) -> Entry:
+    """Return the entry of a node's entity."""
+    take = next((take for each, take in _TAKES.items() if isinstance(entity, each)), take_waitable)
+    return Entry(entity, kind, node, handle_of(entity), take, *_claiming(entity))
+
+
+def _claiming(entity: Entity) -> tuple[Callable[[], bool], Callable[[], None]]:
+    """Return what claims the entity's group, where that allows it, and what gives it back.
+
+    For rclpy's own groups the same as theirs, without their checks, which take 2 us.
+    """
+    group = entity.callback_group
+    if type(group) is ReentrantCallbackGroup:
+        return lambda: True, lambda: None
+    if type(group) is not MutuallyExclusiveCallbackGroup:
+        begin = partial(group.beginning_execution, entity)
+        return (
+            lambda: group.can_execute(entity) and begin(),
+            partial(group.ending_execution, entity),
+        )
+    lock = group._lock
+
+    def claim() -> bool:
+        with lock:
+            if group._active_entity is None:
+                group._active_entity = entity
+                return True
+        return False
+
+    def give_back() -> None:
+        group._active_entity = None
+
+    return claim, give_back
+
+
+def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a message; faster than rclpy's way, as the entry keeps the handle in use."""
     subscription = entry.entity
     if entry.destroyed:
@@ -104,12 +144,11 @@ def take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return None
 
 
-def take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+def _take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a request; unlike rclpy's way, this returns whether there was one."""
     service = entry.entity
-    if entry.destroyed:
-        raise InvalidHandle
-    request, header = entry.handle.service_take_request(service.srv_type.Request)
+    with entry.handle:
+        request, header = entry.handle.service_take_request(service.srv_type.Request)
     if header is None:
         entry.pending = 0
         return None
@@ -121,7 +160,7 @@ def take_service(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return execute, ()
 
 
-def take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+def _take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take a timer, unless it was cancelled or reset meanwhile; faster than rclpy's way."""
     timer, handle = entry.entity, entry.handle
     try:
@@ -136,7 +175,7 @@ def take_timer(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return timer.callback, ()
 
 
-def take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
+def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     """Take the status of a QoS event, unless it is as it was."""
     entry.pending = 0  # one status covers all
     with entry.handle:
@@ -156,50 +195,42 @@ def action_is_ready(entry: Entry) -> bool:
     action, context = entry.entity, entry.node.context
     with entry.handle, context.handle:
         if entry.kept is None:
-            entry.kept = _rclpy.WaitSet(*numbers_of(action), context.handle)
+            number = action.get_num_entities()
+            numbers = [getattr(number, name) for name in number.__slots__]
+            entry.kept = _rclpy.WaitSet(*numbers, context.handle)
         entry.kept.clear_entities()
         action.add_to_wait_set(entry.kept)
         entry.kept.wait(0)
         return bool(action.is_ready(entry.kept))
 
 
-def take_action(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+def _take_action(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
     """Take what has arrived for an action client or server, at most one of each kind."""
     entry.pending = 0
     if not action_is_ready(entry):
         return None
     entry.pending = 1  # there may be more
-    return _call(executor._take_waitable(entry.entity))
-
-
-def numbers_of(waitable: Any) -> list[int]:  # noqa: ANN401
-    """Return how many entities of each kind a waitable has, as a wait set is made for."""
-    number = waitable.get_num_entities()
-    return [getattr(number, name) for name in number.__slots__]
+    return take_waitable(entry, executor)
 
 
 def _rclpys(kind: str) -> Take:
     """Return rclpy's own way to take an entity."""
-    return lambda entry, executor: _call(getattr(executor, f'_take_{kind}')(entry.entity))
 
+    def take(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
+        execute = getattr(executor, f'_take_{kind}')(entry.entity)
+        return (execute, ()) if execute else None
 
-def _call(execute: Callable[[], Any] | None) -> Call | None:
-    return (execute, ()) if execute else None
-
-
-def take_of(entity: Entity) -> Take:
-    """Return the function that takes an entity."""
-    return next((take for kind, take in _TAKES.items() if isinstance(entity, kind)), take_waitable)
+    return take
 
 
 take_waitable = _rclpys('waitable')
 _TAKES: dict[type[Any], Take] = {
-    Subscription: take_subscription,
-    Timer: take_timer,
+    Subscription: _take_subscription,
+    Timer: _take_timer,
     GuardCondition: _rclpys('guard_condition'),
-    Service: take_service,
+    Service: _take_service,
     Client: _rclpys('client'),
-    EventHandler: take_event,
-    ActionClient: take_action,
-    ActionServer: take_action,
+    EventHandler: _take_event,
+    ActionClient: _take_action,
+    ActionServer: _take_action,
 }

@@ -1,7 +1,5 @@
 """What has arrived for each entity: DDS counts it in eventfds, and epoll waits for all of them."""
 
-# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
-
 from __future__ import annotations
 
 import time
@@ -9,11 +7,13 @@ import warnings
 from collections import deque
 from contextlib import suppress
 from functools import partial
+from math import inf
 from threading import Lock
 from typing import TYPE_CHECKING
 
 from rclpy.action import ActionServer
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import JumpThreshold, ROSClock
+from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler
 from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
@@ -30,22 +30,21 @@ from barc_sim.ros.executor.entities import (
     Entity,
     Entry,
     action_is_ready,
-    take_of,
+    entry_of,
     take_waitable,
 )
 from barc_sim.ros.executor.rclpy_private import (
-    handle_of,
     note_destruction,
     notify_of_triggers,
-    reset_trigger,
     set_listener,
+    was_triggered,
 )
-from barc_sim.ros.executor.timers import Timers
 from barc_sim.ros.executor.wait_set import WaitSetThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from rclpy.clock import JumpHandle
     from rclpy.context import Context
     from rclpy.node import Node
 
@@ -56,35 +55,9 @@ _CHECK_PERIOD = 0.1
 _SHARING = (Subscription, Service, EventHandler)
 _SHARED = 32
 _IDLE_USES = 8
-
-
-def _claiming(entity: Entity) -> tuple[Callable[[], bool], Callable[[], None]]:
-    """Return what claims the entity's group, where that allows it, and what gives it back.
-
-    For rclpy's own groups the same as theirs, without their checks, which take 2 us.
-    """
-    group = entity.callback_group
-    if type(group) is ReentrantCallbackGroup:
-        return lambda: True, lambda: None
-    if type(group) is not MutuallyExclusiveCallbackGroup:
-        begin = partial(group.beginning_execution, entity)
-        return (
-            lambda: group.can_execute(entity) and begin(),
-            partial(group.ending_execution, entity),
-        )
-    lock = group._lock
-
-    def claim() -> bool:
-        with lock:
-            if group._active_entity is None:
-                group._active_entity = entity
-                return True
-        return False
-
-    def give_back() -> None:
-        group._active_entity = None
-
-    return claim, give_back
+_ANY_JUMP = JumpThreshold(
+    min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
+)
 
 
 class Events:
@@ -104,24 +77,18 @@ class Events:
         self.stale = True  #: whether the nodes are to be looked at again
         self.woken = True  #: whether `wake` was called, or it is time for a check
         self._entries: dict[Entity, Entry] = {}
-        self._by_descriptor: dict[int, Entry] = {}
-        self._shared: dict[int, list[Entry]] = {}  # by descriptor
+        self._counted: dict[int, list[Entry]] = {}  # by descriptor
         self._signalled: deque[Entry] = deque()  # by other threads
-        self._jumped = False
+        self._due: dict[Entry, float] = {}  # [s] by timer; inf: not by itself
+        self._next_due = inf
+        self._jumps: dict[Entry, JumpHandle] = {}
         self._next_check = 0.0
-        self._wakeup = counter()
+        self._wakeup = counter()  # which timers count their resets in, too
         self._wakeup_lock = Lock()
         self._wakeup_is_set = False  # also once it is closed
-        self._timers = Timers(self.queue, self._on_jump)
         self._waiter = WaitSetThread(context, self._signal, on_failure)
         self._descriptors = Descriptors()
-        self._special = {
-            self._wakeup: self._on_wake,
-            self._timers.descriptor: self._timers.expire,
-            self._timers.resets: self._on_reset,
-        }
-        for descriptor in self._special:
-            self._descriptors.add(descriptor)
+        self._descriptors.add(self._wakeup)
 
     def wake(self) -> None:
         """End a wait, from any thread, also when this is closed."""
@@ -130,6 +97,10 @@ class Events:
             if not self._wakeup_is_set:
                 self._wakeup_is_set = True
                 add_to(self._wakeup, 1)
+
+    def _signal(self, entry: Entry) -> None:
+        self._signalled.append(entry)
+        self.wake()
 
     def queue(self, entry: Entry, count: int = 1) -> None:
         """Note that something has arrived for an entity."""
@@ -143,27 +114,34 @@ class Events:
         """Wait until something arrives, `wake` is called or the deadline [s]; return the time."""
         self.now = now = time.monotonic()
         descriptors = self._descriptors.ready()
-        if not descriptors and deadline > now:
-            descriptors = self._descriptors.wait(min(deadline - now, _CHECK_PERIOD))
+        if not descriptors and now < deadline and now < self._next_due:
+            soonest = min(deadline, self._next_due, now + _CHECK_PERIOD)
+            descriptors = self._descriptors.wait(soonest - now)
+            self.now = now = time.monotonic()
         for descriptor in descriptors:
-            entry = self._by_descriptor.get(descriptor)
-            if entry is not None:
-                self.queue(entry, self._descriptors.take_count(descriptor))
-            elif descriptor in self._shared:
-                self._try_all(descriptor)
+            if descriptor == self._wakeup:
+                self._on_wake()
             else:
-                self._special[descriptor]()
-        if descriptors and len(self.ready) > 1:
+                count = self._descriptors.take_count(descriptor)
+                for entry in self._counted[descriptor]:
+                    self.queue(entry, count)
+        if expired := now >= self._next_due:
+            self._schedule([each for each, due in self._due.items() if due <= now])
+        if (descriptors or expired) and len(self.ready) > 1:
             self._sort()
         if now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
-            self.woken = True
-            for entry in self._entries.values():
-                if isinstance(entry.entity, ActionServer):
-                    with suppress(InvalidHandle):  # destroyed just now
-                        if action_is_ready(entry):
-                            self.queue(entry)
+            self._check()
         return now
+
+    def _check(self) -> None:
+        """Have the context be checked, and find the actions whose results have expired."""
+        self.woken = True
+        for entry in self._entries.values():
+            if isinstance(entry.entity, ActionServer):
+                with suppress(InvalidHandle):  # destroyed just now
+                    if action_is_ready(entry):
+                        self.queue(entry)
 
     def _sort(self) -> None:
         """Sort what is ready as rclpy does; but none is executed twice before another one."""
@@ -177,14 +155,6 @@ class Events:
         self.ready.clear()
         self.ready.extend(turns)
 
-    def _signal(self, entry: Entry) -> None:
-        self._signalled.append(entry)
-        self.wake()
-
-    def _on_jump(self) -> None:
-        self._jumped = True
-        self.wake()
-
     def _on_wake(self) -> None:
         with self._wakeup_lock:
             self._descriptors.take_count(self._wakeup)
@@ -193,13 +163,21 @@ class Events:
             entry = self._signalled.popleft()
             if self._entries.get(entry.entity) is entry and not entry.pending:
                 self.queue(entry)
-        if self._jumped:
-            self._jumped = False
-            self._timers.schedule_all()
+        self._schedule(list(self._due))  # as one may have been reset, or a clock have jumped
 
-    def _on_reset(self) -> None:
-        self._descriptors.take_count(self._timers.resets)
-        self._timers.schedule_all()
+    def _schedule(self, timers: Iterable[Entry]) -> None:
+        """Find out when each of these timers is due."""
+        for entry in timers:
+            left = None
+            with suppress(InvalidHandle), entry.handle:
+                left = entry.handle.time_until_next_call()
+            self._due[entry] = inf
+            if left is not None and left <= 0:
+                if not entry.pending:  # else it waits for its group already
+                    self.queue(entry)
+            elif left and not (entry in self._jumps and entry.entity.clock.ros_time_is_active):
+                self._due[entry] = time.monotonic() + left * 1e-9
+        self._next_due = min(self._due.values(), default=inf)
 
     def refresh(self, nodes: Iterable[Node]) -> None:
         """Listen to all entities of the nodes, and to no others."""
@@ -212,47 +190,58 @@ class Events:
             if not isinstance(entity.callback_group, PolledCallbackGroup)
         }
         for entity in self._entries.keys() - found.keys():
-            self.remove(entity)
+            self._remove(self._entries.pop(entity))
         for entity, (kind, node) in found.items():
             if entity not in self._entries:
                 with suppress(InvalidHandle):  # destroyed just now
-                    self._add(entity, kind, node)
+                    self._add(entry_of(entity, kind, node))
 
-    def _add(self, entity: Entity, kind: str, node: Node) -> None:
-        handle, take = handle_of(entity), take_of(entity)
-        handle.__enter__()
-        entry = Entry(entity, kind, node, handle, take, *_claiming(entity))
+    def _add(self, entry: Entry) -> None:
+        """Listen to an entity, and keep its handle in use meanwhile."""
+        entity = entry.entity
+        entry.handle.__enter__()
         self._entries[entity] = entry
         if isinstance(entity, Timer):
-            entry.on_taken = self._timers.schedule
-            self._timers.add(entry)
+            entry.on_taken = lambda entry: self._schedule([entry])
+            if isinstance(entity.clock, ROSClock):
+                self._jumps[entry] = entity.clock.create_jump_callback(
+                    _ANY_JUMP, post_callback=lambda _: self.wake()
+                )
+            set_listener(entity, self._wakeup)
+            self._schedule([entry])
         elif isinstance(entity, GuardCondition):
             notify_of_triggers(entity, partial(self._signal, entry))
-            if reset_trigger(entity, node.context):
+            if was_triggered(entity, entry.node.context):
                 self._signal(entry)
-        elif not self._listen(entry):
-            if isinstance(entity, Waitable):
-                entry.take = take_waitable
-            else:
-                warnings.warn('the middleware has no listeners: wait sets are slow', stacklevel=2)
-            entry.on_taken = self._waiter.resume
-            self._waiter.add(entry)
+        else:
+            if isinstance(entity, _SHARING):
+                entry.idle_uses = _IDLE_USES
+            if not self._count_arrivals(entry):
+                self._have_waited_for(entry)
+            if isinstance(entity, Subscription):
+                note_destruction(entity, entry.note_destruction)
+            if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
+                self.queue(entry, left)
 
-    def _listen(self, entry: Entry) -> bool:
-        """Have arrivals counted; return False where there are no listeners."""
-        if isinstance(entry.entity, _SHARING):
-            entry.idle_uses = _IDLE_USES
-        if not self._count_arrivals(entry):
-            return False
-        if isinstance(entry.entity, (Subscription, Service)):
-            note_destruction(entry.entity, entry.note_destruction)
-        if left := getattr(entry.entity, '_arrived', 0):  # counted, but not taken before
-            self.queue(entry, left)
-        return True
+    def _have_waited_for(self, entry: Entry) -> None:
+        """Have an entity without a listener waited for in another thread."""
+        if isinstance(entry.entity, Waitable):
+            entry.take = take_waitable
+        else:
+            warnings.warn('the middleware has no listeners: wait sets are slow', stacklevel=2)
+        entry.on_taken = self._waiter.resume
+        self._waiter.add(entry)
 
     def _count_arrivals(self, entry: Entry) -> bool:
-        """Count an entity's arrivals in a descriptor: a shared one while it is idle."""
-        room = (number for number, sharing in self._shared.items() if len(sharing) < _SHARED)
+        """Count an entity's arrivals in a descriptor: a shared one while it is idle.
+
+        Returns False where it has no listener.
+        """
+        room = (
+            number
+            for number, entries in self._counted.items()
+            if entries[0].idle_uses and len(entries) < _SHARED
+        )
         descriptor = next(room, None) if entry.idle_uses else None
         if is_new := descriptor is None:
             descriptor = counter()
@@ -261,19 +250,10 @@ class Events:
                 retire(descriptor)
             return False
         entry.descriptor = descriptor
-        if entry.idle_uses:
-            self._shared.setdefault(descriptor, []).append(entry)
-        else:
-            self._by_descriptor[descriptor] = entry
+        self._counted.setdefault(descriptor, []).append(entry)
         if is_new:
             self._descriptors.add(descriptor)
         return True
-
-    def _try_all(self, descriptor: int) -> None:
-        """Try each of those that share a descriptor, as something has arrived for one."""
-        count = self._descriptors.take_count(descriptor)
-        for entry in self._shared[descriptor]:
-            self.queue(entry, count)
 
     def note_use(self, entry: Entry) -> None:
         """Note that something was taken for an idle entity: others may share with it no longer."""
@@ -289,37 +269,36 @@ class Events:
 
     def _leave(self, entry: Entry, descriptor: int) -> None:
         """Count no arrivals of an entity in a descriptor any longer."""
-        if descriptor in self._shared:
-            self._try_all(descriptor)
-            self._shared[descriptor].remove(entry)
-            if self._shared[descriptor]:
-                return
-            del self._shared[descriptor]
-        else:
-            entry.pending += self._descriptors.take_count(descriptor)
-            del self._by_descriptor[descriptor]
-        self._descriptors.remove(descriptor)
-        retire(descriptor)
+        entries = self._counted[descriptor]
+        count = self._descriptors.take_count(descriptor)
+        for each in entries:
+            self.queue(each, count)
+        entries.remove(entry)
+        if not entries:
+            del self._counted[descriptor]
+            self._descriptors.remove(descriptor)
+            retire(descriptor)
 
-    def remove(self, entity: Entity) -> None:
-        """Listen to an entity no longer, and let it be destroyed."""
-        entry = self._entries.pop(entity)
+    def _remove(self, entry: Entry) -> None:
+        """Listen to an entity no longer."""
+        entity = entry.entity
         if isinstance(entity, Timer):
-            self._timers.remove(entry)
+            set_listener(entity, None)
+            if entry in self._jumps:
+                self._jumps.pop(entry).unregister()
+            self._due.pop(entry, None)
         elif isinstance(entity, GuardCondition):
             notify_of_triggers(entity, None)
             with suppress(InvalidHandle):
-                reset_trigger(entity, entry.node.context)
                 if entry.pending or entry in self._signalled:
                     entity.trigger()  # for its next executor
-        elif entry.descriptor < 0:
-            self._waiter.remove(entry)
-        else:
+        elif entry.descriptor >= 0:
             set_listener(entity, None)
-            if isinstance(entity, (Subscription, Service)):
-                note_destruction(entity, None)
+            note_destruction(entity, None)
             self._leave(entry, entry.descriptor)
-            entity._arrived = entry.pending
+            entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
+        elif entry.on_taken:
+            self._waiter.remove(entry)
         with suppress(ValueError):  # it waits for nothing
             self.ready.remove(entry)
         entry.pending = 0
@@ -331,7 +310,6 @@ class Events:
         if not self._descriptors.closed:
             self.refresh([])
             self._waiter.close()
-            self._timers.close()
             with self._wakeup_lock:
                 self._wakeup_is_set = True
                 self._descriptors.remove(self._wakeup)

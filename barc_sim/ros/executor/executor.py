@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import time
 import traceback
-from dataclasses import dataclass, replace
-from functools import partial
+from collections import deque
+from dataclasses import dataclass, field
 from inspect import iscoroutinefunction
 from math import inf
-from threading import Event, Lock, RLock, get_ident
-from typing import TYPE_CHECKING, Any
+from threading import Condition, Event, current_thread, get_ident
+from typing import TYPE_CHECKING
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor, TimeoutObject
@@ -23,19 +23,17 @@ from rclpy.executors import MultiThreadedExecutor, TimeoutObject
 from barc_sim.ros.executor.events import Events
 from barc_sim.ros.executor.leadership import LASTING, Leadership
 from barc_sim.ros.executor.rclpy_private import notify_of_triggers
-from barc_sim.ros.executor.thread_pool import TaskStepper, ThreadPool
+from barc_sim.ros.executor.tasks import TaskStepper
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rclpy.context import Context
     from rclpy.task import Future
 
     from barc_sim.ros.executor.entities import Call, Entry
 
 _CHECK_PERIOD = 0.1  # s
-#: [s] `spin_once` waits so long for its callback's end, and then returns while it runs.
-_BRIEF = 5e-3
+#: [s] A thread that has stood by while nothing spun ends after this time.
+_LINGER = 0.05
 
 
 @dataclass(eq=False, slots=True)
@@ -45,19 +43,19 @@ class Spin:
     future: Future | None
     deadline: float  #: [s]
     once: bool
-    over: Event
-    in_place: bool  #: whether callbacks run in the thread that polls, or are handed to the pool
-    by_pool: bool = False  #: whether threads of the pool poll
+    here: bool = False  #: whether the thread that spins leads, too
+    begun: bool = False  #: whether the one callback has
+    over: Event = field(default_factory=Event)
 
 
 class QuickExecutor(MultiThreadedExecutor):
     """A `MultiThreadedExecutor` that waits for events and calls every callback exactly once.
 
-    A callback, of any group, runs in the thread that polled; another thread of the pool polls when
-    it lasts longer than a millisecond. The promises of groups are kept, and `num_threads` callbacks
+    A callback, of any group, runs in the thread of the pool that polled; another one polls when it
+    lasts longer than a millisecond. The promises of groups are kept, and `num_threads` callbacks
     run at the same time at most. Of several entities with messages, each is executed once in turn.
-    An exception in a callback, wherever it ran, ends the spin at once; one in rclpy's own code
-    (a clock's message with a time before 1970) is a warning.
+    An exception in a callback ends the spin at once; one in rclpy's own code (a clock's message
+    with a time before 1970) is a warning.
 
     Examples
     --------
@@ -75,43 +73,41 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
-        self._in_use = RLock()  # by the thread that spins
-        self._spinner = 0  # that thread
-        self._pool_spin: Spin | None = None  # for the threads of the pool to execute
-        self._calls_in_place = False  # whether the thread that spins calls callbacks, too
+        self._spins: list[Spin] = []
+        self._any_once = False  # whether one of them is to execute one callback alone
+        self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
+        self._changed = Condition()  # of the next two
+        self._working = 0  # threads that lead, call a callback or stand by
+        self._standing_by = 0  # those of them that do
+        self._joined: set[int] = set()  # those of them that are not the pool's
         self._events = Events(self.context, self._fail)
-        self._leadership = Leadership(self._events.wake)
-        self._standing_by = Lock()  # by one thread of the pool
-        self._stand_by_submitted = False
-        self._pool = ThreadPool(self._executor, self._events.wake)
+        self._leadership = Leadership()
         self._stepper = TaskStepper(self, self._events.wake)
         notify_of_triggers(self._guard, self._on_change)
 
     def __del__(self) -> None:
         """Release the entities of an executor that was never shut down."""
-        if hasattr(self, '_events'):
-            self._events.close()
-            self._leadership.close()
+        if hasattr(self, '_stepper'):
+            self._close()
         super().__del__()
 
-    def _fail(self, error: BaseException) -> None:
-        self._pool.failures.append(error)
-        self._end_spin()
+    def _close(self) -> None:
+        while not self._leadership.take():
+            self._leadership.wait_until_free()
+        self._events.close()
+        self._leadership.release()
+        self._leadership.close()
+        self._stepper.cancel_coroutines()
 
-    def _end_spin(self) -> None:
-        """Have the spin look whether it is over."""
-        if spin := self._pool_spin:
-            spin.over.set()
+    def _fail(self, error: BaseException) -> None:
+        self._failures.append(error)
         self._events.wake()
 
     def _on_change(self) -> None:
         """Look at the nodes again; a thread that polls does it by itself."""
-        self._stepper.note_change()
+        self._stepper.change = object()
         self._events.stale = True
         self._events.wake()
-        self._refresh()
-
-    def _refresh(self) -> None:
         while self._events.stale and not self._is_shutdown and self._leadership.take():
             try:
                 self._events.refresh(self.get_nodes())
@@ -144,190 +140,226 @@ class QuickExecutor(MultiThreadedExecutor):
         call it again then. From within a callback it returns at once.
         """
         self._is_shutdown = True
-        self._end_spin()
-        self._leadership.wake_stand_by()
+        self._end_spins()
         inside = self._is_inside()
-        timeout = 0 if inside else -1 if timeout_sec is None or timeout_sec < 0 else timeout_sec
-        ended = self._pool.close(timeout)
-        if (ended or inside) and self._in_use.acquire(timeout=timeout):
-            if self._leadership.claim(inf if timeout < 0 else timeout):
-                self._events.close()  # the thread that spins does it itself
-                self._leadership.release()
-            self._in_use.release()
-        elif not inside:
+        timeout = 0 if inside else None if timeout_sec is None or timeout_sec < 0 else timeout_sec
+        with self._changed:
+            ended = self._changed.wait_for(lambda: not self._working, timeout)
+        if not (ended or inside):
             return False
         if ended:
-            self._stepper.cancel_coroutines()
-        while self._pool.failures:  # no spin is left to raise them
-            traceback.print_exception(self._pool.failures.popleft())
+            self._close()  # else the last thread does
+        while self._failures:  # no spin is left to raise them
+            traceback.print_exception(self._failures.popleft())
         self._executor.shutdown(wait=wait_for_threads and not inside)
-        if ended and not inside:
-            self._leadership.close()
         # Not MultiThreadedExecutor's: a newer one waits for this thread, too.
         return bool(super(MultiThreadedExecutor, self).shutdown(timeout_sec))
 
     def _is_inside(self) -> bool:
         """Whether a callback of this executor runs in this thread."""
-        return self._pool.is_inside() or self._spinner == get_ident()
+        threads = self._executor._threads  # noqa: SLF001
+        return current_thread() in threads or get_ident() in self._joined
 
     def _spin(
         self, timeout_sec: float | None, future: Future | None = None, *, once: bool = False
     ) -> None:
+        """Have callbacks executed: by the pool, as this may have to end while one runs; or here."""
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        # A spin that may have to end while its callback runs has that run in another thread.
-        endless = deadline == inf and future is None
-        spin = Spin(future, deadline, once, Event(), in_place=not once or endless)
+        spin = Spin(future, deadline, once)
 
-        def end(_: Future | None = None) -> None:
+        def end(_: Future) -> None:
             spin.over.set()
-            self._events.wake()
+            self._look_at_spins()
 
         if future:
             future.add_done_callback(end)
+        self._spins.append(spin)
         try:
+            self._look_at_spins()
             if self._is_inside():
                 self._spin_within(spin)
+            elif once and deadline == inf and not future and self._begin_work():
+                self._spin_here(spin)
             else:
-                self._spin_in_turn(spin)
+                self._wait_for(spin)
         finally:
+            spin.over.set()
+            self._spins.remove(spin)
             if future:
                 future.remove_done_callback(end)  # rclpy leaves one behind at every call
-        if self._pool.failures:
-            raise self._pool.failures.popleft()
+            self._look_at_spins()
+            # No callback is to begin any more.
+            while not (self._spins or self._leadership.is_free):
+                self._leadership.wait_until_free()
+        if self._failures:
+            raise self._failures.popleft()
 
-    def _spin_in_turn(self, spin: Spin) -> None:
-        while not self._in_use.acquire(timeout=0.05):  # another thread spins
-            if time.monotonic() > spin.deadline or _is_done(spin.future):
-                return
-        self._spinner = get_ident()
-        leads = False
+    def _look_at_spins(self) -> None:
+        """Have the leader look at them; after a callback it does by itself."""
+        self._events.woken = True
+        if not self._leadership.is_free:
+            self._events.wake()
+
+    def _wait_for(self, spin: Spin) -> None:
+        """Wait until the leader has ended a spin; or no thread is left to lead, and it is time."""
+        self._start_stand_by()
+        self._leadership.wake_stand_by()
+        while not spin.over.wait(max(1e-3, min(_CHECK_PERIOD, spin.deadline - time.monotonic()))):
+            with self._changed:
+                leading = self._standing_by or not self._leadership.is_free
+            self._end_spins(expired=-inf if leading else time.monotonic())
+
+    def _spin_here(self, spin: Spin) -> None:
+        """Spin in this thread, as if it was one of the pool."""
+        spin.here = True
+        self._joined.add(get_ident())
         try:
-            leads = self._leadership.claim(inf)
-            self._calls_in_place = spin.once and spin.in_place
-            if spin.in_place:
-                self._pool_spin = replace(spin, deadline=inf, once=False, by_pool=True)
-            if spin.once:
-                if spin.in_place:
-                    self._submit_stand_by()
-                leads = self._lead(spin)
-            else:
-                leads = False
-                self._have_pool_lead(spin)
+            self._start_stand_by()
+            self._spin_within(spin)
         finally:
-            self._pool_spin = None
-            self._calls_in_place = False
-            spin.over.set()
-            try:
-                if leads or self._leadership.claim(inf):
-                    if self._is_shutdown:
-                        self._events.close()
-                    self._leadership.lend()
-            finally:
-                self._spinner = 0
-                self._in_use.release()
-                self._refresh()  # for what has changed meanwhile
+            self._joined.discard(get_ident())
+            self._end_work()
 
     def _spin_within(self, spin: Spin) -> None:
         """Spin in a callback: lead, where no other thread does."""
-        spin.in_place = spin.by_pool = True
-        while not (self._is_over(spin) or time.monotonic() > spin.deadline):
-            free = self._leadership.take()
-            if free or (self._pool.is_full() and self._leadership.claim(0.01)):
+        spin.here = True
+        while not (spin.over.is_set() or spin.begun):
+            if self._leadership.take():
                 if self._lead(spin):
-                    self._leadership.lend()
-                if spin.once:
-                    return
-            spin.over.wait(0.01)
+                    self._release()
+            elif not spin.over.wait(0.01):
+                self._end_spins(expired=time.monotonic())
 
-    def _have_pool_lead(self, spin: Spin) -> None:
-        self._leadership.release()
-        self._submit_stand_by()
-        while not self._is_over(spin):
-            left = spin.deadline - time.monotonic()
-            if left <= 0:
-                return
-            spin.over.wait(min(left, _CHECK_PERIOD))
+    def _release(self) -> None:
+        """Have another thread lead, if there is a spin to lead for."""
+        self._leadership.release(0.0 if self._needs_pool() else _LINGER)
 
-    def _submit_stand_by(self) -> None:
+    def _end_spins(self, expired: float = -inf) -> None:
+        """End the spins that are over, or whose time is."""
+        ended = bool(self._failures) or self._is_shutdown or not self.context.ok()
+        for spin in list(self._spins):
+            done = spin.future is not None and (spin.future.done() or spin.future.cancelled())
+            once = spin.begun and not spin.here
+            if ended or done or once or spin.deadline <= expired:
+                spin.over.set()
+        if ended:
+            self._events.wake()
+            self._leadership.wake_stand_by()
+
+    def _begin_work(self) -> bool:
+        """Count a thread as one that may call callbacks; return False where they are too many."""
+        with self._changed:
+            most = self._executor._max_workers  # noqa: SLF001
+            if self._is_shutdown or self._working >= most:
+                return False
+            self._working += 1
+            return True
+
+    def _end_work(self) -> None:
+        with self._changed:
+            self._working -= 1
+            if self._is_shutdown and not self._working:
+                self._close()
+            self._changed.notify_all()
+
+    def _start_stand_by(self) -> None:
         """Have a thread of the pool stand by, unless one does or none is left."""
-        if self._stand_by_submitted or self._standing_by.locked():
-            return
-        if self._calls_in_place and self._pool.is_full(besides=1):
-            return
-        self._stand_by_submitted = True
+        with self._changed:
+            if not self._standing_by and self._begin_work():
+                self._standing_by += 1
+                self._executor.submit(self._work)
 
-        def drop() -> None:
-            self._stand_by_submitted = False
-
-        self._pool.submit(self._lead_in_pool, drop)
-
-    def _lead_in_pool(self) -> None:
+    def _work(self) -> None:
         """Stand by, and lead when a callback of another thread lasts."""
-        self._stand_by_submitted = False
-        while spin := self._stand_by():
-            self._submit_stand_by()
-            leads = True
-            try:
-                leads = self._lead(spin)
-            except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-                self._fail(error)
-            if leads:
-                if self._is_over(spin):
-                    spin.over.set()
-                self._leadership.release()
+        try:
+            while self._stand_by():
+                self._start_stand_by()
+                if self._lead():
+                    self._release()
+                with self._changed:
+                    self._standing_by += 1
+        finally:
+            self._end_work()
+            self._leadership.wake_stand_by()  # for another thread to end
 
-    def _stand_by(self) -> Spin | None:
-        """Return the spin for which to lead from now on, or None where none needs this thread."""
-        while (spin := self._pool_spin) and self._standing_by.acquire(blocking=False):
-            if self._calls_in_place and self._pool.is_full():  # the caller's thread is one more
-                self._standing_by.release()
-                return None
-            try:
-                while self._pool_spin is spin and not self._is_over(spin):
-                    if self._leadership.take_over():
-                        return spin
-                    self._leadership.wait()
-            finally:
-                self._standing_by.release()
-            if self._pool_spin is spin:
-                return None
-        return None
+    def _stand_by(self) -> bool:
+        """Return whether this thread leads from now on: False where nothing spins any longer."""
+        leads = False
+        while not leads:
+            with self._changed:
+                if not self._is_spinning():
+                    self._standing_by -= 1
+                    return False
+            leads = self._leadership.take_over(wanted=self._needs_pool())
+        with self._changed:
+            self._standing_by -= 1
+        return True
 
-    def _is_over(self, spin: Spin) -> bool:
-        return bool(
-            spin.over.is_set()
-            or self._pool.failures
-            or self._is_shutdown
-            or not self.context.ok()
-            or _is_done(spin.future)
+    def _is_spinning(self) -> bool:
+        return not all(spin.over.is_set() for spin in list(self._spins))
+
+    def _needs_pool(self) -> bool:
+        """Return whether a thread of the pool is to lead; a thread that spins here may do that."""
+        return any(
+            not spin.over.is_set() and (spin.begun or not spin.here) for spin in list(self._spins)
         )
 
-    def _lead(self, spin: Spin) -> bool:
-        """Poll and execute until the spin is over; return False where another thread leads."""
+    def _is_over(self, within: Spin | None) -> bool:
+        """End the spins that are over; return whether a thread is to lead no longer for them."""
+        self._end_spins()
+        if within is None:
+            return not self._needs_pool()
+        if within.begun:
+            within.over.set()
+        return within.over.is_set()
+
+    def _lead(self, within: Spin | None = None) -> bool:
+        """Poll and execute until all spins, or the one `within` a callback, are over.
+
+        Returns False where another thread leads.
+        """
         events = self._events
         ready = events.ready
         events.woken = True
-        progressed = False
-        while True:
-            if events.woken:
-                events.woken = False
-                if self._is_over(spin) or self._leadership.claimed:
-                    return True
-                if events.stale:
-                    events.refresh(self.get_nodes())
-                stepped = self._step_tasks(spin)
-                if stepped is None or (stepped and spin.once):
-                    return stepped is not None
-                progressed = True
-            now = events.poll(0 if progressed and ready else spin.deadline)
-            executed = self._execute_ready(spin)
-            if executed is None:
-                return False
-            if (executed and spin.once) or now >= spin.deadline:
-                return True
-            progressed = executed
+        deadline = inf
+        executed: bool | None = True
+        try:
+            while True:
+                if events.woken:
+                    events.woken = False
+                    if self._is_over(within):
+                        return True
+                    spins = [spin for spin in self._spins if not spin.over.is_set()]
+                    self._any_once = any(spin.once and not spin.begun for spin in spins)
+                    deadline = min((spin.deadline for spin in spins), default=inf)
+                    if events.stale:
+                        events.refresh(self.get_nodes())
+                    if not self._step_tasks():
+                        return False
+                    if self._any_once and any(spin.begun for spin in spins):
+                        continue
+                    executed = True
+                now = events.poll(0 if executed and ready else deadline)
+                executed = self._execute_ready()
+                if executed is None:
+                    return False
+                if now >= deadline:
+                    self._end_spins(expired=now)
+                    events.woken = True
+        except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
+            self._fail(error)
+            return True
 
-    def _execute_ready(self, spin: Spin) -> bool | None:
+    def _step_tasks(self) -> bool:
+        """Step each task that may go on; return whether this thread still leads."""
+        for task in self._stepper.due():
+            if not self._run(None, (self._stepper.step, (task,))):
+                return False
+            if self._any_once:
+                break
+        return True
+
+    def _execute_ready(self) -> bool | None:
         """Execute each entry that is ready once.
 
         Returns whether any was executed, or None where another thread leads now.
@@ -336,8 +368,6 @@ class QuickExecutor(MultiThreadedExecutor):
         ready = events.ready
         executed = False
         for _ in range(len(ready)):
-            if not spin.by_pool and self._pool.is_full():
-                break
             entry = ready.popleft()
             if not entry.pending:
                 entry.queued = False
@@ -345,32 +375,11 @@ class QuickExecutor(MultiThreadedExecutor):
                 ready.append(entry)
             elif call := self._take(entry):
                 executed = True
-                if spin.in_place:
-                    if not self._run(self._call, entry, call):
-                        return None
-                else:
-                    self._hand_off(partial(self._call, entry, call), entry.end, entry)
-                if spin.once or events.woken:  # it may be over
+                if not self._run(entry, call):
+                    return None
+                if events.woken:  # it may be over
                     break
         return executed
-
-    def _step_tasks(self, spin: Spin) -> bool | None:
-        """Step each task that may go on; return the same as `_execute_ready`."""
-        stepper = self._stepper
-        stepped = False
-        for task in stepper.due():
-            if not spin.by_pool and self._pool.is_full():
-                break
-            stepper.begin(task)
-            stepped = True
-            if spin.in_place:
-                if not self._run(stepper.step, None, task):
-                    return None
-            else:
-                self._hand_off(partial(stepper.step, task), partial(stepper.drop, task), None)
-            if spin.once:
-                break
-        return stepped
 
     def _take(self, entry: Entry) -> Call | None:
         """Return what is to be called for an entity whose group is claimed, or None for nothing."""
@@ -381,8 +390,9 @@ class QuickExecutor(MultiThreadedExecutor):
             call = entry.take(entry, self)
         except InvalidHandle:  # destroyed without its node
             entry.pending = 0
-        except Exception as error:  # noqa: BLE001 - warned of or raised
-            entry.warn_or_raise(error, taking=True)
+        except Exception as error:
+            if not entry.warns_of(error, taking=True):
+                raise
         finally:
             if call is None:
                 entry.end()
@@ -397,58 +407,40 @@ class QuickExecutor(MultiThreadedExecutor):
                 entry.queued = False
         return call
 
-    def _run(self, call: Callable[..., object], entry: Entry | None, argument: Any) -> bool:  # noqa: ANN401
-        """Call a callback or step a task here; return whether this thread still leads."""
+    def _run(self, entry: Entry | None, call: Call) -> bool:
+        """Call a callback whose group is claimed, or step a task; return whether this still leads.
+
+        While the callback runs, another thread may take over.
+        """
+        callback, args = call
+        claimed = entry
+        if self._any_once:
+            self._begin_once()
         lent = self._leadership.lend(lasting=entry is not None and entry.lasting)
         try:
-            call(entry, argument) if entry else call(argument)
-        except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
-            self._fail(error)
+            try:
+                result = callback(*args)
+                if result is not None and entry and iscoroutinefunction(callback):
+                    claimed = None
+                    self._stepper.start(entry, result)
+            finally:
+                if claimed:
+                    claimed.end()
+        except BaseException as error:  # noqa: BLE001 - warned of, or the spinning thread raises it
+            if not (entry and entry.warns_of(error)):
+                self._fail(error)
         if self._tasks:  # one may wait for this
             self._events.woken = True
         leads = self._leadership.take_back(lent)
         if entry:
+            self._stepper.change = lent
             entry.lasting = not leads and time.monotonic() - lent > LASTING
         if not leads:
             self._events.wake()  # its group is free
         return leads
 
-    def _hand_off(
-        self, function: Callable[[], object], drop: Callable[[], object], entry: Entry | None
-    ) -> None:
-        """Call a function in the pool; wait for its end, unless it lasts."""
-        ended = Event()
-        waits = not (entry and entry.lasting)
-
-        def run() -> None:
-            begun = time.monotonic()
-            try:
-                function()
-            finally:
-                if entry:
-                    entry.lasting = time.monotonic() - begun > LASTING
-                ended.set()
-
-        self._pool.submit(run, drop)
-        if waits:
-            ended.wait(_BRIEF)
-
-    def _call(self, entry: Entry, call: Call) -> None:
-        """Call a callback whose group is claimed."""
-        callback, args = call
-        claimed = True
-        try:
-            result = callback(*args)
-            if result is not None and iscoroutinefunction(callback):
-                claimed = False
-                self._stepper.start(entry, result)
-        except Exception as error:  # noqa: BLE001 - warned of or raised
-            entry.warn_or_raise(error)
-        finally:
-            self._stepper.note_change()
-            if claimed:
-                entry.end()
-
-
-def _is_done(future: Future | None) -> bool:
-    return future is not None and (future.done() or future.cancelled())
+    def _begin_once(self) -> None:
+        """Note that a spin that is to execute one callback does so now."""
+        for spin in list(self._spins):
+            spin.begun = spin.once
+        self._events.woken = True

@@ -6,16 +6,13 @@ import os
 import time
 from contextlib import suppress
 from threading import Event
-from typing import TYPE_CHECKING
 
 from barc_sim.ros.executor.descriptors import set_time, timerfd
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 #: [s] A callback that takes longer lasts: another thread polls meanwhile.
 LASTING = 1e-3
 _PUT_OFF = 0.5e-3  # s; the timer is set so often at most
+_LONG = 5e-3  # s
 
 
 class Leadership:
@@ -26,21 +23,13 @@ class Leadership:
     leader needs no lock, no system call and no other thread for a short callback. A timer wakes
     the thread that stands by; the leader puts it off while its callbacks are short, and nothing
     wakes while it waits.
-
-    Parameters
-    ----------
-    wake
-        Ends the wait of the thread that polls.
     """
 
-    def __init__(self, wake: Callable[[], None]) -> None:
-        """Lead nowhere: the first `take` succeeds."""
-        self._wake = wake
+    def __init__(self) -> None:
         self._free = [0.0]  # when it was lent [s], unless a thread has it
         self._lent = 0.0  # [s] when it was lent
-        self._claims: list[bool] = []
-        self._released = Event()
-        self._timer = timerfd(blocking=True)
+        self._given_back = Event()
+        self._timer = timerfd()
         self._put_off = 0.0  # [s] when the timer may be set again
         self._closed = False
 
@@ -52,19 +41,16 @@ class Leadership:
             return False
         return True
 
-    def lend(self, *, lasting: bool = False) -> float:
-        """Let others take it while this thread calls a callback; return what `take_back` is given.
+    def lend(self, *, lasting: bool) -> float:
+        """Let others take it while this thread calls a callback; return the time [s].
 
-        That is the time [s]. If the callback is expected to be `lasting`, the thread that stands by
-        takes it at once.
+        If the callback is expected to be `lasting`, the thread that stands by takes it at once.
         """
         now = time.monotonic()
         self._lent = now - LASTING if lasting else now
         self._free.append(now)
         if lasting or now >= self._put_off:
-            self._set_timer(now, 0.0 if lasting else LASTING + _PUT_OFF)
-        if self._claims:
-            self._released.set()
+            self.wake_stand_by(0.0 if lasting else LASTING + _PUT_OFF)
         return now
 
     def take_back(self, lent: float) -> bool:
@@ -73,66 +59,46 @@ class Leadership:
             free = self._free.pop()
         except IndexError:
             return False
-        if free is lent:
-            return True
-        self.release()
-        return False
+        if free is not lent:
+            self._free.append(free)
+        return free is lent
 
-    def release(self) -> None:
-        """Have the thread that stands by take it."""
+    def release(self, seconds: float = 0.0) -> None:
+        """Have the thread that stands by wake up, so many seconds from now, and take it."""
         self._lent = 0.0
         self._free.append(0.0)
-        self._released.set()
-        self.wake_stand_by()
+        self._given_back.set()
+        self.wake_stand_by(seconds)
 
-    def claim(self, seconds: float) -> bool:
-        """Take it from whichever thread polls; return False where that takes longer."""
-        deadline = time.monotonic() + seconds
-        self._claims.append(True)
-        try:
-            while not self.take():
-                self._released.clear()
-                self._wake()
-                if self.take():
-                    break
-                left = deadline - time.monotonic()
-                if left <= 0:
-                    return False
-                self._released.wait(min(left, 0.05))
-        finally:
-            self._claims.pop()
-        return True
+    def wait_until_free(self) -> None:
+        """Wait until the leader calls a callback or has given it back; 1 ms at most."""
+        self._given_back.clear()
+        if not self._free:
+            self._given_back.wait(1e-3)
 
     @property
-    def claimed(self) -> bool:
-        """Whether the leader is to give it back before it polls again."""
-        return bool(self._claims)
+    def is_free(self) -> bool:
+        """Whether no thread polls."""
+        return bool(self._free)
 
-    def take_over(self) -> bool:
-        """Take it from a callback that lasts, or else have `wait` return when this one would."""
-        if not self._free:
-            return False
-        now = time.monotonic()
-        left = self._lent + LASTING - now
-        if left > 0:
-            self._set_timer(now, left)
-            return False
-        return self.take()
-
-    def wait(self) -> None:
-        """Wait until `take_over` is worth another try."""
+    def take_over(self, *, wanted: bool) -> bool:
+        """Take it from a callback that lasts, or else wait until this is worth another try."""
+        if wanted and self._free:
+            left = self._lent + LASTING - time.monotonic()
+            if left <= 0:
+                return self.take()
+            self.wake_stand_by(left)
         with suppress(OSError):  # closed
             os.read(self._timer, 8)
+        return False
 
-    def wake_stand_by(self) -> None:
-        """End the wait of the thread that stands by."""
-        self._set_timer(time.monotonic(), 0.0)
-
-    def _set_timer(self, now: float, seconds: float) -> None:
-        # Whoever lends it before `_put_off` need not set the timer, as it expires after that.
-        self._put_off = now + min(seconds, _PUT_OFF)
+    def wake_stand_by(self, seconds: float = 0.0) -> None:
+        """End the wait of the thread that stands by, so many seconds from now."""
+        now = time.monotonic()
+        # Whoever lends it before `_put_off` need not set the timer, as it expires soon after that.
+        self._put_off = now + min(seconds, _PUT_OFF) if seconds < _LONG else now
         if not self._closed:
-            set_time(self._timer, (now + seconds) * 1e9)
+            set_time(self._timer, now + seconds)
 
     def close(self) -> None:
         """Close the timer, once no thread stands by."""

@@ -58,54 +58,46 @@ _pointer_in = ctypes.PYFUNCTYPE(c_void_p, py_object, c_char_p)(
 )
 
 #: By module and class, its private names: those that it has, or that its methods use.
-_NAMES: dict[str, tuple[str, ...]] = {
-    'rclpy.executors:': (
-        'TimeoutObject',
-        'await_or_execute',
-        'ShutdownException',
-        'ExternalShutdownException',
-    ),
-    'rclpy.executors:Executor': (
-        *('_guard', '_is_shutdown', '_tasks', '_tasks_lock', '_sigint_gc'),
-        *('_wait_for_ready_callbacks', 'can_execute'),
-    ),
-    'rclpy.executors:MultiThreadedExecutor': (
-        *('_executor', '_take_guard_condition', '_take_client', '_take_waitable'),
-    ),
-    'rclpy.callback_groups:MutuallyExclusiveCallbackGroup': ('_lock', '_active_entity'),
-    'concurrent.futures:ThreadPoolExecutor': ('_max_workers',),
-    'rclpy.task:Future': ('remove_done_callback',),  # since 7.1.4
-    'rclpy.guard_condition:GuardCondition': (
-        *('_GuardCondition__gc', '_executor_triggered', '_executor_event'),
-    ),
-    'rclpy.subscription:Subscription': ('_callback_type', '_executor_event'),
-    'rclpy.subscription:Subscription.CallbackType': ('MessageOnly',),
-    'rclpy.timer:Timer': ('_executor_event',),
-    'rclpy.client:Client': ('_executor_event',),
-    'rclpy.service:Service': ('_executor_event',),
-    'rclpy.waitable:Waitable': ('_executor_event',),
-    'rclpy.event_handler:EventHandler': (LISTENERS[EventHandler][0],),
-    'rclpy.action:ActionClient': (LISTENERS[ActionClient][0],),
-    'rclpy.action:ActionServer': (LISTENERS[ActionServer][0],),
-    'rclpy._rclpy_pybind11:': ('RCLError',),
-    'rclpy._rclpy_pybind11:Subscription': ('take_message', 'pointer'),
-    'rclpy._rclpy_pybind11:Timer': (
-        *('is_timer_ready', 'call_timer', 'time_until_next_call', 'pointer'),
-    ),
-    'rclpy._rclpy_pybind11:Service': ('service_take_request', 'pointer'),
-    'rclpy._rclpy_pybind11:EventHandle': ('take_event', 'pointer'),
-    'rclpy._rclpy_pybind11:GuardCondition': ('trigger_guard_condition',),
-    'rclpy._rclpy_pybind11:WaitSet': (
-        *('clear_entities', 'wait', 'get_ready_entities', 'is_ready', 'add_guard_condition'),
-    ),
-    'os:': ('eventfd', 'EFD_NONBLOCK', 'EFD_CLOEXEC'),
-    'select:': ('epoll',),
-}
+_NAMES = """
+rclpy.executors: TimeoutObject await_or_execute ShutdownException ExternalShutdownException
+rclpy.executors:Executor _guard _is_shutdown _tasks _tasks_lock _sigint_gc can_execute
+rclpy.executors:Executor _wait_for_ready_callbacks
+rclpy.executors:MultiThreadedExecutor _executor _take_guard_condition _take_client _take_waitable
+rclpy.callback_groups:MutuallyExclusiveCallbackGroup _lock _active_entity
+concurrent.futures:ThreadPoolExecutor _max_workers _threads
+rclpy.task:Future remove_done_callback
+rclpy.guard_condition:GuardCondition _GuardCondition__gc _executor_triggered _executor_event
+rclpy.subscription:Subscription _callback_type _executor_event
+rclpy.subscription:Subscription.CallbackType MessageOnly
+rclpy.timer:Timer _executor_event
+rclpy.client:Client _executor_event
+rclpy.service:Service _executor_event
+rclpy.waitable:Waitable _executor_event
+rclpy.event_handler:EventHandler _EventHandler__event
+rclpy.action:ActionClient _client_handle
+rclpy.action:ActionServer _handle
+rclpy._rclpy_pybind11: RCLError
+rclpy._rclpy_pybind11:Subscription take_message pointer
+rclpy._rclpy_pybind11:Timer is_timer_ready call_timer time_until_next_call pointer
+rclpy._rclpy_pybind11:Service service_take_request pointer
+rclpy._rclpy_pybind11:EventHandle take_event pointer
+rclpy._rclpy_pybind11:GuardCondition trigger_guard_condition
+rclpy._rclpy_pybind11:WaitSet clear_entities wait get_ready_entities is_ready add_guard_condition
+os: eventfd EFD_NONBLOCK EFD_CLOEXEC
+select: epoll
+"""
+
+
+def private_names() -> list[tuple[str, str]]:
+    """Return each private name with its module and class, `'module:class'`."""
+    lines = [line.split() for line in _NAMES.splitlines()]
+    return [(path, name) for path, *names in filter(None, lines) for name in names]
 
 
 def missing() -> list[str]:
     """Return what this rclpy, rcl or machine lacks, or has with another behaviour."""
-    names = [name for path, names in _NAMES.items() for name in _lacking(path, names)]
+    lacking = [(path, name) for path, name in private_names() if _lacks(path, name)]
+    names = [f'{path.partition(":")[2] or path.rstrip(":")}.{name}' for path, name in lacking]
     try:
         for name in (name for _, names in LISTENERS.values() for name in names):
             _setter(name)
@@ -119,24 +111,18 @@ def missing() -> list[str]:
     return names or [f'{name} as in Jazzy' for name, check in checks.items() if not _holds(check)]
 
 
-def _lacking(path: str, names: tuple[str, ...]) -> list[str]:
-    """Return those of the names that a class, or a module, lacks."""
+def _lacks(path: str, name: str) -> bool:
+    """Return whether a module or class lacks a name, and its methods do not use it either."""
     module, _, qualified = path.partition(':')
     try:
         owner: Any = import_module(module)
         for part in filter(None, qualified.split('.')):
             owner = getattr(owner, part)
     except (ImportError, AttributeError):
-        return [qualified or module]
+        return True
     methods = [getattr(each, 'fset', each) for each in vars(owner).values()]
-    used = {
-        name for each in methods if hasattr(each, '__code__') for name in each.__code__.co_names
-    }
-    return [
-        f'{qualified or module}.{name}'
-        for name in names
-        if not hasattr(owner, name) and name not in used
-    ]
+    codes = [each.__code__ for each in methods if hasattr(each, '__code__')]
+    return not (hasattr(owner, name) or any(name in code.co_names for code in codes))
 
 
 def _holds(check: Callable[[], bool]) -> bool:
@@ -225,16 +211,11 @@ def _kept_message(message_type: Any) -> tuple[c_void_p, Callable[[c_void_p], Any
 
 
 class _NotifyingHandle:
-    """The handle of a guard condition, which also calls a function at each trigger."""
+    """The handle of a guard condition, which calls a function at each trigger instead."""
 
     def __init__(self, handle: Any, notify: Callable[[], None]) -> None:  # noqa: ANN401
         self.handle = handle
-        self.notify: Callable[[], None] | None = notify
-
-    def trigger_guard_condition(self) -> None:
-        self.handle.trigger_guard_condition()
-        if notify := self.notify:
-            notify()
+        self.trigger_guard_condition = notify
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401
         return getattr(self.handle, name)
@@ -252,9 +233,9 @@ def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None)
     Its handle is replaced and not its `trigger`, which others may have kept.
     """
     former, handle = guard.handle, handle_of(guard)
-    guard._GuardCondition__gc = _NotifyingHandle(handle, notify) if notify else handle
     if former is not handle:
-        former.notify = None  # others may have kept it
+        former.trigger_guard_condition = handle.trigger_guard_condition  # others may have kept it
+    guard._GuardCondition__gc = _NotifyingHandle(handle, notify) if notify else handle
 
 
 def note_destruction(entity: Any, note: Callable[[], None] | None) -> None:  # noqa: ANN401
@@ -265,14 +246,13 @@ def note_destruction(entity: Any, note: Callable[[], None] | None) -> None:  # n
         entity.destroy = lambda: (note(), destroy())
 
 
-def reset_trigger(guard: GuardCondition, context: Context) -> bool:
+def was_triggered(guard: GuardCondition, context: Context) -> bool:
     """Forget the triggers of a guard condition; return whether there were any."""
+    handle = handle_of(guard)
     if not context.ok():
         return False
-    handle = handle_of(guard)
     with handle, context.handle:
-        make = import_module('rclpy._rclpy_pybind11').WaitSet
-        wait_set = make(0, 1, 0, 0, 0, 0, context.handle)
+        wait_set = import_module('rclpy._rclpy_pybind11').WaitSet(0, 1, 0, 0, 0, 0, context.handle)
         wait_set.clear_entities()
         wait_set.add_guard_condition(handle)
         wait_set.wait(0)

@@ -169,7 +169,7 @@ def test_entities_created_and_destroyed_by_several_threads_under_traffic(
 
     assert spinning.is_alive()
     assert not wrong
-    assert descriptors() <= before
+    assert descriptors() <= before + 6  # kept for the next entities
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ LOSE_EACH = """if True:
     import os
     import warnings
     from importlib import import_module
-    from barc_sim.ros.executor.rclpy_private import LISTENERS, _NAMES
+    from barc_sim.ros.executor.rclpy_private import private_names
     import sys
     for name in [name for name in sys.modules if name.startswith('barc_sim.ros')]:
         del sys.modules[name]
@@ -105,28 +105,27 @@ LOSE_EACH = """if True:
                 names = tuple('gone' if n == name else n for n in each.__code__.co_names)
                 each.__code__ = each.__code__.replace(co_names=names)
 
-    for path, names in _NAMES.items():
+    for path, name in private_names():
+        if os.fork():
+            os.wait()
+            continue
         module, _, qualified = path.partition(':')
-        for name in names:
-            if os.fork():
-                os.wait()
-                continue
-            owner = import_module(module)
-            for part in filter(None, qualified.split('.')):
-                owner = getattr(owner, part)
-            lose(next((c for c in getattr(owner, '__mro__', ()) if name in vars(c)), owner), name)
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter('always')
-                from barc_sim.ros.executor import QuickExecutor
-            warned = [str(each.message) for each in caught if 'QuickExecutor' in str(each.message)]
-            print(len(warned) == 1 and name in warned[0], path, name, warned, flush=True)
-            os._exit(0)
+        owner = import_module(module)
+        for part in filter(None, qualified.split('.')):
+            owner = getattr(owner, part)
+        lose(next((c for c in getattr(owner, '__mro__', ()) if name in vars(c)), owner), name)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter('always')
+            from barc_sim.ros.executor import QuickExecutor
+        warned = [str(each.message) for each in caught if 'QuickExecutor' in str(each.message)]
+        print(len(warned) == 1 and name in warned[0], path, name, warned, flush=True)
+        os._exit(0)
 """
 
 
 def test_every_private_name_is_checked_before_it_is_used() -> None:
     lines = run(LOSE_EACH)
-    assert len(lines) == sum(len(names) for names in rclpy_private._NAMES.values())  # noqa: SLF001
+    assert len(lines) == len(rclpy_private.private_names())
     assert [line for line in lines if not line.startswith('True')] == []
 
 
