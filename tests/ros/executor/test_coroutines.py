@@ -50,11 +50,9 @@ def test_a_callback_waits_for_a_future_of_another_callback(
     assert results == ['done']
 
 
-@GROUPS
 def test_a_waiting_coroutine_keeps_its_exclusive_group(
-    node: Node, executor: QuickExecutor, until: Until, group_type: type[CallbackGroup]
+    node: Node, executor: QuickExecutor, until: Until
 ) -> None:
-    del group_type
     group = MutuallyExclusiveCallbackGroup()
     future = Future(executor=executor)
     order = []

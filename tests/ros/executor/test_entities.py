@@ -144,12 +144,11 @@ def test_a_service_is_called_from_a_callback_of_another_group(
     assert answers[0].result.names == ['a']
 
 
-@GROUPS
 def test_a_guard_condition_is_executed_once_for_a_trigger(
-    node: Node, executor: QuickExecutor, until: Until, group_type: type[CallbackGroup]
+    node: Node, executor: QuickExecutor, until: Until
 ) -> None:
     calls = []
-    guard = node.create_guard_condition(lambda: calls.append(1), callback_group=group_type())
+    guard = node.create_guard_condition(lambda: calls.append(1))
     for number in range(1, 4):
         guard.trigger()
         until(lambda number=number: len(calls) == number)
@@ -240,22 +239,6 @@ def test_a_waitable_may_grow(node: Node, until: Until) -> None:
     node.add_waitable(waitable)
 
     until(lambda: waitable.taken[:3] == [1, 2, 3])
-
-
-def test_subscriptions_come_and_go_while_spinning(node: Node, spinning: threading.Thread) -> None:
-    heard = threading.Event()
-    for _ in range(1000):
-        subscription = node.create_subscription(Time, 'a', lambda _: None, 1)
-        timer = node.create_timer(
-            0.0001, lambda: None, callback_group=MutuallyExclusiveCallbackGroup()
-        )
-        assert node.destroy_timer(timer)
-        assert node.destroy_subscription(subscription)
-    node.create_subscription(Time, 'a', lambda _: heard.set(), 1)
-    node.create_publisher(Time, 'a', 1).publish(Time())
-
-    assert heard.wait(DEADLINE)
-    assert spinning.is_alive()
 
 
 def test_nodes_come_and_go_while_spinning(

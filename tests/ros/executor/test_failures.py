@@ -46,39 +46,25 @@ def spin_until_broken(executor: QuickExecutor) -> list[str]:
     return [frame.name for frame in traceback.extract_tb(raised.value.__traceback__)]
 
 
-@GROUPS
 @pytest.mark.parametrize('callback', [break_down, break_down_awaiting])
 def test_of_a_timer(
     node: Node,
     executor: QuickExecutor,
-    group_type: type[CallbackGroup],
     callback: Callable[..., object],
 ) -> None:
-    timer = node.create_timer(0.001, callback, callback_group=group_type())
+    timer = node.create_timer(0.001, callback)
     assert spin_until_broken(executor)[-1] == callback.__name__
     timer.cancel()
 
 
-@GROUPS
-def test_of_a_subscription(
-    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
-) -> None:
-    node.create_subscription(Time, 'a', break_down, 1, callback_group=group_type())
-    node.create_publisher(Time, 'a', 1).publish(Time())
-    assert spin_until_broken(executor)[-1] == 'break_down'
-
-
-@GROUPS
-def test_after_waiting_for_a_future(
-    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
-) -> None:
+def test_after_waiting_for_a_future(node: Node, executor: QuickExecutor) -> None:
     future = executor.create_task(lambda: None)
 
     async def wait_and_break_down() -> None:
         await future
         break_down()
 
-    guard = node.create_guard_condition(wait_and_break_down, callback_group=group_type())
+    guard = node.create_guard_condition(wait_and_break_down)
     guard.trigger()
     assert spin_until_broken(executor)[-2:] == ['wait_and_break_down', 'break_down']
 
@@ -132,11 +118,8 @@ def test_leaves_the_executor_and_the_group_usable(
     until(lambda: ticks)
 
 
-@GROUPS
-def test_one_of_many_is_raised_by_each_spin(
-    executor: QuickExecutor, node: Node, group_type: type[CallbackGroup]
-) -> None:
-    node.create_subscription(Time, 'a', break_down, 10, callback_group=group_type())
+def test_one_of_many_is_raised_by_each_spin(executor: QuickExecutor, node: Node) -> None:
+    node.create_subscription(Time, 'a', break_down, 10)
     publisher = node.create_publisher(Time, 'a', 10)
     for _ in range(3):
         publisher.publish(Time())

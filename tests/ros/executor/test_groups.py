@@ -365,20 +365,6 @@ def test_messages_wait_in_the_middleware_while_the_pool_is_busy(
     assert len(received) <= 3, 'the depth of 1 was not kept to'
 
 
-def test_a_pool_callback_runs_once_for_each_message(node: Node, until: Until) -> None:
-    received = []
-    node.create_subscription(Time, 'a', lambda message: received.append(message.sec), DEPTH)
-    node.create_subscription(Time, 'b', lambda _: received.append(-1), DEPTH)
-    publisher = node.create_publisher(Time, 'a', DEPTH)
-    for number in range(500):
-        publisher.publish(Time(sec=number))
-    until(lambda: 499 in received)
-    node.create_publisher(Time, 'b', DEPTH).publish(Time())
-    until(lambda: -1 in received)
-
-    assert received == [*range(500), -1]
-
-
 @pytest.mark.parametrize('keeper', ['a callback', 'something else', 'a busy pool'])
 def test_messages_that_must_wait_do_not_keep_the_executor_busy(
     node: Node, executor: QuickExecutor, until: Until, keeper: str

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 import rclpy
 from builtin_interfaces.msg import Time
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Empty
@@ -24,16 +24,12 @@ from barc_sim.ros.executor import QuickExecutor
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.context import Context
 
     Until = Callable[[Callable[[], object]], None]
 
 pytestmark = pytest.mark.timeout(120)
 DEADLINE = 20.0
-GROUPS = pytest.mark.parametrize(
-    'group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup]
-)
 
 
 def test_spin_once_executes_one_callback(node: Node, executor: QuickExecutor) -> None:
@@ -86,12 +82,11 @@ def test_wakes_do_not_prolong_a_spin(node: Node, executor: QuickExecutor) -> Non
     thread.join()
 
 
-@GROUPS
 def test_spin_until_future_complete_ends_with_the_future(
-    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
+    node: Node, executor: QuickExecutor
 ) -> None:
     future = Future(executor=executor)
-    node.create_timer(0.001, lambda: future.set_result(1), callback_group=group_type())
+    node.create_timer(0.001, lambda: future.set_result(1))
     executor.spin_until_future_complete(future, DEADLINE)
     assert future.result() == 1
 
@@ -143,31 +138,24 @@ def test_a_future_is_not_burdened_by_being_waited_for(node: Node, executor: Quic
     assert future.waiting <= 1
 
 
-@GROUPS
-def test_a_callback_shuts_the_executor_down(
-    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
-) -> None:
+def test_a_callback_shuts_the_executor_down(node: Node, executor: QuickExecutor) -> None:
     returned = []
-    node.create_timer(
-        0.001, lambda: returned.append(executor.shutdown()), callback_group=group_type()
-    )
+    node.create_timer(0.001, lambda: returned.append(executor.shutdown()))
     executor.spin()
     assert executor.shutdown()
     assert len(returned) == 1
 
 
-@GROUPS
 def test_a_callback_shuts_the_context_down(
-    node: Node, executor: QuickExecutor, ros: Context, group_type: type[CallbackGroup]
+    node: Node, executor: QuickExecutor, ros: Context
 ) -> None:
-    node.create_timer(0.001, ros.try_shutdown, callback_group=group_type())
+    node.create_timer(0.001, ros.try_shutdown)
     executor.spin()
     assert not ros.ok()
 
 
-@GROUPS
 def test_shutdown_by_another_thread_waits_for_callbacks(
-    node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
+    node: Node, executor: QuickExecutor
 ) -> None:
     begun = threading.Event()
     release = threading.Event()
@@ -178,7 +166,7 @@ def test_shutdown_by_another_thread_waits_for_callbacks(
         release.wait(DEADLINE)
         ended.append(1)
 
-    node.create_timer(0.001, work, callback_group=group_type())
+    node.create_timer(0.001, work)
     thread = threading.Thread(target=executor.spin)
     thread.start()
     assert begun.wait(DEADLINE)
