@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -288,3 +290,19 @@ def test_a_command_without_a_stamp_holds_and_nothing_is_missed() -> None:
     log = join({STATE: states, 'ecu': [unstamped(150, 1.0), unstamped(350, 2.0)]})
     np.testing.assert_array_equal(log.motor, [np.nan, 1.0, 1.0, 2.0])
     assert log.missed.tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize(('far', 'refused'), [(0.9e9, False), (1.1e9, True)])
+def test_a_car_farther_off_than_a_run_can_be_is_refused(
+    tmp_path: Path, log: Log, far: float, *, refused: bool
+) -> None:
+    path = written(tmp_path, replace(log, y=np.full(len(log), far)))
+    with pytest.raises(UserError, match='m from the start') if refused else nullcontext():
+        bag.read(path)
+
+
+def test_more_terms_than_a_controller_has_are_refused() -> None:
+    samples = Samples(Path('bag'), 0)
+    samples.add(1, 1, (), dict.fromkeys(map(str, range(64)), 0.0))
+    with pytest.raises(UserError, match='a controller with more than 64 terms'):
+        samples.add(2, 2, (), {'64': 0.0})
