@@ -89,7 +89,7 @@ def _whole(digits: str) -> int:
 
 
 class _Loader(yaml.SafeLoader):
-    """Loads YAML as rosbag2 writes it: without aliases, and nested a little."""
+    """Loads YAML as ROS writes it: without aliases, and nested a little."""
 
     depth = 0
 
@@ -105,12 +105,12 @@ class _Loader(yaml.SafeLoader):
 
 
 def from_yaml(text: str) -> Any:  # noqa: ANN401 (any YAML)
-    """Return the value of a bag's YAML; ValueError: it is none, too long, deep, or has aliases."""
+    """Return the value of ROS's YAML; ValueError: it is none, too long, deep, or has aliases."""
     _check_length(text)
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506 (a SafeLoader)
     except (yaml.YAMLError, RecursionError, AttributeError, TypeError, KeyError) as error:
-        raise ValueError(f'no YAML of a bag: {error}') from None
+        raise ValueError(f'no YAML that can be read: {error}') from None
 
 
 def _check_length(text: str) -> None:

@@ -11,6 +11,7 @@ from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 
+from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml
 from barc_sim.cli.files import read_regular
 from barc_sim.cli.parser import did_you_mean
 from barc_sim.errors import UserError
@@ -38,7 +39,6 @@ TYPES = {
 }
 _KEY = 'ros__parameters'
 _EXPECTED = f'expected nodes with {_KEY}, as `barc param dump` writes them'
-_MAX_FILE = 1 << 24  #: [B]
 
 
 class Parameters:
@@ -222,10 +222,10 @@ def read_file(path: Path, node: str) -> dict[str, Any]:
     '7' as a number.
     """
     try:
-        content = yaml.safe_load(read_regular(path, _MAX_FILE).decode())
+        content = from_yaml(read_regular(path, MAX_LONG_TEXT).decode())
     except OSError as error:
         raise UserError(f'{str(path)!r} cannot be read: {error.strerror}') from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except ValueError as error:
         reason = ' '.join(str(error).split())
         raise UserError(f'{str(path)!r} is not a text of YAML: {reason}') from None
     levels = [

@@ -87,6 +87,10 @@ def test_an_argument_that_is_no_text_is_refused(command: str, name: bytes, tmp_p
 
 
 LONG = 'a' * 5000
+#: A file of parameters that would have 1e8 of them.
+ALIASES = 'a0: &a0 {x: 1}\n' + ''.join(
+    f'a{k}: &a{k} {{{", ".join(f"b{i}: *a{k - 1}" for i in range(10))}}}\n' for k in range(1, 9)
+)
 
 
 @pytest.mark.parametrize(
@@ -121,6 +125,17 @@ def test_a_home_that_is_not_there_is_not_made(tmp_path: Path) -> None:
     done = limited(*LOCAL, *options, cwd=tmp_path, HOME=str(home), BARC_SIM_NO_BROWSER='1')
     assert done.returncode == 0, done.stderr
     assert not home.exists()
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'), [('[' * 20_000, 'too many values within values'), (ALIASES, 'an alias')]
+)
+def test_parameters_that_expand_for_ever_are_refused(
+    text: str, reason: str, tmp_path: Path
+) -> None:
+    (tmp_path / 'values.yaml').write_text(text)
+    done = limited(*LOCAL, '--ros-args', '--params-file', 'values.yaml', cwd=tmp_path)
+    assert reason in sentence(done)
 
 
 def test_a_backend_that_matplotlib_does_not_have_is_named(tmp_path: Path) -> None:

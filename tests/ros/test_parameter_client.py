@@ -73,6 +73,8 @@ def test_later_entry_goes_before_an_earlier_one(tmp_path: Path) -> None:
     ('content', 'sentence'),
     [
         ('a: b: c', 'is not a text of YAML: .* line 1, column 5'),
+        ('a: &a [1]\nb: *a\n', 'is not a text of YAML: .* an alias'),
+        ('[' * 20_000, 'is not a text of YAML: .* too many values within values'),
         ('- 1', 'has no parameters for /n: expected nodes with ros__parameters'),
         ('', 'has no parameters for /n'),
         ('n: 1', 'has no parameters for /n'),

@@ -12,6 +12,7 @@ from functools import partialmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml
 from barc_sim.cli.files import read_regular
 from barc_sim.ros.local.executor import SECOND, World, current
 from barc_sim.ros.local.messages import message_type
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _PARAMETER, _REMAPPING = ('-p', '--param'), ('-r', '--remap')
-_MAX_PARAMETERS = 1 << 20  #: bytes of a file
 
 
 class NotInitializedException(Exception):
@@ -94,14 +94,12 @@ def _value(text: str) -> Any:
 
 
 def _of_file(file: Path) -> Iterator[_Rule]:
-    import yaml
-
     try:
-        text = read_regular(file, _MAX_PARAMETERS).decode()
-        for path, value in _flat(yaml.safe_load(text), ''):
+        text = read_regular(file, MAX_LONG_TEXT).decode()
+        for path, value in _flat(from_yaml(text), ''):
             node, _, name = path.partition('/ros__parameters/')
             yield _Rule(node, name.replace('/', '.'), value)
-    except (OSError, ValueError, AttributeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, AttributeError) as error:
         raise RuntimeError(f'Error parsing the parameters in {str(file)!r}: {error}') from None
 
 
