@@ -76,11 +76,14 @@ class Clock:
 
 def main(task: dict[str, Any]) -> dict[str, Any]:
     """Tick; return their number, the core used [%], and the lateness and wait of late ones [ms]."""
-    clock = Clock()
-    if task['subject'] == 'loop':
+    clock, counted = Clock(), [0]
+    name, beside = task['subject'].split()
+    if beside == 'counts':
+        threading.Thread(target=_count, args=(counted,), daemon=True).start()
+    if name == 'loop':
         _loop(clock, _WARM_UP + task['seconds'])
     else:
-        _spin(clock, *task['subject'].split(), _WARM_UP + task['seconds'])
+        _spin(clock, name, beside, _WARM_UP + task['seconds'])
     ticks = clock.ticks[int(_WARM_UP / _PERIOD) :]
     gaps = [
         ((now - before - _PERIOD) * 1e3, (waited - earlier) * 1e3)
@@ -92,7 +95,14 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
         'core': (after - before) / (ended - began) * 100.0,
         'p99': quantiles((abs(gap) for gap, _ in gaps), n=100)[98],
         'late': [gap for gap in gaps if gap[0] > _WORTH_TELLING],
+        'counted': counted[0] / (_WARM_UP + task['seconds']),
     }
+
+
+def _count(counted: list[int]) -> None:
+    """Count for ever, as a busy thread does."""
+    while True:
+        counted[0] += 1
 
 
 def _loop(clock: Clock, seconds: float) -> None:
@@ -108,7 +118,7 @@ def _spin(clock: Clock, name: str, blocks: str, seconds: float) -> None:
     rclpy.init(args=[], domain_id=os.getpid() % 100 + 1)
     with tempfile.TemporaryDirectory() as folder:
         nodes: list[Any] = [Ticker(clock), BagRecorder(Path(folder))]
-        if blocks != 'free':
+        if blocks in ('sleeps', 'computes'):
             nodes.append(Blocker(blocks))
         executor = {
             'single': SingleThreadedExecutor,
