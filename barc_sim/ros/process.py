@@ -8,6 +8,7 @@ import re
 import sys
 import time
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ from rclpy.logging import LoggingSeverity, get_logger_level, set_logger_level
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from barc_sim.cli.files import open_regular
+from barc_sim.bags.bounds import MAX_LONG_TEXT
+from barc_sim.cli.files import open_regular, read_regular
 from barc_sim.cli.process import check_clock, check_limits
 from barc_sim.cli.signals import StopSignals
 from barc_sim.errors import UserError
@@ -67,6 +69,7 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     domain = os.environ.get('ROS_DOMAIN_ID', '')
     if domain.isdecimal() and int(domain[:9]) > _MAX_DOMAIN:
         raise UserError(f'ROS_DOMAIN_ID is {domain}: choose one from 0 to {_MAX_DOMAIN}')
+    _check_files(args or [])
     if network:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SUBNET'
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -92,6 +95,14 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
         yield
     finally:
         rclpy.try_shutdown()
+
+
+def _check_files(args: list[str]) -> None:
+    """Raise UserError for a file of parameters that is none, or too long."""
+    for option, file in pairwise(args):
+        if option == '--params-file':  # rcl would wait at a pipe, and take hours for a large one
+            with suppress(OSError):  # rcl names it
+                read_regular(Path(file), MAX_LONG_TEXT)
 
 
 def _check_security() -> None:

@@ -177,6 +177,15 @@ def test_a_setting_that_ros_cannot_use_is_named(
 
 
 @needs_ros
+def test_parameters_that_rcl_would_read_for_hours_are_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'long').write_text('/**: {ros__parameters: {a: 1}}\n' + '#' * 300_000)
+    for name, expected in (('pipe', 'is a named pipe'), ('long', 'has more than 200000 bytes')):
+        done = limited(*ROS, '--ros-args', '--params-file', name, cwd=tmp_path)
+        assert expected in sentence(done)
+
+
+@needs_ros
 def test_a_pipe_where_dds_looks_for_its_profiles_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml')
     assert 'is a named pipe' in sentence(limited(*ROS, cwd=tmp_path))
