@@ -124,7 +124,11 @@ class Events:
             else:
                 count = self._descriptors.take_count(descriptor)
                 for entry in self._counted[descriptor]:
-                    self.queue(entry, count)
+                    entry.pending += count  # as in `queue`, which costs a call
+                    if not entry.queued:
+                        entry.queued = True
+                        entry.found = now
+                        self.ready.append(entry)
         if expired := now >= self._next_due:
             self._schedule([each for each, due in self._due.items() if due <= now])
         if (descriptors or expired) and len(self.ready) > 1:
