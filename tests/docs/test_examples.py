@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
-    'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'lab',
-    'commands', 'ros', 'nodes', 'runs',
+    'errors', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'commands', 'ros',
+    'nodes', 'runs',
 )  # fmt: skip
 NEED_ROS = ('ros', 'nodes', 'runs')
 #: Examples that need an optional package.
