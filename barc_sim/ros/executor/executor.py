@@ -284,13 +284,16 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _stand_by(self) -> bool:
         """Return whether this thread leads from now on: False where nothing spins any longer."""
-        leads = False
+        leads = waited = False
         while not leads:
             with self._changed:
                 if not self._is_spinning():
-                    self._standing_by -= 1
-                    return False
+                    if waited:
+                        self._standing_by -= 1
+                        return False
+                    self._leadership.wake_stand_by(_LINGER)  # another spin may follow
             leads = self._leadership.take_over(wanted=self._needs_pool())
+            waited = True
         with self._changed:
             self._standing_by -= 1
         return True
