@@ -111,7 +111,7 @@ class CodeServer:
 
     def notes(self) -> dict[str, Any]:
         """Return the chosen gains, and what was tolerated in the files that are loaded."""
-        return {'gains': self._code.gains, 'tolerated': self._code.tolerated}
+        return {'gains': self._code.gains, 'tolerated': list(self._code.tolerated)}
 
     def _controller(self, number: int) -> UserPid:
         if number not in self._controllers:

@@ -421,17 +421,16 @@ class QuickExecutor(MultiThreadedExecutor):
             self._begin_once()
         lent = self._leadership.lend(lasting=entry is not None and entry.lasting)
         try:
-            try:
-                result = callback(*args)
-                if result is not None and entry and iscoroutinefunction(callback):
-                    claimed = None
-                    self._stepper.start(entry, result)
-            finally:
-                if claimed:
-                    claimed.end()
+            result = callback(*args)
+            if result is not None and entry and iscoroutinefunction(callback):
+                claimed = None
+                self._stepper.start(entry, result)
         except BaseException as error:  # noqa: BLE001 - warned of, or the spinning thread raises it
             if not (entry and entry.warns_of(error)):
                 self._fail(error)
+        finally:
+            if claimed:  # after the failure, which ends spins before another of its group begins
+                claimed.end()
         if self._tasks:  # one may wait for this
             self._events.woken = True
         leads = self._leadership.take_back(lent)

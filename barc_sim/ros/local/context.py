@@ -12,7 +12,6 @@ from functools import partialmethod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml
 from barc_sim.cli.files import read_regular
 from barc_sim.ros.local.executor import SECOND, World, current
 from barc_sim.ros.local.messages import message_type
@@ -84,6 +83,7 @@ class Arguments:
         }
 
 
+# A submission's process has no PyYAML, and no arguments either.
 def _value(text: str) -> Any:
     import yaml
 
@@ -94,6 +94,8 @@ def _value(text: str) -> Any:
 
 
 def _of_file(file: Path) -> Iterator[_Rule]:
+    from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml
+
     try:
         text = read_regular(file, MAX_LONG_TEXT).decode()
         for path, value in _flat(from_yaml(text), ''):
