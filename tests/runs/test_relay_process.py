@@ -51,7 +51,7 @@ def test_program_drives_from_a_process_that_ends_with_the_run(tmp_path: Path) ->
         os.kill(int(line.removeprefix('pid ')), 0)
     path = newest(tmp_path)
     assert bag.read(path).speed.max() >= 1.0
-    assert list(bag.attachments(path)) == ['student/mine.py']
+    assert list(bag.load(path).attachments) == ['student/mine.py']
     graph = NodeGraph.from_json(bag.info(path)['graph'])
     assert ('/relay', '/ecu') in graph.publications
 
