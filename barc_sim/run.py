@@ -1,4 +1,7 @@
-"""`python -m barc_sim.run acc|teleop`, the same as `barc acc` and `barc teleop`."""
+"""`python -m barc_sim.run acc|teleop`, the same as `barc acc` and `barc teleop`.
+
+What a run is made of is in `runs/cruise_control.py` and `runs/teleop.py`.
+"""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ class Bag:
     path: Path
     info: dict[str, str] = field(default_factory=dict)  #: the run's metadata
     attachments: dict[str, bytes] = field(default_factory=dict)  #: by name
-    counts: Counter[str] = field(default_factory=Counter)  #: of messages, by topic alone
+    counts: Counter[str] = field(default_factory=Counter)  #: of messages, by the topic's last name
     #: By namespace and topic, where a log is made of the topic.
     samples: defaultdict[str, dict[str, Samples]] = field(default_factory=lambda: defaultdict(dict))
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _NUMBERS = {f'{sign}int{bits}' for sign in ('', 'u') for bits in (8, 16, 32, 64)}
 PRIMITIVES = {'bool', 'byte', 'char', 'float32', 'float64', 'string', 'wstring', *_NUMBERS}
 _FIELD_TYPE = re.compile(r'(?:^|\n)\s*([a-zA-Z0-9_/]+)(?:\[[^\]]*\])?\s+')
-# The definitions that runs without ROS need, as `<package>/<name>.msg`.
+# Definitions, with their comments, as `<package>/<name>.msg`: what a run without ROS records.
 _SHIPPED = Path(__file__).with_name('msg')
 # In a checkout the lab's own lie beside the package; in a wheel, with the others.
 _CHECKOUT = Path(__file__).parents[2] / 'barc_interfaces' / 'msg'

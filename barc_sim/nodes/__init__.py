@@ -1,4 +1,9 @@
-"""The nodes of a run, each in a module of its own."""
+"""The nodes of a run, each in a module of its own.
+
+A new node has its class here, with the topics that it subscribes to as `inputs`; the names of its
+topics are in `ros/names.py`, and a run adds it by `Run.add` in `runs/cruise_control.py`. A node of
+which a run without ROS records a new type of message has the definition in `bags/msg`.
+"""
 
 #: The kinds of mirrors: by the parameter of the node `mirror`, what it publishes.
 MIRRORS = {

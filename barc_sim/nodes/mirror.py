@@ -61,8 +61,6 @@ PARAMETERS = [
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
 _MAX_POSES, _MIN_SPACING = 200, 0.5  #: of the path; [m] between two poses
-#: In lock-step the simulator goes on while another node's callback lasts.
-_ALL_STATES = QoSProfile(depth=10_000)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _BLUE, _SKY = (0.0, 0.447, 0.698), (0.337, 0.706, 0.914)
@@ -150,7 +148,7 @@ class MirrorNode(Node):
             self._road_pub = self.create_publisher(MarkerArray, names.ROAD_MARKERS, _LATCHED)
             self._road_pub.publish(road_markers(self._road, self._odom))
         self.create_subscription(ECU, names.ECU, self._on_command, names.QOS)
-        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, _ALL_STATES)
+        self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_ALL)
         if 'diagnostics' in self._pubs:
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(period, self._diagnose, clock=steady)

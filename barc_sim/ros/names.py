@@ -40,5 +40,8 @@ RESET_RELAY = 'relay/reset'  #: forgets the input of the driver and puts the whe
 
 #: Of every topic of a run: reliable, with room for a second at 100 Hz.
 QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+#: Of a node that the simulator does not wait for and that needs every state: in lock-step many
+#: states arrive while one of its callbacks lasts.
+QOS_ALL = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
 #: Of a subscription that needs only the newest message.
 QOS_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)

@@ -140,6 +140,8 @@ class Run:
     ) -> Any:  # noqa: ANN401 (of `kind`)
         """Add and return a node; of the parameters `given`, None leaves the node's default.
 
+        What `kind.inputs` names is recorded from the node's start; other topics once they are seen.
+
         Raises
         ------
         UserError

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from barc_sim.nodes.controller import CruiseController
+from barc_sim.nodes.mirror import MirrorNode
 from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 
-@pytest.mark.parametrize('kind', [CruiseController, Relay, VehicleSimulator])
+@pytest.mark.parametrize('kind', [CruiseController, MirrorNode, Relay, VehicleSimulator])
 def test_inputs_are_what_a_node_subscribes_to(ros: Context, kind: Any) -> None:  # noqa: ANN401
     node = kind(context=ros)
     subscribed = {each.topic_name: each.msg_type for each in node.subscriptions}

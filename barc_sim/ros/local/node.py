@@ -315,7 +315,7 @@ class Node(Parameters):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        del callback_group, clock
+        del callback_group, clock  # the world has one clock: the wall's, or simulated
         timer = Timer(self, int(float(timer_period_sec) * SECOND), callback)
         self.timers.append(timer)
         if autostart:
