@@ -17,7 +17,7 @@ import numpy as np
 
 from barc_sim.control.pid import FIRST_DT
 from barc_sim.simulation.log import Log
-from barc_sim.vehicle.bike_model import State, clamped_at_zero, forces, motion
+from barc_sim.vehicle.bike_model import State, clamped_at_zero, forces, motion, resistance
 from barc_sim.vehicle.sensor import MeasurementError, with_error
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def _drive(
     """
     kp, ki, kd = gains
     reference, low, high, vehicle, ts, dt, distance = settings
-    mass, drag, friction = vehicle.mass, vehicle.air_drag_coeff, vehicle.friction
+    mass = vehicle.mass
     x, v, integral, previous, interval = start
     begin, end, gravity_force = segments.at(x)
     speeds: list[float] = []
@@ -144,10 +144,10 @@ def _drive(
             older = newer
         # The vehicle: `next_speed`.
         x += ts * v
-        resistance = drag * v * v + friction
+        opposing = resistance(v, vehicle)
         if v <= 0.0:
-            resistance = -resistance if v < 0.0 else 0.0
-        after = v + ts * (command + (gravity_force - resistance) / mass)
+            opposing = -opposing if v < 0.0 else 0.0
+        after = v + ts * (command + (gravity_force - opposing) / mass)
         if after < 0.0 < v or v < 0.0 < after:
             after = clamped_at_zero(v, after, v + ts * (command + gravity_force / mass))
         v = after

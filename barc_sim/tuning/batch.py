@@ -19,7 +19,7 @@ from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.simulation.pid_loop import LoopSettings, RoadSegments
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.bike_model import Vehicle, resistance
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels, Sensor
@@ -223,11 +223,11 @@ class _Block:
         ts, vehicle, v = self._settings.ts, self._settings.vehicle, self._v
         gravity = self._gravity_force
         self._x += ts * v
-        resistance = vehicle.air_drag_coeff * v * v + vehicle.friction
+        opposing: Floats = resistance(v, vehicle)  # type: ignore[assignment]  # arrays
         rolls_forwards = self._slowest > 0.0
         if not rolls_forwards:
-            resistance *= np.sign(v)
-        after = v + ts * (command + (gravity - resistance) / vehicle.mass)
+            opposing *= np.sign(v)
+        after = v + ts * (command + (gravity - opposing) / vehicle.mass)
         self._slowest = after.min()
         if not rolls_forwards or self._slowest < 0.0:
             # Resistance slows the car to a standstill and never pulls it backwards.

@@ -148,9 +148,10 @@ class KinematicBicycle:
         if self.is_lab:
             return step(state, held, grade(state.x), vehicle, ts)
         if self._model:
-            mass, air_drag_coeff, friction, l_f, l_r, gravity = vehicle
-            numbers = *state, *held, air_drag_coeff, mass, friction, grade(state.x), ts
-            x, y, psi, v = self._model(*numbers, l_f=l_f, l_r=l_r, g=gravity)
+            resisting = vehicle.air_drag_coeff, vehicle.mass, vehicle.friction
+            numbers = *state, *held, *resisting, grade(state.x), ts
+            others = {'l_f': vehicle.l_f, 'l_r': vehicle.l_r, 'g': vehicle.gravity}
+            x, y, psi, v = self._model(*numbers, **others)
             return State(x, y, psi, v)
 
         def after(direction: float) -> State:

@@ -87,8 +87,7 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 def resistance(v: float, vehicle: Vehicle) -> float:
     """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
 
-    `forces`, here, `simulation/pid_loop.py` and `tuning/batch.py` have this law once more: change
-    them with it.
+    `forces` has its two parts. `tuning/batch.py` passes arrays of speeds.
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 
