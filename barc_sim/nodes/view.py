@@ -83,7 +83,7 @@ class ViewNode(Node):
     Attributes
     ----------
     url
-        The page's address, with its token: whoever has it can drive.
+        The page's address, with its token: who has it can drive.
     page
         The page: its `end` shows the end of the run, and its `laps` are those so far.
 

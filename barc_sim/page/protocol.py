@@ -127,7 +127,7 @@ class Status(NamedTuple):
     paused: bool | None = None
 
 
-def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (whatever JSON can hold)
+def encode(kind: str, **fields: Any) -> str:  # noqa: ANN401 (what JSON can hold)
     """Return the message of a type to the page."""
     return json.dumps({'type': kind, **fields}, separators=(',', ':'), allow_nan=False)
 

@@ -99,7 +99,7 @@ class Run:
     """
 
     def __init__(self, options: Namespace, inputs: Inputs, stop: StopSignals) -> None:
-        """Make the recorder, unless the options say no: it records what other nodes begin with.
+        """Make the recorder, unless there is to be no bag: it records what other nodes begin with.
 
         Raises
         ------

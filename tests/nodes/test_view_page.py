@@ -512,13 +512,13 @@ def test_page_reports_a_lost_connection_and_reconnects(teleop: Teleop, open_: Op
     view, car = teleop
     tab = open_(view.url)
     tab.run(
-        'new MutationObserver(() => { window.told ||= '
+        'new MutationObserver(() => { window.shown ||= '
         "document.querySelector('#message').textContent; })"
         ".observe(document.querySelector('#message'), {childList: true})"
     )
     server = view.page._server  # noqa: SLF001 (no page can cut its own connection)
     server.call(lambda: [each.transport.abort() for each in [*server._pages]])  # noqa: SLF001
-    tab.until("(window.told ?? '').startsWith('The connection to the run was lost')")
+    tab.until("(window.shown ?? '').startsWith('The connection to the run was lost')")
     wait_until(lambda: tab.text('#state') == 'Live')
     assert tab.run("document.querySelector('#message').hidden") is True
     car.state = State(x=33.0)

@@ -27,7 +27,7 @@ def run(
     theta_deg: float | Sequence[float] = 0.0,
     missed: Sequence[bool] | None = None,
 ) -> Log:
-    """Return a log of these true speeds, one state a second and one a metre unless told."""
+    """Return a log of these true speeds, one state a second and one a metre unless totals."""
     n = len(speed)
     log = Log(
         **{name: np.zeros(n, dtype=np.float64) for name in COLUMNS}  # type: ignore[arg-type]
@@ -58,39 +58,39 @@ def test_states_one_by_one_have_the_figures_of_the_log_to_the_last_bit() -> None
 
 
 def test_errors_are_taken_over_all_states() -> None:
-    told = summary(run([5.0, 12.0]))
-    assert told.rms_error == pytest.approx(sqrt((9.0 + 16.0) / 2.0))
-    assert told.max_error == 4.0
+    totals = summary(run([5.0, 12.0]))
+    assert totals.rms_error == pytest.approx(sqrt((9.0 + 16.0) / 2.0))
+    assert totals.max_error == 4.0
 
 
 def test_run_up_is_the_first_10_m_without_their_end() -> None:
-    told = summary(run([0.0, 7.0, 6.0], x=[9.999, 10.0, 11.0]))
-    assert told.max_error == 8.0
-    assert told.max_error_after_run_up == 2.0
-    assert told.rms_error_after_run_up == pytest.approx(sqrt((1.0 + 4.0) / 2.0))
+    totals = summary(run([0.0, 7.0, 6.0], x=[9.999, 10.0, 11.0]))
+    assert totals.max_error == 8.0
+    assert totals.max_error_after_run_up == 2.0
+    assert totals.rms_error_after_run_up == pytest.approx(sqrt((1.0 + 4.0) / 2.0))
 
 
 def test_run_that_ends_within_the_run_up_has_nothing_after_it() -> None:
-    told = summary(run([0.0, 7.0], x=[0.0, 9.0]))
-    assert told.rms_error == pytest.approx(sqrt((64.0 + 1.0) / 2.0))
-    assert isnan(told.rms_error_after_run_up)
-    assert isnan(told.max_error_after_run_up)
+    totals = summary(run([0.0, 7.0], x=[0.0, 9.0]))
+    assert totals.rms_error == pytest.approx(sqrt((64.0 + 1.0) / 2.0))
+    assert isnan(totals.rms_error_after_run_up)
+    assert isnan(totals.max_error_after_run_up)
 
 
 def test_true_speed_and_distance_count_not_the_measured() -> None:
     noisy = replace(
         run([5.0, 12.0], x=[5.0, 15.0]), e_v_x=np.array([-3.0, 4.0]), e_s=np.array([-6.0, 6.0])
     )
-    told = summary(noisy)
-    assert told.max_error == 0.0
-    assert told.max_error_after_run_up == 0.0
-    assert (told.stretches[0].start, told.stretches[0].end) == (11.0, 9.0)
+    totals = summary(noisy)
+    assert totals.max_error == 0.0
+    assert totals.max_error_after_run_up == 0.0
+    assert (totals.stretches[0].start, totals.stretches[0].end) == (11.0, 9.0)
 
 
 def test_states_without_a_reference_are_passed_over() -> None:
-    told = summary(run([1.0, 5.0, 12.0], x=[20.0, 21.0, 22.0], reference=[nan, 8.0, 8.0]))
-    assert told.rms_error == told.rms_error_after_run_up == pytest.approx(sqrt(12.5))
-    assert told.max_error == told.max_error_after_run_up == 4.0
+    totals = summary(run([1.0, 5.0, 12.0], x=[20.0, 21.0, 22.0], reference=[nan, 8.0, 8.0]))
+    assert totals.rms_error == totals.rms_error_after_run_up == pytest.approx(sqrt(12.5))
+    assert totals.max_error == totals.max_error_after_run_up == 4.0
 
 
 # Overshoot
@@ -153,14 +153,14 @@ def test_settling_time_counts_from_the_first_state() -> None:
 
 
 def test_stretches_are_the_runs_of_states_on_one_grade() -> None:
-    told = summary(
+    totals = summary(
         run(
             [8.0, 7.0, 5.0, 12.0, 8.0],
             x=[0.0, 1.0, 3.0, 4.5, 6.0],
             theta_deg=[0.0, 0.0, 10.0, 10.0, 0.0],
         )
     )
-    assert told.stretches == (
+    assert totals.stretches == (
         SegmentErrors(start=0.0, end=1.0, theta_deg=0.0, rms_error=sqrt(0.5), max_error=1.0),
         SegmentErrors(start=3.0, end=4.5, theta_deg=10.0, rms_error=sqrt(12.5), max_error=4.0),
         SegmentErrors(start=6.0, end=6.0, theta_deg=0.0, rms_error=0.0, max_error=0.0),
@@ -168,19 +168,19 @@ def test_stretches_are_the_runs_of_states_on_one_grade() -> None:
 
 
 def test_states_of_unknown_grade_are_one_stretch() -> None:
-    told = summary(run([8.0, 7.0, 5.0], theta_deg=[0.0, nan, nan]))
-    assert [(part.start, part.end) for part in told.stretches] == [(0.0, 0.0), (1.0, 2.0)]
-    assert isnan(told.stretches[1].theta_deg)
+    totals = summary(run([8.0, 7.0, 5.0], theta_deg=[0.0, nan, nan]))
+    assert [(part.start, part.end) for part in totals.stretches] == [(0.0, 0.0), (1.0, 2.0)]
+    assert isnan(totals.stretches[1].theta_deg)
 
 
 # Runs with little to tell
 
 
 def test_run_of_one_state_has_all_figures() -> None:
-    told = summary(run([6.0], x=[12.0], missed=[True]))
-    assert isnan(told.settling_time)
+    totals = summary(run([6.0], x=[12.0], missed=[True]))
+    assert isnan(totals.settling_time)
     # NaN differs from itself.
-    assert replace(told, settling_time=0.0) == Summary(
+    assert replace(totals, settling_time=0.0) == Summary(
         rms_error=2.0,
         max_error=2.0,
         rms_error_after_run_up=2.0,
@@ -192,39 +192,39 @@ def test_run_of_one_state_has_all_figures() -> None:
     )
 
 
-def assert_nothing_known(told: Summary) -> None:
+def assert_nothing_known(totals: Summary) -> None:
     for figure in (
-        told.rms_error,
-        told.max_error,
-        told.rms_error_after_run_up,
-        told.max_error_after_run_up,
-        told.overshoot,
-        told.settling_time,
+        totals.rms_error,
+        totals.max_error,
+        totals.rms_error_after_run_up,
+        totals.max_error_after_run_up,
+        totals.overshoot,
+        totals.settling_time,
     ):
         assert isnan(figure)
 
 
 def test_run_without_states_has_no_figures() -> None:
-    told = summary(run([]))
-    assert_nothing_known(told)
-    assert told.stretches == ()
-    assert told.missed_deadlines == 0
+    totals = summary(run([]))
+    assert_nothing_known(totals)
+    assert totals.stretches == ()
+    assert totals.missed_deadlines == 0
 
 
 def test_run_without_a_reference_has_no_errors_but_its_stretches() -> None:
-    told = summary(run([1.0, 2.0], x=[20.0, 21.0], reference=nan))
-    assert_nothing_known(told)
-    (stretch,) = told.stretches
+    totals = summary(run([1.0, 2.0], x=[20.0, 21.0], reference=nan))
+    assert_nothing_known(totals)
+    (stretch,) = totals.stretches
     assert (stretch.start, stretch.end, stretch.theta_deg) == (20.0, 21.0, 0.0)
     assert isnan(stretch.rms_error)
     assert isnan(stretch.max_error)
 
 
 def test_unknown_speed_leaves_overshoot_and_settling_unknown() -> None:
-    told = summary(run([0.0, nan, 8.0]))
-    assert told.max_error == 8.0
-    assert isnan(told.overshoot)
-    assert isnan(told.settling_time)
+    totals = summary(run([0.0, nan, 8.0]))
+    assert totals.max_error == 8.0
+    assert isnan(totals.overshoot)
+    assert isnan(totals.settling_time)
 
 
 # Laps

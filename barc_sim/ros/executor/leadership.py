@@ -95,7 +95,7 @@ class Leadership:
     def wake_stand_by(self, seconds: float = 0.0) -> None:
         """End the wait of the thread that stands by, so many seconds from now."""
         now = time.monotonic()
-        # Whoever lends it before `_put_off` need not set the timer, as it expires soon after that.
+        # A `lend` before `_put_off` need not set the timer, as it expires soon after that.
         self._put_off = now + min(seconds, _PUT_OFF) if seconds < _LONG else now
         if not self._closed:
             set_time(self._timer, now + seconds)

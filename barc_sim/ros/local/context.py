@@ -160,7 +160,7 @@ SignalHandlerOptions = IntEnum('SignalHandlerOptions', 'NO SIGINT SIGTERM ALL', 
 
 
 def init(*, args: list[str] | None = None, context: Context | None = None, **_: Any) -> None:
-    """Begin; Ctrl-C is a KeyboardInterrupt whatever the options say."""
+    """Begin; Ctrl-C is a KeyboardInterrupt with any options."""
     default = get_default_context()
     if context is None and default.has_begun and not default.is_ok:
         default = default.world.default_context = Context()

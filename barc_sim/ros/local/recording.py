@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.local.node import Node
 
-#: Of a subscription that gets whatever is offered.
+#: Of a subscription that matches every publisher.
 _ANY = QoSProfile(
     depth=1,
     reliability=ReliabilityPolicy.BEST_EFFORT,
