@@ -21,6 +21,7 @@ from barc_sim.ros.node_helpers import (
     RateLimitedWarning,
     RefusedInput,
     declare,
+    fill,
     to_nanoseconds,
     to_state_at_rest,
 )
@@ -144,10 +145,7 @@ class VehicleSimulator(Node):
         self._header.stamp.sec, self._header.stamp.nanosec = split_time(stamp_ns)
         self._publish_clock()
         if self._environment_pub.get_subscription_count():
-            message = self._environment
-            message.theta, message.elevation = seen.theta_deg, seen.elevation
-            message.friction, message.drag, message.gravity = seen.forces
-            self._environment_pub.publish(message)
+            self._environment_pub.publish(fill(self._environment, seen.surroundings))
         self._publish_state()
         if self._on_step:
             self._on_step(t, seen)
@@ -186,12 +184,9 @@ class VehicleSimulator(Node):
             self._clock_pub.publish(self._time)
 
     def _publish_state(self) -> None:
-        state, error = self._state, self._error
         if self._error_pub.get_subscription_count():
-            error.s, error.ey, error.epsi, error.v_x, error.v_y, error.psi_dot = self._seen.error
-            self._error_pub.publish(error)
-        state.x, state.y, state.psi, state.v_x, state.v_y, state.psi_dot = self._seen.measured
-        self._state_pub.publish(state)
+            self._error_pub.publish(fill(self._error, self._seen.error))
+        self._state_pub.publish(fill(self._state, self._seen.measured))
 
     def _on_command(self, command: ECU) -> None:
         stamp = to_nanoseconds(command.header.stamp)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from math import atan2
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, Twist, Vector3
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from barc_sim.vehicle.parameters import Parameter
 
+Message = TypeVar('Message')
 #: [m] No road leads farther.
 _FAR = 1e6
 #: Tolerance of the squared norm of a quaternion that is a rotation.
@@ -64,6 +65,13 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
         span = ' and '.join(str(bound) for bound in parameter.between or ())
         received = str(error).split('. Reason')[0]
         raise UserError(f'{owner} must lie between {span}: {received}') from None
+
+
+def fill(message: Message, record: Any) -> Message:  # noqa: ANN401 (a NamedTuple)
+    """Set the fields of `message` that `record` has, by their names; return the message."""
+    for name, value in zip(record._fields, record, strict=True):
+        setattr(message, name, value)
+    return message
 
 
 def to_header(stamp_ns: int, frame_id: str = '') -> Header:

@@ -127,12 +127,13 @@ class Car:
         if t == 0.0:
             self._progress = Progress(self.simulator.values['distance'] or inf)
         x, speed, reference = seen.true.x, seen.true.v_x, self.reference
-        lap = self._laps.add(t, x, seen.true.y, speed, reference, seen.theta_deg)
+        theta_deg = seen.surroundings.theta
+        lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
         if lap == len(self._missed):
             self._missed.append(self.simulator.stepper.missed)
         if self._progress.add(t, x, speed, reference):
             self.simulator.stepper.end()
-        self.display.show(CruiseStatus(t, x, speed, reference - speed, seen.theta_deg, lap))
+        self.display.show(CruiseStatus(t, x, speed, reference - speed, theta_deg, lap))
 
     @property
     def failure(self) -> str:

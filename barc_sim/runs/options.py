@@ -14,6 +14,7 @@ from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, number, whole
 from barc_sim.lab.handout import FILES
 from barc_sim.nodes import MIRRORS
 from barc_sim.runs.carrier import add_engine_option
+from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS
 
 _MAX_SEED = 2**53
@@ -60,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     parser.add_argument(
         '--seed', type=whole(0, _MAX_SEED), metavar='N', help='seed of the measurement noise (0)'
     )
-    parser.add_argument('--integrator', choices=('euler', 'rk4'), help='of each step (euler)')
-    parser.add_argument('--dynamics', choices=('kinematic', 'dynamic'), help='bicycle (kinematic)')
+    parser.add_argument('--integrator', choices=tuple(INTEGRATORS), help='of each step (euler)')
+    parser.add_argument('--dynamics', choices=tuple(DYNAMICS), help='bicycle (kinematic)')
     parser.add_argument(
         '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
     )

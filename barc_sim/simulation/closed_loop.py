@@ -21,7 +21,15 @@ from barc_sim.control.pid import (
 )
 from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import Log, recordable
+from barc_sim.simulation.log import (
+    COMMAND,
+    ENVIRONMENT,
+    STATE,
+    STATE_ERROR,
+    Log,
+    columns_from,
+    recordable,
+)
 from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, bikeFE
@@ -193,13 +201,11 @@ def log_of(
     recorded = dict(zip(terms, columns, strict=True))
     return Log(
         t=np.arange(n) * period_ns / 1e9,
-        **_columns([each.measured for each in seen]),
-        **_columns([each.error for each in seen], 'e_'),
-        **_columns(commands),
+        **_columns(STATE, [each.measured for each in seen]),
+        **_columns(STATE_ERROR, [each.error for each in seen]),
+        **_columns(COMMAND, commands),
         missed=np.zeros(n, np.bool_),
-        theta_deg=np.array([each.theta_deg for each in seen]),
-        elevation=np.array([each.elevation for each in seen]),
-        **_columns([each.forces for each in seen]),
+        **_columns(ENVIRONMENT, [each.surroundings for each in seen]),
         reference=np.full(n, speed_reference),
         saturated=saturated.astype(np.bool_),
         **{name: recorded.pop(name, np.full(n, nan)) for name in PID.terms},
@@ -207,10 +213,10 @@ def log_of(
     )
 
 
-def _columns(records: Sequence[Any], prefix: str = '') -> dict[str, NDArray[np.float64]]:
-    """Return an array, shape `(n,)`, for each field of `n` records."""
-    names = [prefix + name for name in records[0]._fields]
-    return dict(zip(names, np.array(records, dtype=np.float64).T.copy(), strict=True))
+def _columns(topic: str, records: Sequence[Any]) -> dict[str, NDArray[np.float64]]:
+    """Return an array, shape `(n,)`, for each field of `n` records of a topic's fields."""
+    arrays = np.array(records, dtype=np.float64).T.copy()
+    return columns_from(topic, type(records[0])(*arrays))
 
 
 def _with_options(model: Model) -> Model:

@@ -213,6 +213,12 @@ def columns_of(topic: str) -> dict[str, str]:
     return {column.field: name for name, column in COLUMNS.items() if column.topic == topic}
 
 
+def columns_from(topic: str, record: Any) -> dict[str, Any]:  # noqa: ANN401 (a NamedTuple)
+    """Return the columns that a topic's messages hold, from a record of the messages' fields."""
+    columns = columns_of(topic)
+    return {columns[name]: values for name, values in record._asdict().items()}
+
+
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:
     """Return the terms that can be stored: a PID's, and those whose name no column has."""
     return tuple(name for name in terms if name in PID.terms or name not in COLUMNS)

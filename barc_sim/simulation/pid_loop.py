@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from barc_sim.control.pid import FIRST_DT
-from barc_sim.simulation.log import Log
-from barc_sim.vehicle.bike_model import State, clamped_at_zero, forces, motion, resistance
+from barc_sim.simulation.log import ENVIRONMENT, STATE, STATE_ERROR, Log, columns_from
+from barc_sim.vehicle.bike_model import State, clamped_at_zero, motion, resistance, surroundings
 from barc_sim.vehicle.sensor import MeasurementError, with_error
 
 if TYPE_CHECKING:
@@ -249,18 +249,15 @@ def pid_log(
     pid.previous = previous
     taken = computed.motor if x[-1] < distance else computed.motor[:-1]
     plant.follow(taken[-len(waiting) - 1 :].tolist(), *trace.after)
-    segment, elevation = road.profile(x)
-    slopes = np.array([sin(radians(grade)) for grade in road.grades_deg])[segment]
+    around = surroundings(trace.v, road.profile(x), vehicle)  # type: ignore[arg-type]
     recorded: Any = MeasurementError(*[zero] * 6) if error is None else error
     return Log(
         t=np.arange(n) * plant.period_ns / 1e9,
-        **measured._asdict(),
-        **{f'e_{name}': values for name, values in recorded._asdict().items()},
+        **columns_from(STATE, measured),
+        **columns_from(STATE_ERROR, recorded),
         servo=zero,
         missed=np.zeros(n, np.bool_),
-        theta_deg=np.array(road.grades_deg)[segment],
-        elevation=elevation,
-        **forces(trace.v, slopes, vehicle)._asdict(),  # type: ignore[arg-type]
+        **columns_from(ENVIRONMENT, around),
         reference=np.full(n, speed_reference),
         **computed._asdict(),
     )

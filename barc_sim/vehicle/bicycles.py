@@ -149,7 +149,7 @@ class KinematicBicycle:
             return step(state, held, grade(state.x), vehicle, ts)
         if self._model:
             resisting = vehicle.air_drag_coeff, vehicle.mass, vehicle.friction
-            numbers = *state, *held, *resisting, grade(state.x), ts
+            numbers = *state[:4], *held, *resisting, grade(state.x), ts
             others = {'l_f': vehicle.l_f, 'l_r': vehicle.l_r, 'g': vehicle.gravity}
             x, y, psi, v = self._model(*numbers, **others)
             return State(x, y, psi, v)
@@ -160,6 +160,9 @@ class KinematicBicycle:
 
         stepped = after(direction_of(state.v))
         return stepped._replace(v=with_static_resistance(state.v, stepped.v, lambda: after(0.0).v))
+
+    def check(self, vehicle: Vehicle, ts: float) -> None:
+        """Do nothing: any step will do."""
 
     def reset(self) -> None:
         """Do nothing: a step depends on the state alone."""
@@ -174,7 +177,7 @@ def _kinematic_rates(held: Command, grade: Grade, vehicle: Vehicle, direction: f
     turn = sin(beta) / vehicle.l_r
 
     def rates(state: Vector) -> Vector:
-        x, _, psi, v = state
+        x, _, psi, v, *_ = state
         return (
             v * cos(psi + beta),
             v * sin(psi + beta),
@@ -254,6 +257,29 @@ class DynamicBicycle:
         """Slip and turn as the kinematic bicycle does."""
         self._beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
         self._psi_dot = v / vehicle.l_r * sin(self._beta)
+
+
+#: The names of the bicycles, and what each is.
+DYNAMICS = {'kinematic': 'tyres do not slip', 'dynamic': 'linear tyres'}
+
+
+def bicycle(
+    dynamics: str,
+    integrator: str = 'euler',
+    model: Model = bikeFE,
+    lateral: LateralParameters | None = None,
+) -> KinematicBicycle | DynamicBicycle:
+    """Return the bicycle of this name; UserError: names are unknown, or do not go together."""
+    if dynamics not in DYNAMICS:
+        raise UserError(f'dynamics {dynamics!r} must be {" or ".join(map(repr, DYNAMICS))}')
+    if dynamics == 'kinematic':
+        return KinematicBicycle(integrator, model)
+    if model is not bikeFE:
+        raise UserError(
+            f'dynamics {dynamics!r} takes the place of a model of your own: leave dynamics at '
+            "'kinematic', or the model away"
+        )
+    return DynamicBicycle(lateral, integrator)
 
 
 def rates(

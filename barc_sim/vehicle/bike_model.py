@@ -4,16 +4,19 @@ The equations are those of the ME131 lab "Simulating kinematic models in ROS" (a
 "Kinematic and dynamic vehicle models for autonomous driving control design", IV 2015, eq. 1),
 integrated with forward Euler. Positions run along the road's surface.
 
-The law of resistance, air drag and rolling friction, is `resistance`; `forces` gives its two parts
-for the log. `next_speed` is one step of the longitudinal motion. `simulation/pid_loop.py` has both
-once more, without calls, and `tuning/batch.py` for arrays.
+The law of resistance, air drag and rolling friction, is `resistance`; `surroundings` gives its two
+parts for the log. `next_speed` is one step of the longitudinal motion. `simulation/pid_loop.py` has
+both once more, without calls, and `tuning/batch.py` for arrays.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import atan, cos, sin, tan
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.road import RoadPoint
 
 L_F = 1.5
 L_R = 1.5
@@ -60,9 +63,14 @@ class Command(NamedTuple):
     servo: float = 0.0  #: [rad] front steering angle, positive to the left
 
 
-class Forces(NamedTuple):
-    """The external forces on the vehicle, positive forwards; their sum is F_ext."""
+class Surroundings(NamedTuple):
+    """What road and air do to the vehicle, by the names of the message `Environment`.
 
+    The forces are external ones, positive forwards; their sum is F_ext.
+    """
+
+    theta: float  #: [deg] incline of the road
+    elevation: float  #: [m]
     friction: float  #: [N]
     drag: float  #: [N]
     gravity: float  #: [N]
@@ -87,7 +95,7 @@ def slip_angle(d_f: float, l_f: float = L_F, l_r: float = L_R) -> float:
 def resistance(v: float, vehicle: Vehicle) -> float:
     """Return how much air drag and rolling friction brake [N] at speed `v` [m/s].
 
-    `forces` has its two parts. `tuning/batch.py` passes arrays of speeds.
+    `surroundings` has its two parts. `tuning/batch.py` passes arrays of speeds.
     """
     return vehicle.air_drag_coeff * v * v + vehicle.friction
 
@@ -180,7 +188,7 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
 
     The speed follows `next_speed`: resistance never pushes the vehicle backwards.
     """
-    x, y, psi, v = state
+    x, y, psi, v, *_ = state
     beta = slip_angle(command.servo, vehicle.l_f, vehicle.l_r)
     gravity_force = -vehicle.mass * vehicle.gravity * sin(theta)
     return State(
@@ -194,19 +202,16 @@ def step(state: State, command: Command, theta: float, vehicle: Vehicle, ts: flo
 def motion(state: State, servo: float, vehicle: Vehicle) -> Motion:
     """Return the velocities in the vehicle's frame, at a steering angle of `servo` [rad]."""
     beta = slip_angle(servo, vehicle.l_f, vehicle.l_r)
-    x, y, psi, v = state
+    x, y, psi, v, *_ = state
     v_x, v_y = v * cos(beta), v * sin(beta)
     psi_dot = v / vehicle.l_r * sin(beta)
     return Motion(x, y, psi, v_x, v_y, psi_dot)
 
 
-def forces(v: float, sin_theta: float, vehicle: Vehicle) -> Forces:
-    """Return the forces at speed `v` [m/s] where the sine of the incline is `sin_theta`.
-
-    With an array of each, the forces are arrays.
-    """
+def surroundings(v: float, road: RoadPoint, vehicle: Vehicle) -> Surroundings:
+    """Return what acts at speed `v` [m/s] on a point of the road; arrays, for arrays of both."""
     direction = (v > 0.0) * 1.0 - (v < 0.0)
     friction = -vehicle.friction * direction
     drag = -vehicle.air_drag_coeff * v * v * direction
-    gravity = -vehicle.mass * vehicle.gravity * sin_theta
-    return Forces(friction, drag, gravity)
+    gravity = -vehicle.mass * vehicle.gravity * road.sin_theta
+    return Surroundings(road.theta_deg, road.elevation, friction, drag, gravity)

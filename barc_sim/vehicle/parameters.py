@@ -10,7 +10,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bicycles import LateralParameters
+from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -94,7 +94,11 @@ PARAMETERS = [
     *_NOISE,
     *_ACTUATORS,
     Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
-    Parameter('dynamics', 'kinematic', "'kinematic' or 'dynamic': the bicycle with linear tyres"),
+    Parameter(
+        'dynamics',
+        'kinematic',
+        'the bicycle: ' + ', '.join(f'{name!r} ({what})' for name, what in DYNAMICS.items()),
+    ),
     _of(_LATERAL, 'yaw_inertia', 'I_z of the dynamic one [kg m²]', (1.0, 1e7)),
     _of(_LATERAL, 'front_stiffness', "C_f, front axle's tyres [N/rad]", (1.0, 1e8)),
     _of(_LATERAL, 'rear_stiffness', "C_r, rear axle's tyres [N/rad]", (1.0, 1e8)),

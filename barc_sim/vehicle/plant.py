@@ -5,18 +5,17 @@ from __future__ import annotations
 from math import radians, sin
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.errors import UserError
 from barc_sim.vehicle.actuators import Actuator, Actuators
-from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle
+from barc_sim.vehicle.bicycles import bicycle
 from barc_sim.vehicle.bike_model import (
     Command,
-    Forces,
     Model,
     Motion,
     State,
+    Surroundings,
     Vehicle,
     bikeFE,
-    forces,
+    surroundings,
 )
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
@@ -33,9 +32,7 @@ class Observation(NamedTuple):
     true: Motion
     measured: Motion
     error: MeasurementError  #: measured minus true
-    theta_deg: float  #: [deg] incline
-    elevation: float  #: [m]
-    forces: Forces
+    surroundings: Surroundings
     acting: Command  #: what the actuators do at this instant
 
 
@@ -69,19 +66,8 @@ class Plant:
         self._held = Command()
         self.sensor = Sensor(noise, seed)
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
-        self._bicycle: KinematicBicycle | DynamicBicycle
-        if dynamics == 'kinematic':
-            self._bicycle = KinematicBicycle(integrator, model)
-        elif dynamics != 'dynamic':
-            raise UserError(f"dynamics {dynamics!r} must be 'kinematic' or 'dynamic'")
-        elif model is not bikeFE:
-            raise UserError(
-                "dynamics 'dynamic' takes the place of a model of your own: leave dynamics at "
-                "'kinematic', or the model away"
-            )
-        else:
-            self._bicycle = DynamicBicycle(lateral, integrator)
-            self._bicycle.check(self.vehicle, ts)
+        self._bicycle = bicycle(dynamics, integrator, model, lateral)
+        self._bicycle.check(self.vehicle, ts)
 
     @property
     def period_ns(self) -> int:
@@ -105,12 +91,11 @@ class Plant:
     def observe(self) -> Observation:
         """Measure the present state; each call draws new measurement noise."""
         state = self.state
-        theta_deg, elevation = self.road.at(state.x)
         acting = self.actuators.now
         true = self._bicycle.motion(state, acting.servo, self.vehicle)
         measured, error = self.sensor.measure(true)
-        acting_forces = forces(state.v, sin(radians(theta_deg)), self.vehicle)
-        return Observation(true, measured, error, theta_deg, elevation, acting_forces, acting)
+        around = surroundings(state.v, self.road.at(state.x), self.vehicle)
+        return Observation(true, measured, error, around, acting)
 
     def advance(self, command: Command | None = None) -> None:
         """Go one step with `command`; without one, the last holds."""

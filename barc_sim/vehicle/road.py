@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
@@ -20,6 +20,14 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 STEEPEST_DEG = 90.0
+
+
+class RoadPoint(NamedTuple):
+    """A point of a road; arrays, of many."""
+
+    theta_deg: float  #: [deg] incline, positive uphill
+    sin_theta: float  #: the sine of it
+    elevation: float  #: [m] above the first stretch's start
 
 
 @dataclass(frozen=True)
@@ -122,21 +130,24 @@ class Road:
 
     def elevation(self, s: float) -> float:
         """Return the height [m] at `s` metres along the road, above the first stretch's start."""
-        return self.at(s)[1]
+        return self.at(s).elevation
 
-    def at(self, s: float) -> tuple[float, float]:
-        """Return incline [deg] and elevation [m] at `s` metres along the road."""
+    def at(self, s: float) -> RoadPoint:
+        """Return the point at `s` metres along the road."""
         i = self._stretch(s)
-        elevation = self._heights[i] + (s - self.starts[i]) * self._sines[i]
-        return self.grades_deg[i], elevation
+        sine = self._sines[i]
+        elevation = self._heights[i] + (s - self.starts[i]) * sine
+        return RoadPoint(self.grades_deg[i], sine, elevation)
 
-    def profile(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Return the number of the stretch, and the elevation [m], at each of `s` [m], `(n,)`."""
+    def profile(self, s: Floats) -> RoadPoint:
+        """Return the points at `s` [m]; each array has its shape, `(n,)`."""
         import numpy as np  # noqa: PLC0415 (a road alone does not need it)
 
-        starts, sines, heights = map(np.array, (self.starts, self._sines, self._heights))
-        i = np.maximum(np.searchsorted(starts, s, side='right') - 1, 0)
-        return i, heights[i] + (s - starts[i]) * sines[i]
+        table = self.starts, self.grades_deg, self._sines, self._heights
+        i = np.maximum(np.searchsorted(self.starts, s, side='right') - 1, 0)
+        starts, grades, sines, heights = (np.array(each)[i] for each in table)
+        points: Any = grades, sines, heights + (s - starts) * sines
+        return RoadPoint(*points)
 
     def horizontal(self, s: float) -> float:
         """Return how far [m] `s` metres along the road are on the map, from where `s` is zero.

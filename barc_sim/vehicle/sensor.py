@@ -6,13 +6,13 @@ from math import cos, log, pi, sin
 from random import Random
 from typing import TYPE_CHECKING, NamedTuple
 
-from barc_sim.vehicle.bike_model import Motion
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     import numpy as np
     from numpy.typing import NDArray
+
+    from barc_sim.vehicle.bike_model import Motion
 
     Floats = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ class Sensor:
 
 def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: float) -> Motion:
     """Return the motion as measured, of numbers or arrays, with cosine and sine of the heading."""
-    return Motion(
+    return true._replace(
         x=true.x + error.s * cos_psi + error.ey * -sin_psi,
         y=true.y + error.s * sin_psi + error.ey * cos_psi,
         psi=true.psi + error.epsi,

@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 
 from barc_sim.vehicle.bike_model import (
     Command,
-    Forces,
     State,
+    Surroundings,
     Vehicle,
     bikeFE,
-    forces,
     motion,
     step,
+    surroundings,
 )
+from barc_sim.vehicle.road import Road, RoadPoint
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -224,16 +225,20 @@ def test_motion_is_the_rate_of_change_seen_from_the_vehicle(
 def test_forces_sum_to_what_accelerates_the_vehicle(v: float, theta: float) -> None:
     assume(abs(v) > 1.0)
     after = step(State(v=v), Command(), theta, ODD_VEHICLE, TS)
-    total = sum(forces(v, sin(theta), ODD_VEHICLE))
+    _, _, *forces = surroundings(v, RoadPoint(0.0, sin(theta), 0.0), ODD_VEHICLE)
+    total = sum(forces)
     assert total / ODD_VEHICLE.mass == pytest.approx((after.v - v) / TS, abs=1e-9)
 
 
 def test_forces_tell_friction_drag_and_gravity_apart() -> None:
     vehicle = Vehicle(mass=100.0, air_drag_coeff=2.0, friction=7.0, gravity=10.0)
-    uphill = radians(30.0)
-    assert forces(3.0, sin(uphill), vehicle) == pytest.approx(Forces(-7.0, -18.0, -500.0))
-    assert forces(-3.0, -sin(uphill), vehicle) == pytest.approx(Forces(7.0, 18.0, 500.0))
-    assert forces(0.0, sin(uphill), vehicle) == pytest.approx(Forces(0.0, 0.0, -500.0))
+    uphill, downhill = (Road((0.0,), (grade,)).at(0.0) for grade in (30.0, -30.0))
+    for v, point, expected in (
+        (3.0, uphill, (30.0, 0.0, -7.0, -18.0, -500.0)),
+        (-3.0, downhill, (-30.0, 0.0, 7.0, 18.0, 500.0)),
+        (0.0, uphill, (30.0, 0.0, 0.0, 0.0, -500.0)),
+    ):
+        assert surroundings(v, point, vehicle) == pytest.approx(Surroundings(*expected))
 
 
 @pytest.mark.parametrize('v', [nan, inf])

@@ -52,7 +52,7 @@ def test_car_drives_at_each_bound(name: str, bound: float) -> None:
     for _ in range(20):
         seen = car.observe()
         car.advance(Command(1.0, 0.1))
-    assert all(map(isfinite, (*car.state, *seen.measured, *seen.forces)))
+    assert all(map(isfinite, (*car.state, *seen.measured, *seen.surroundings)))
 
 
 def test_no_command_turns_the_wheels_beyond_a_right_angle() -> None:

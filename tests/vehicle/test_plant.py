@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians, sin
+from math import radians
 from typing import Any
 
 import pytest
@@ -10,7 +10,7 @@ import pytest
 from barc_sim.errors import UserError
 from barc_sim.vehicle.actuators import Actuator, ActuatorState
 from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle, LateralParameters
-from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE, forces, motion, step
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE, motion, step, surroundings
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels
@@ -37,9 +37,8 @@ def plant_at(state: State, *, noise: NoiseLevels | None = None, seed: int = 0) -
 
 def test_observation_has_road_and_forces_where_the_vehicle_is() -> None:
     seen = plant_at(STATE).observe()
-    assert seen.theta_deg == -7.0
-    assert seen.elevation == HILL.elevation(25.0)
-    assert seen.forces == forces(6.0, sin(radians(-7.0)), VEHICLE)
+    assert seen.surroundings.theta == -7.0
+    assert seen.surroundings == surroundings(6.0, HILL.at(25.0), VEHICLE)
 
 
 @pytest.mark.parametrize(('x', 'grade_deg'), [(19.9, 5.0), (20.0, -7.0)])
@@ -65,7 +64,7 @@ def test_last_command_holds_until_the_next() -> None:
 def test_replaced_vehicle_counts_from_the_next_step() -> None:
     plant = plant_at(STATE)
     plant.vehicle = Vehicle()
-    assert plant.observe().forces == forces(6.0, sin(radians(-7.0)), Vehicle())
+    assert plant.observe().surroundings == surroundings(6.0, HILL.at(25.0), Vehicle())
     plant.advance(Command(1.0))
     assert plant.state == step(STATE, Command(1.0), radians(-7.0), Vehicle(), 0.05)
 
@@ -173,7 +172,7 @@ def test_dynamic_car_has_its_own_velocities() -> None:
     assert seen.true.psi_dot != pytest.approx(motion(state, 0.05, Vehicle()).psi_dot, rel=0.05)
     assert seen.measured == seen.true._replace(v_y=seen.true.v_y + seen.error.v_y)
     assert seen.error.v_y != 0.0
-    assert seen.forces == forces(state.v, 0.0, Vehicle())
+    assert seen.surroundings == surroundings(state.v, plant.road.at(state.x), Vehicle())
 
 
 def own_model(*arguments: float, **keywords: float) -> list[float]:
