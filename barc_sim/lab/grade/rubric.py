@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     _Read = Callable[[str, yaml.Node], Any]
 
-    from barc_sim.lab.check.findings import Finding
+    from barc_sim.lab.check.code import Finding
 
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
 _MAX_BYTES = 1 << 20  #: of a rubric

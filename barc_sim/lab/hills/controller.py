@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import Finding, judges
+from barc_sim.lab.check.code import Finding, judges
 from barc_sim.lab.check.laws import Law, read
 from barc_sim.lab.hills.memory import RANDOM, TOLERANCE, judge_reset, judge_windup, wandering
 from barc_sim.lab.hills.model import TS
@@ -25,8 +25,7 @@ from barc_sim.lab.hills.model import TS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from barc_sim.lab.check.code import JudgedCode, Sample
-    from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.code import Judged, JudgedCode, Sample
     from barc_sim.lab.check.laws import Floats
 
     Gains = tuple[float, float, float]  # kp, ki, kd

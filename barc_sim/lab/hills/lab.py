@@ -11,8 +11,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
-from barc_sim.lab.check.code import JudgedCode
-from barc_sim.lab.check.findings import Finding, Part, judge_parts
+from barc_sim.lab.check.code import Finding, JudgedCode, Part, judge_parts
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.hills import controller, loop, model, relay
 from barc_sim.lab.user_code.source import ChosenGains

@@ -13,7 +13,7 @@ import numpy as np
 
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import judges
+from barc_sim.lab.check.code import judges
 from barc_sim.lab.hills.model import NOT_A_CAR, TS
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
@@ -24,8 +24,7 @@ from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import JudgedCode, JudgedController
-    from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.code import Judged, JudgedCode, JudgedController
     from barc_sim.lab.check.laws import Floats
     from barc_sim.lab.user_code.source import ChosenGains
     from barc_sim.simulation.log import Log

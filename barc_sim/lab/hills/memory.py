@@ -11,14 +11,13 @@ import numpy as np
 
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import judges
+from barc_sim.lab.check.code import judges
 from barc_sim.lab.hills.model import NOT_A_CAR, TS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.lab.check.code import JudgedCode, JudgedController, Sample
-    from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.code import Judged, JudgedCode, JudgedController, Sample
 
     Gains = tuple[float, float, float]  # kp, ki, kd
 

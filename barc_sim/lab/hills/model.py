@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from barc_sim.errors import UserError
-from barc_sim.lab.check.code import Row
-from barc_sim.lab.check.findings import Finding, judges
+from barc_sim.lab.check.code import Finding, Row, judges
 from barc_sim.lab.check.laws import Law, Situation, read
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Command, State, Vehicle
@@ -25,8 +24,7 @@ from barc_sim.vehicle.plant import Plant
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from barc_sim.lab.check.code import JudgedCode
-    from barc_sim.lab.check.findings import Judged
+    from barc_sim.lab.check.code import Judged, JudgedCode
     from barc_sim.lab.check.laws import Floats, Range
 
 TS = 0.02  #: [s]

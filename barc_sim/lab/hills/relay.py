@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import Limits
 from barc_sim.errors import UserError
-from barc_sim.lab.check.findings import Finding
+from barc_sim.lab.check.code import Finding
 from barc_sim.lab.user_code.calls import NOT_WRITTEN, Command, TimedTwist
 from barc_sim.vehicle.parameters import PARAMETERS
 

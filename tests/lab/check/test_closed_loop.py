@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from user_files import LocalCode
 
-    from barc_sim.lab.check.findings import Finding
+    from barc_sim.lab.check.code import Finding
 
     Lab = Callable[..., LocalCode]
     Gains = tuple[float, float, float]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from user_files import LocalCode
 
-    from barc_sim.lab.check.findings import Finding
+    from barc_sim.lab.check.code import Finding
 
     Lab = Callable[..., LocalCode]
 

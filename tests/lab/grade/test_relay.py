@@ -10,7 +10,7 @@ from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
 from user_files import CONTROLLER, MODEL, LocalCode, load_folder
 
 import barc_sim.lab
-from barc_sim.lab.check.findings import Finding
+from barc_sim.lab.check.code import Finding
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade.grade import grade
 from barc_sim.lab.grade.rubric import load
