@@ -115,8 +115,10 @@ def run_replay(options: Namespace) -> None:
     if not path and _play_in_window(log, title):
         return
     if not path:
+        from barc_sim.figures import output  # noqa: PLC0415
+
         check_plain(directory)
-        path = directory / 'replay.mp4'
+        path = directory / ('replay.mp4' if output.ffmpeg() else 'replay.gif')
     with saving(path) as part:
         save(log, part, title=title)
     print(path)  # noqa: T201

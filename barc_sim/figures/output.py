@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
 from abc import ABC, abstractmethod
-from contextlib import closing
+from contextlib import closing, suppress
 from itertools import chain
+from shutil import which
+from tempfile import TemporaryFile
 from time import monotonic
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import IO, TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from matplotlib import style
@@ -14,6 +17,7 @@ from matplotlib.animation import FuncAnimation
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.ticker import MaxNLocator
 
+from barc_sim.errors import UserError
 from barc_sim.figures.style import BLUE, GREY, MUTED, STYLE, limits, use_measurement
 
 if TYPE_CHECKING:
@@ -38,6 +42,8 @@ AHEAD = '#C4D3DD'  #: of the part of the run after the shown time
 # as the file states: players would guess. The encoder takes half as long as with the preset
 # `veryfast`, and less than the drawing, which goes on beside it; the file is 1.7 times as large.
 ENCODING = {
+    '-codec:v': 'libx264',
+    '-pix_fmt': 'yuv420p',
     '-crf': '20',
     '-preset': 'superfast',
     '-tune': 'zerolatency',
@@ -191,24 +197,39 @@ def write_mp4(path: Path, images: Images, *, size: tuple[int, int], fps: int) ->
 
     `size` is `(width, height)`, both even.
     """
-    import imageio_ffmpeg  # noqa: PLC0415 (slow, and not for a window)
+    program = ffmpeg()
+    if program is None:
+        raise UserError(
+            'a .mp4 is written by ffmpeg, and none is on the PATH: install it, or run '
+            'python -m pip install imageio-ffmpeg, or save as .gif'
+        )
+    pixels = {'-f': 'rawvideo', '-pix_fmt': 'rgba', '-s': '{}x{}'.format(*size), '-r': str(fps)}
+    options = [*chain(*pixels.items()), '-i', '-', *chain(*ENCODING.items())]
+    with TemporaryFile() as errors:
+        encoder = subprocess.Popen(  # noqa: S603 (ffmpeg)
+            [program, '-loglevel', 'error', '-y', *options, '-f', 'mp4', str(path)],
+            stdin=subprocess.PIPE,
+            stderr=errors,
+        )
+        # One that ends early leaves the reason in `errors`.
+        with encoder, suppress(BrokenPipeError), closing(cast('IO[bytes]', encoder.stdin)) as pipe:
+            for image in images:
+                pipe.write(image.tobytes())
+        if encoder.returncode:
+            errors.seek(0)
+            *_, reason = ['', *errors.read().decode(errors='replace').splitlines()]
+            raise OSError(f'{program}: {reason}')
 
-    writer = imageio_ffmpeg.write_frames(
-        path,
-        size,
-        pix_fmt_in='rgba',
-        pix_fmt_out='yuv420p',
-        fps=fps,
-        codec='libx264',
-        quality=None,
-        macro_block_size=2,
-        ffmpeg_log_level='error',
-        output_params=[*chain(*ENCODING.items())],
-    )
-    with closing(writer):
-        writer.send(None)
-        for image in images:
-            writer.send(image)
+
+def ffmpeg() -> str | None:
+    """Return the path of ffmpeg: of the PATH, else of imageio-ffmpeg; None without either."""
+    program = which('ffmpeg')
+    if program is None:
+        with suppress(ImportError, RuntimeError):
+            from imageio_ffmpeg import get_ffmpeg_exe  # noqa: PLC0415 (an extra, and slow)
+
+            program = get_ffmpeg_exe()
+    return program
 
 
 def write_gif(path: Path, images: Images, *, fps: int) -> None:

@@ -110,8 +110,8 @@ def table(found: Found, titles: Mapping[str, str] | None = None, *, ratio: bool 
             cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
             lines.append('  '.join([head.ljust(widths[0]), *cells]).rstrip())
         lines.append('')
-    runs = max(len(runs) for by_subject in found.values() for runs in by_subject.values())
-    last = f'medians of {runs} runs [least, greatest]'
+    count = max(len(runs) for by_subject in found.values() for runs in by_subject.values())
+    last = f'medians of {count} runs [least, greatest]'
     return '\n'.join([*lines, f'{last}; ratio: the first to the other' if ratio else last])
 
 

@@ -40,7 +40,8 @@ class LabPid:
         derivative = (error - self.previous) / 0.02
         self.previous = error
         wanted = self.kp * error + self.ki * self.integral + self.kd * derivative
-        return min(max(wanted, float64(-8.0)), float64(8.0))
+        command: float64 = min(max(wanted, float64(-8.0)), float64(8.0))
+        return command
 
 
 def lab_bike_fe(

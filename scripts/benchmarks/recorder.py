@@ -9,14 +9,14 @@ recorder and without.
 from __future__ import annotations
 
 import shutil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from _compare import Found, add_case, add_number, in_turns, measured, table
 
 if TYPE_CHECKING:
     import argparse
 
-_CASES = {
+_CASES: dict[str, dict[str, Any]] = {
     'quiet': {'topics': 0, 'rate': 0, 'size': 0},
     '1 x 5,000/s of 50 B': {'topics': 1, 'rate': 5_000, 'size': 50},
     '1 x 10,000/s of 50 B': {'topics': 1, 'rate': 10_000, 'size': 50},

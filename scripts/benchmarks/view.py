@@ -95,7 +95,7 @@ def _shown(page: subprocess.Popen[str] | None) -> float:
     """End the page; return how many states a second it counted, NaN if it counts none."""
     if page is None:
         return float('nan')
-    if page.args[0] != sys.executable:  # type: ignore[index] (it is a list)
+    if page.args[0] != sys.executable:  # type: ignore[index]
         page.terminate()
     said, _ = page.communicate()
     return float(said or 'nan')
@@ -105,6 +105,7 @@ def _count(url: str) -> float:
     """Return how many states a second arrive at a page, until it is closed."""
     from websockets.exceptions import ConnectionClosed  # noqa: PLC0415 (the worker only)
     from websockets.sync.client import connect  # noqa: PLC0415
+    from websockets.typing import Origin  # noqa: PLC0415
 
     from barc_sim.page.protocol import COLUMNS  # noqa: PLC0415
 
@@ -113,7 +114,7 @@ def _count(url: str) -> float:
     rows = 0
     with connect(
         f'ws://{address.netloc}{address.path}socket',
-        origin=f'http://{address.netloc}',  # type: ignore[arg-type] (a str of its own)
+        origin=Origin(f'http://{address.netloc}'),
         proxy=None,
     ) as socket:
         try:

@@ -75,7 +75,8 @@ def original() -> bytes:
     code = b'def bikeFE():\n    pass\n'
     Attachment(0, 0, 'student/bike_model.py', 'text/plain', code).write(attached)
     before = content.rindex(_DATA_END + (4).to_bytes(8, 'little'))
-    return content[:before] + attached.end() + content[before:]
+    added: bytes = attached.end()  # type: ignore[no-untyped-call]
+    return content[:before] + added + content[before:]
 
 
 def damaged(chance: Random) -> tuple[str, str, bytes]:

@@ -148,7 +148,9 @@ def _options(name: str, chance: Random) -> list[str]:
     words: list[str] = []
     for _ in range(chance.randint(1, 3)):
         action = chance.choice(_actions(name))
-        values = [chance.choice(action.choices or _VALUES) for _ in range(action.nargs or 1)]
+        values = [
+            chance.choice([*(action.choices or _VALUES)]) for _ in range(int(action.nargs or 1))
+        ]
         if chance.random() < 0.1:  # noqa: PLR2004 (now and then)
             values = [chance.choice(_VALUES)]
         words += [*action.option_strings[-1:], *(values if action.nargs != 0 else [])]

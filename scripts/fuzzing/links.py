@@ -323,7 +323,7 @@ def _prepare(notes: Path | None = None) -> None:
     def note(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in _EVENTS:
             return
-        words = arguments[:1] if event == 'open' else arguments[:2]
+        words: Any = arguments[:1] if event == 'open' else arguments[:2]
         if event == 'subprocess.Popen':
             words = [word for word in arguments[1] if os.sep in word]
         for word in words if isinstance(words, (list, tuple)) else ():

@@ -19,7 +19,7 @@ import warnings
 import zipfile
 import zlib
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from _bytes import TEXTS, damage, number
 
@@ -82,16 +82,16 @@ def damaged(chance: Random) -> tuple[str, str, bytes]:
             return f'.tar{suffix}', 'headers of a .tar', packed
         case 6 | 7 | 8:
             return '.zip', 'headers of a .zip', _zip(chance)
-    content = bytearray(_zipped(chance.choice(_METHODS)))
+    changed = bytearray(_zipped(chance.choice(_METHODS)))
     mark = chance.choice(sorted(_RECORDS))
     name, codes = _RECORDS[mark]
-    at = content.index(mark) + len(mark)
+    at = changed.index(mark) + len(mark)
     for _ in range(chance.choice((1, 1, 3))):
         k = chance.randrange(len(codes))
         begin = at + struct.calcsize('<' + codes[:k])
-        raw = bytes(content[begin : begin + struct.calcsize(codes[k])])
-        content[begin : begin + len(raw)] = number(codes[k], raw, chance)
-    return '.zip', f'fields of {name}', bytes(content)
+        raw = bytes(changed[begin : begin + struct.calcsize(codes[k])])
+        changed[begin : begin + len(raw)] = number(codes[k], raw, chance)
+    return '.zip', f'fields of {name}', bytes(changed)
 
 
 def _name(chance: Random) -> str:
@@ -226,7 +226,8 @@ def _zipped(method: int) -> bytes:
 
 @cache
 def _tarred(packing: str) -> bytes:
-    with tarfile.open(fileobj=(stream := io.BytesIO()), mode=f'w:{packing}') as archive:
+    mode: Any = f'w:{packing}'
+    with tarfile.open(fileobj=(stream := io.BytesIO()), mode=mode) as archive:
         for name, data in _FILES.items():
             info = tarfile.TarInfo(name)
             info.size = len(data)

@@ -42,7 +42,7 @@ def main() -> int:
     """Run the command line."""
     from barc_sim.vehicle import parameters  # noqa: PLC0415
 
-    parameters.Plant = _Watched
+    parameters.Plant = _Watched  # type: ignore[attr-defined]
     code = run.main()
     names = ('not_finite', 'speed', 'motor', 'servo', 'seen', 'memory')
     print(json.dumps({name: getattr(_Watched, name) for name in names}))

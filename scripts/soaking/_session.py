@@ -36,7 +36,10 @@ class Session:
         self.shown = b''
         self.shared: set[str] = set()  # names in /dev/shm that it has had open
         self.killed = False
-        self._user, self._fd = pty.openpty() if terminal else (None, None)
+        self._user: int | None = None
+        self._fd: int | None = None
+        if terminal:
+            self._user, self._fd = pty.openpty()
         if self._fd is not None:
             self._before = termios.tcgetattr(self._fd)
         python = ['-c', _TAKE_TERMINAL + _EXECUTE] if terminal else []

@@ -115,9 +115,9 @@ def _answer(process: subprocess.Popen[str], patience: float) -> dict[str, Any]:
     try:
         out, err = process.communicate(timeout=patience)
     except subprocess.TimeoutExpired:
-        raise UserError(f'{process.args} has not ended after {patience:g} s') from None
+        raise UserError(f'{process.args!r} has not ended after {patience:g} s') from None
     if process.returncode or not out:
-        raise UserError(f'{process.args} ended with code {process.returncode}: {err}')
+        raise UserError(f'{process.args!r} ended with code {process.returncode}: {err}')
     if 'Traceback' in err:
         print(err[err.index('Traceback') :], file=sys.stderr)
     return {**json.loads(out.splitlines()[-1]), 'stderr': err}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 import imageio_ffmpeg
@@ -68,6 +69,28 @@ def test_without_display_and_name_the_newest_bag_gets_an_mp4(
     path = directory / 'replay.mp4'
     assert imageio_ffmpeg.count_frames_and_secs(path)[0] > 1
     assert capsys.readouterr().out == f'{path}\n'
+
+
+def test_without_ffmpeg_a_gif_is_made_and_an_mp4_refused_in_one_sentence(
+    directory: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv('PATH', str(tmp_path))
+    monkeypatch.setitem(sys.modules, 'imageio_ffmpeg', None)
+    name = str(tmp_path / 'run.mp4')
+    assert 'none is on the PATH' in refused('replay', str(directory), '--save', name)
+    assert barc(['replay']) == 0
+    assert (directory / 'replay.gif').stat().st_size > 0
+
+
+def test_the_ffmpeg_of_the_path_is_used_and_its_error_is_the_reason(
+    directory: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    program = tmp_path / 'ffmpeg'
+    program.write_text('#!/bin/sh\necho Unknown encoder >&2\nexit 1\n', encoding='utf-8')
+    program.chmod(0o755)
+    monkeypatch.setenv('PATH', str(tmp_path), prepend=':')
+    name = str(tmp_path / 'run.mp4')
+    assert f'{program}: Unknown encoder' in refused('replay', str(directory), '--save', name)
 
 
 def test_with_a_display_the_run_plays_in_a_window(

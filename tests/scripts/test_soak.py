@@ -26,7 +26,7 @@ LENGTH = [] if 'BARC_SIM_SOAK' in os.environ else ['--short']
 @pytest.mark.parametrize('ordeal', ['flood', 'kill', 'reset', 'signals'])
 def test_ordeal_is_gone_through_within_its_bounds(ordeal: str) -> None:
     done = subprocess.run(
-        [sys.executable, str(ROOT / 'scripts' / 'soaking'), ordeal, *LENGTH],
+        [sys.executable, str(ROOT / 'scripts' / 'soaking' / '_soak.py'), ordeal, *LENGTH],
         env=os.environ | {'PYTHONPATH': str(ROOT)},
         stdin=subprocess.DEVNULL,
         capture_output=True,
@@ -46,10 +46,10 @@ def test_a_bound_that_is_broken_ends_it_with_code_1(tmp_path: Path) -> None:
         'def soak(options):\n'
         '    return [Figure("kept", 1.0, most=1.0), Figure("not kept", float("nan"), most=1.0)]\n'
     )
-    for file in ('__main__.py', '_figures.py'):
+    for file in ('_soak.py', '_figures.py'):
         (tmp_path / file).write_text((ROOT / 'scripts' / 'soaking' / file).read_text())
     done = subprocess.run(
-        [sys.executable, str(tmp_path), 'broken'],
+        [sys.executable, str(tmp_path / '_soak.py'), 'broken'],
         env=os.environ | {'PYTHONPATH': str(ROOT)},
         capture_output=True,
         text=True,
