@@ -79,6 +79,7 @@ class AtomicAppender:
         self._size = 0  # of the file
         self.position = 0  #: [B] the length of all that was written, with what waits
         self._descriptor = self._open()
+        self._identity = _identity(os.fstat(self._descriptor))
 
     def _open(self) -> int:
         # Windows has no O_CLOEXEC, and would change line ends without O_BINARY.
@@ -120,31 +121,37 @@ class AtomicAppender:
 
     @property
     def in_place(self) -> bool:
-        """Whether the file is still where it was made."""
+        """Whether the file is still where it was made, also after `close`."""
         try:
-            found = self._path.stat()
+            return _identity(self._path.stat()) == self._identity
         except OSError:
             return False
-        own = os.fstat(self._descriptor)
-        return (found.st_dev, found.st_ino) == (own.st_dev, own.st_ino)
 
     def restore(self) -> None:
-        """Make the file and its folder anew, after they were removed."""
+        """Make the file and its folder anew, after they were removed; whole or not at all."""
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        removed, self._descriptor = self._descriptor, self._open()
-        size, self._size = self._size, 0
-        os.lseek(removed, 0, os.SEEK_SET)
-        while self._size < size:
-            part = os.read(removed, min(_COPIED_AT_ONCE, size - self._size))
-            self._put(memoryview(part))
-            self._size += len(part)
-        os.close(removed)
+        copy = AtomicAppender(self._path)
+        try:
+            os.lseek(self._descriptor, 0, os.SEEK_SET)
+            while part := os.read(self._descriptor, _COPIED_AT_ONCE):
+                copy.write(part)
+                copy.commit()
+        except OSError:
+            copy.close()
+            self._path.unlink(missing_ok=True)
+            raise
+        os.close(self._descriptor)
+        self._descriptor, self._identity = copy._descriptor, copy._identity
 
     def close(self) -> None:
         """Close the file; a block that was not committed is dropped."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
+
+
+def _identity(status: os.stat_result) -> tuple[int, int]:
+    return status.st_dev, status.st_ino
 
 
 def write_at(descriptor: int, data: memoryview, offset: int) -> int:

@@ -91,8 +91,9 @@ class BagWriter:
 
     @property
     def on_disk(self) -> dict[str, int]:
-        """The number of messages that the operating system has taken, by topic."""
-        return dict(sum((file.on_disk for file in self._files), Counter()))
+        """The number of messages in the files that are still where they were made, by topic."""
+        there = (file for file in self._files if file.appender.in_place)
+        return dict(sum((file.on_disk for file in there), Counter()))
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run; an entry replaces one of the same name."""

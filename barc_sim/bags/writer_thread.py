@@ -98,7 +98,15 @@ class WriterThread:
             with self._lock:
                 self._run_once()
             if self._arrivals and self._is_idle:
-                self._arrivals.wait(_LONGEST_SLEEP)
+                self._sleep(self._arrivals)
+
+    def _sleep(self, arrivals: Arrivals) -> None:
+        try:
+            arrivals.wait(_LONGEST_SLEEP)
+        except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
+            self._arrivals = None  # the source is polled from now on
+            with self._lock:
+                self._fail(error)
 
     def write_now(self) -> None:
         """Write what waits in the calling thread, unless the writer's is about it."""
@@ -134,6 +142,9 @@ class WriterThread:
         if not self._waiting:
             messages = self._take()
             if self.paused:
+                if self.use_sim_time:  # time goes on
+                    for message in messages:
+                        self._clock.time_of(message.topic.name, message.data, message.received)
                 return
             self._waiting.extend(messages)
         while self._waiting:
@@ -195,7 +206,8 @@ class WriterThread:
 
     def _try(self, action: Callable[[], None]) -> None:
         try:
-            action()
+            if not self._writer.closed:
+                action()
         except OSError as error:
             self._fail(error)
 
@@ -210,8 +222,8 @@ class WriterThread:
         if self._closing.is_set():
             return
         self._closing.set()
-        if self._arrivals:
-            self._arrivals.wake()
+        if arrivals := self._arrivals:
+            arrivals.wake()
         if self._thread.is_alive():
             self._thread.join()
         with self._lock:

@@ -76,7 +76,7 @@ def _recorded(recorder: BagRecorder) -> str:
     counts = recorder.counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
     losses = summary(counts, recorder.lost, recorder.left_out)
-    return '\n'.join([*lines, losses, f'bag {recorder.path}'])
+    return '\n'.join([*lines, losses, *(f'bag {path}' for path in recorder.paths)])
 
 
 def add_arguments_recover(parser: Parser) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,10 +45,10 @@ class BagRecorder(Node):
     match at their creation, so that `/rosout` and `/parameter_events` are recorded from the other
     nodes' constructors on.
 
-    A thread of its own writes the messages. Spinning the node finds topics, and serves Trigger
-    under rosbag2's names (rosbag2_interfaces is not among the common interfaces):
-    `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `stop` and, for another bag in the
-    folder, `record`.
+    A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
+    names: `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `stop` and, for another bag
+    in the folder, `record`. The types are those of rosbag2_interfaces where that is installed, else
+    Trigger.
 
     Parameters
     ----------
@@ -106,6 +108,8 @@ class BagRecorder(Node):
         self._attachments = dict(attachments or {})
         self._expected: dict[str, type[Any]] = {}
         self._graph_size = 0  # nodes and topics of the graph in the bag
+        self._writers: list[BagWriter] = []  # of each bag
+        self._lost: dict[str, dict[str, int] | None] = {}  # of the bags before the last
         self._subscribe()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
@@ -113,20 +117,22 @@ class BagRecorder(Node):
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
         for name, action in (
-            ('pause', self._pause),
-            ('resume', self._resume),
+            ('pause', partial(self._pause, True)),
+            ('resume', partial(self._pause, False)),
             ('is_paused', lambda: str(self.paused).lower()),
             ('split_bagfile', self._split_bagfile),
             ('stop', self._stop),
             ('record', self._record),
         ):
-            self.create_service(Trigger, f'bag_recorder/{name}', partial(_respond, action))
+            respond = partial(self._respond, action)
+            self.create_service(_service_type(name), f'bag_recorder/{name}', respond)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._on_timer, clock=steady)
 
     def _on_timer(self) -> None:
-        self.discover()
-        self._add_graph()
+        if not self.stopped:
+            self.discover()
+            self._add_graph()
 
     def _add_graph(self) -> None:
         """Add the graph to the bag whenever it has grown, unless the run adds it."""
@@ -162,9 +168,10 @@ class BagRecorder(Node):
         """
         reserve = self._recording.reserve
         check_space(path or self._root, reserve)
-        self.path = make_directory(path) if path else new_directory(self._root)
+        path = make_directory(path) if path else new_directory(self._root)
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
-        self._writer = BagWriter(self.path, metadata=self._metadata, limits=limits)
+        self._writer = BagWriter(path, metadata=self._metadata, limits=limits)
+        self._writers.append(self._writer)
         arrivals = self._topics if has_dds() else None
         self._thread = WriterThread(
             self._writer, self._topics.take, reserve, self._on_failure, arrivals
@@ -187,16 +194,36 @@ class BagRecorder(Node):
             self.finished.set_result(None)
 
     @property
+    def path(self) -> Path:
+        """The directory of the last bag."""
+        return self._writer.directory
+
+    @property
+    def paths(self) -> list[Path]:
+        """The directories of all bags."""
+        return [writer.directory for writer in self._writers]
+
+    @property
     def counts(self) -> dict[str, int]:
-        """Number of messages in the bag's files, by topic."""
-        return self._writer.on_disk
+        """Number of messages in the files of all bags, by topic."""
+        return dict(sum((Counter(writer.on_disk) for writer in self._writers), Counter()))
 
     @property
     def lost(self) -> dict[str, dict[str, int] | None]:
-        """Number of messages lost, by topic and publishing node; None where that is unknown.
+        """Number of messages lost of all bags, by topic and node; None where that is unknown.
 
         What the disk has refused to the end is a loss of the recorder.
         """
+        lost = self._lost_of_bag()
+        for topic, before in self._lost.items():
+            by_node = lost.setdefault(topic, {})
+            if before is None or by_node is None:
+                lost[topic] = None
+            else:
+                lost[topic] = dict(Counter(by_node) + Counter(before))
+        return lost
+
+    def _lost_of_bag(self) -> dict[str, dict[str, int] | None]:
         lost: dict[str, dict[str, int] | None] = self._topics.lost()
         for topic, count in self._thread.unwritten.items():
             lost[topic] = (lost.get(topic) or {}) | {self._own_name: count}
@@ -265,9 +292,10 @@ class BagRecorder(Node):
         if not self.stopped:
             self._add_graph()
         self._thread.close(self._final_metadata)
+        self._topics.close()
 
     def _final_metadata(self) -> dict[str, str]:
-        return losses_as_metadata(self.lost, self.left_out)
+        return losses_as_metadata(self._lost_of_bag(), self.left_out)
 
     def restart(self) -> None:
         """Begin the next bag, after `close`.
@@ -277,27 +305,41 @@ class BagRecorder(Node):
         UserError
             It cannot be made.
         """
-        self._topics.close()
+        self._lost, self._thread.unwritten = self.lost, {}
         self._subscribe()  # latched messages come again
         self.start()
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""
         self.close()
-        self._topics.close()
         super().destroy_node()
 
-    def _pause(self) -> str:
-        self.paused = True
-        return 'paused'
+    def _respond(self, action: Callable[[], str], _: object, response: Any) -> Any:  # noqa: ANN401
+        """Respond with what `action` returns, or with the reason why it cannot be done.
 
-    def _resume(self) -> str:
-        self.paused = False
-        return 'recording'
+        A response of rosbag2 may have no field for either.
+        """
+        try:
+            message, success = action(), True
+        except UserError as error:
+            message, success = str(error), False
+            self.get_logger().warning(message)
+        values = {'success': success, 'message': message, 'paused': self.paused}
+        for name in filter(partial(hasattr, response), values):
+            setattr(response, name, values[name])
+        return response
 
-    def _split_bagfile(self) -> str:
+    def _check_recording(self) -> None:
         if self.stopped:
             raise UserError('nothing is being recorded: call record first')
+
+    def _pause(self, paused: bool) -> str:
+        self._check_recording()
+        self.paused = paused
+        return 'paused' if paused else 'recording'
+
+    def _split_bagfile(self) -> str:
+        self._check_recording()
         self.split()
         return str(self.path)
 
@@ -312,16 +354,13 @@ class BagRecorder(Node):
         return str(self.path)
 
 
-def _respond(
-    action: Callable[[], str], _: Trigger.Request, response: Trigger.Response
-) -> Trigger.Response:
-    """Respond with the message that `action` returns, or with the reason why it cannot be done."""
+def _service_type(name: str) -> type[Any]:
+    """Return rosbag2's type of a service, where rosbag2 is installed and has it; else Trigger."""
     try:
-        response.message = action()
-        response.success = True
-    except UserError as error:
-        response.message = str(error)
-    return response
+        srv = import_module('rosbag2_interfaces.srv')
+    except ImportError:
+        return Trigger
+    return getattr(srv, name.title().replace('_', ''), Trigger)
 
 
 def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of either carrier)

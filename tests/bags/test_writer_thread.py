@@ -202,6 +202,81 @@ def test_removed_bag_is_written_anew(
     mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
 
 
+def test_removed_bag_that_cannot_be_written_anew_at_once_stays_whole(
+    thread: WriterThread,
+    source: Source,
+    failures: list[str | None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refused: list[int] = []
+
+    def refuse_once(descriptor: int, data: bytes, offset: int) -> int:
+        if not refused:
+            refused.append(offset)
+            raise OSError(28, 'No space left on device')
+        return written(descriptor, data, offset)
+
+    source.put(*range(1, 500))
+    wait_for(lambda: len(recorded(tmp_path)) == 499)
+    written = bag_file.write_at
+    with monkeypatch.context() as patch:
+        patch.setattr(bag_file, 'write_at', refuse_once)
+        shutil.rmtree(tmp_path / 'run')
+        wait_for(lambda: failures[-1:] == [None])
+    source.put(500)
+    thread.close()
+    assert recorded(tmp_path) == [*range(1, 501)]
+    assert thread.unwritten == {}
+    mcap_doctor.check(tmp_path / 'run' / 'run_0.mcap')
+
+
+def test_messages_of_a_bag_that_is_gone_are_lost(
+    tmp_path: Path, source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'run').mkdir()
+    writer = BagWriter(tmp_path / 'run')
+    thread = WriterThread(writer, source.take, 0, lambda _: None)
+    thread.start()
+    source.put(1, 2)
+    wait_for(lambda: writer.on_disk == {'/value': 2})
+    monkeypatch.setattr(bag_file.AtomicAppender, 'restore', _refuse)
+    shutil.rmtree(tmp_path / 'run')
+    source.put(3)
+    thread.close()
+    assert writer.on_disk == {}
+    assert thread.unwritten == {'/value': 3}
+
+
+def _refuse(*_: object) -> None:
+    raise OSError(28, 'No space left on device')
+
+
+class FailingSleep:
+    """Arrivals that cannot be waited for."""
+
+    def wait(self, _: float) -> None:
+        """Fail."""
+        raise RuntimeError('no listener')
+
+    def wake(self) -> None:
+        """Do nothing."""
+
+
+def test_a_sleep_that_fails_is_reported_and_what_follows_is_recorded(
+    tmp_path: Path, source: Source, failures: list[str | None]
+) -> None:
+    (tmp_path / 'run').mkdir()
+    writer = BagWriter(tmp_path / 'run')
+    thread = WriterThread(writer, source.take, 0, failures.append, FailingSleep())
+    thread.start()
+    wait_for(lambda: bool(failures))
+    source.put(1)
+    wait_for(lambda: recorded(tmp_path) == [1])
+    thread.close()
+    assert 'no listener' in str(thread.failure)
+
+
 @pytest.mark.parametrize('reserve', [2**70], indirect=True)
 def test_shortage_of_space_is_reported_while_there_is_enough_to_finish(
     thread: WriterThread, source: Source, failures: list[str | None], tmp_path: Path
@@ -242,6 +317,19 @@ def test_simulated_clock_stamps_messages_with_the_latest_clock() -> None:
     simulated = SimulatedClock()
     times = [simulated.time_of(each.topic.name, each.data, each.received) for each in messages]
     assert times == [1, 7 * SECOND, 7 * SECOND, 8 * SECOND + 5, 8 * SECOND + 5]
+
+
+def test_time_goes_on_during_a_pause(tmp_path: Path, source: Source) -> None:
+    (tmp_path / 'run').mkdir()
+    thread = WriterThread(BagWriter(tmp_path / 'run'), source.take, 0, lambda _: None)
+    thread.use_sim_time = thread.paused = True
+    source.append(clock(1, 7))
+    thread.write_now()
+    thread.paused = False
+    source.append(message(2))
+    thread.close()
+    found = records(tmp_path / 'run' / 'run_0.mcap')
+    assert [each.log_time for each in found if isinstance(each, Record)] == [7 * SECOND]
 
 
 def test_message_received_since_a_poll_began_waits_for_the_clock_of_the_next(

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -34,7 +35,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import ColorRGBA, Float64
-from std_srvs.srv import SetBool, SetBool_Event, Trigger
+from std_srvs.srv import Empty, SetBool, SetBool_Event, Trigger
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.node_graph import NodeGraph
@@ -535,12 +536,56 @@ def test_services_split_stop_and_record(
     success, said = request_service('split_bagfile')
     assert not success
     assert said == 'nothing is being recorded: call record first'
+    for name in ('pause', 'resume', 'stop'):
+        assert request_service(name) == (name == 'stop', said if name != 'stop' else str(first))
+    Node('newcomer', context=talker.context).destroy_node()
+    recorder.add_metadata({'after': 'stop'})
     assert request_service('record') == (True, str(recorder.path))
-    assert recorder.path != first
+    assert recorder.failure is None
+    assert recorder.paths == [first, recorder.path]
     recorder.close()
-    for path in (first, recorder.path):
+    for path in recorder.paths:
         with AnyReader([path]) as reader:
             assert reader.topics['/value'].msgcount == 1
+    assert recorder.counts['/value'] == 2
+    assert bag.info(recorder.path)['after'] == 'stop'
+
+
+def test_services_have_rosbag2s_types_where_it_is_installed(
+    ros: Context, tmp_path: Path, spin_until: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    theirs = SimpleNamespace(Pause=Empty, IsPaused=SetBool)
+    monkeypatch.setitem(sys.modules, 'rosbag2_interfaces', SimpleNamespace(srv=theirs))
+    monkeypatch.setitem(sys.modules, 'rosbag2_interfaces.srv', theirs)
+    recorder = BagRecorder(tmp_path, context=ros)
+    executor = QuickExecutor(2, context=ros)
+    executor.add_node(recorder)
+    response = recorder.create_client(Empty, 'bag_recorder/pause').call_async(Empty.Request())
+    spin_until(executor, response.done)
+    assert recorder.paused
+    services = dict(recorder.get_service_names_and_types())
+    assert services['/bag_recorder/is_paused'] == ['std_srvs/srv/SetBool']
+    assert services['/bag_recorder/stop'] == ['std_srvs/srv/Trigger']
+    executor.shutdown()
+    recorder.destroy_node()
+
+
+@pytest.mark.usefixtures('executor')
+def test_a_node_that_comes_after_stop_ends_nothing(
+    recorder: BagRecorder,
+    request_service: Callable[[str], tuple[bool, str]],
+    stranger: Node,
+    executor: QuickExecutor,
+    spin_until: Callable[..., None],
+) -> None:
+    request_service('stop')
+    stranger.create_publisher(Float64, 'new', 10)
+    wait_for(lambda: recorder.count_publishers('/new') == 1)
+    end = time.monotonic() + 0.5  # the recorder observes the graph every 0.2 s
+    spin_until(executor, lambda: time.monotonic() > end)
+    recorder.close()
+    assert recorder.failure is None
+    assert not recorder.finished.done()
 
 
 @pytest.mark.parametrize('policy', ['stop', 'continue'])
