@@ -354,7 +354,7 @@ class BagRecorder(Node):
         return str(self.path)
 
 
-def _service_type(name: str) -> type[Any]:
+def _service_type(name: str) -> Any:  # noqa: ANN401 (a generated class)
     """Return rosbag2's type of a service, where rosbag2 is installed and has it; else Trigger."""
     try:
         srv = import_module('rosbag2_interfaces.srv')
