@@ -179,5 +179,5 @@ def test_rooms_without_ros_need_nothing_that_only_linux_has() -> None:
 
 
 def test_an_import_of_ros_is_seen() -> None:
-    done = import_without_ros('barc_sim.vehicle.road', 'barc_sim.ros.names')
+    done = import_without_ros('barc_sim.vehicle.road', 'barc_sim.ros.topics')
     assert 'is of ROS' in done.stderr

@@ -7,24 +7,13 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from barc_sim.bags import bounds
+from barc_sim.bags.names import NODES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 #: ROS's own topics, which every node publishes; figures name them, but do not draw them.
 EVERYONES = ('/rosout', '/parameter_events')
-
-#: What our nodes do, by name.
-PURPOSES = {
-    'vehicle_simulator': 'owns time, and steps the car with the commands that it receives',
-    'controller': 'holds the speed; each state that arrives is answered by a command',
-    'relay': "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz",
-    'keyboard': "publishes the driver's input from the terminal's keys, as `cmd_vel`",
-    'bag_recorder': 'records every wanted topic into a bag',
-    'view': 'serves the live page, and passes its requests to the other nodes',
-    'mirror': "repeats the simulator's states in the messages of ROS's own tools",
-    'foxglove': 'serves every topic to the Foxglove app',
-}
 
 Link = tuple[str, str]
 
@@ -76,4 +65,4 @@ def _links(pairs: Iterable[tuple[object, object]]) -> tuple[Link, ...]:
 
 def purposes(graph: NodeGraph) -> list[tuple[str, str]]:
     """Return each node with its purpose, which is empty for a node that is not ours."""
-    return [(name, PURPOSES.get(name.rpartition('/')[2], '')) for name in graph.nodes]
+    return [(name, NODES.get(name.rpartition('/')[2], '')) for name in graph.nodes]

@@ -1,8 +1,8 @@
 """The nodes of a run, each in a module of its own.
 
 A new node has its class here, with the topics that it subscribes to as `inputs`; the names of its
-topics are in `ros/names.py`, its purpose in `bags/node_graph.py`, and a run adds it by `Run.add`. A
-new type of message that a run without ROS records has its definition in `bags/msg`.
+topics and what it does are in `bags/names.py`, and a run adds it by `Run.add`. A new type of
+message that a run without ROS records has its definition in `bags/msg`.
 """
 
 #: The kinds of mirrors: by the parameter of the node `mirror`, what it publishes.

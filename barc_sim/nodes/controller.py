@@ -10,9 +10,9 @@ from rclpy.node import Node
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import RateLimitedWarning, RefusedInput, declare, to_nanoseconds
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from barc_sim.bags import names
 from barc_sim.bags.messages import leading_time
 from barc_sim.cli.parser import FOXGLOVE_PORT
 from barc_sim.errors import UserError
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
 from barc_sim.vehicle.parameters import Parameter

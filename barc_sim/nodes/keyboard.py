@@ -13,9 +13,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.control.driver import FULL_BRAKE, RATE
 from barc_sim.control.keyboard import PARAMETERS, HeldKeys, Terminal
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import declare, to_twist
 
 if TYPE_CHECKING:

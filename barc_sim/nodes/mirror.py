@@ -23,10 +23,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.diagnosis import Facts, diagnose
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import declare, to_header, to_nanoseconds
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
 from barc_sim.vehicle.parameters import Parameter

@@ -25,7 +25,6 @@ from barc_sim.bags.recording import (
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.bags.writer_thread import WriterThread
 from barc_sim.errors import UserError
-from barc_sim.ros.names import QOS
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.peers import has_dds, node_graph
 
@@ -156,7 +155,7 @@ class BagRecorder(Node):
         """
         self._expected |= topics
         for name, message_type in topics.items():
-            self._topics.expect(self.resolve_topic_name(name), message_type, QOS.reliability)
+            self._topics.expect(self.resolve_topic_name(name), message_type)
 
     def start(self, path: Path | None = None) -> None:
         """Begin a bag in the directory `path`; without it, in a new one of the folder for bags.

@@ -11,8 +11,8 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.control.driver import PARAMETERS, make_driver
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import RefusedInput, declare, to_driver_input
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.bags import names
 from barc_sim.bags.messages import split_time
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import (
     RateLimitedWarning,
     RefusedInput,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 
-from barc_sim.ros import names
+from barc_sim.bags import names
 from barc_sim.ros.peers import check_unique, is_own, living_publishers
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.bags import names
 from barc_sim.errors import UserError
 from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, controller_values, is_valid
 from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
 from barc_sim.page.run_page import RunPage
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import declare, to_nanoseconds
 from barc_sim.vehicle.parameters import Parameter
 

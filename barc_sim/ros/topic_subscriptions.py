@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from rclpy.node import Node
-    from rclpy.qos import ReliabilityPolicy
     from rclpy.subscription import Subscription
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -107,13 +106,10 @@ class TopicSubscriptions:
         self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
         self._unexpected: set[str] = set()  # without a publisher, and of a type not installed
 
-    def expect(self, name: str, message_type: type[Any], reliability: ReliabilityPolicy) -> None:
-        """Subscribe to a topic, if it is wanted, before it has a publisher or other subscriptions.
-
-        `reliability` is that of the subscription to come.
-        """
+    def expect(self, name: str, message_type: type[Any]) -> None:
+        """Subscribe, reliably, to a wanted topic before it has a publisher or subscriptions."""
         if self._wants(name) and name not in self._topics:
-            self._begin(name, message_type, QoSProfile(depth=self._depth, reliability=reliability))
+            self._begin(name, message_type, QoSProfile(depth=self._depth))
 
     def discover(self) -> Iterator[tuple[str, Sequence[TopicEndpointInfo]]]:
         """Subscribe to each wanted topic that has got a publisher since the last call.

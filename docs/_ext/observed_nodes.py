@@ -17,8 +17,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from barc_sim.bags import names
 from barc_sim.commands import NODES
-from barc_sim.ros import names
 from barc_sim.simulation import log
 
 #: Of every ROS 2 node.
@@ -76,7 +76,7 @@ def _type(kind: Any) -> str:
 
 
 def _relative(topic: str) -> str:
-    """Return a topic as `ros/names.py` has it."""
+    """Return a topic as `bags/names.py` has it."""
     known = {value for value in vars(names).values() if isinstance(value, str)}
     return topic if topic in known else topic.removeprefix('/')
 
@@ -136,7 +136,7 @@ def parameters() -> dict[str, list[tuple[str, str, str, str, str]]]:
 
 
 def meanings() -> dict[str, str]:
-    """Return the comment behind each name of `ros/names.py`, by the name that it stands for."""
+    """Return the comment behind each name of `bags/names.py`, by the name that it stands for."""
     text = ''.join(Path(file or '').read_text('utf-8') for file in (names.__file__, log.__file__))
     found = re.findall(r"^(?:#: (.*)\n)?([A-Z_]+) = [\w./']+(?:  #: (.*))?$", text, re.MULTILINE)
     return {

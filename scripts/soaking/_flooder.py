@@ -14,7 +14,7 @@ from _garbage import Garbage
 from barc_interfaces.msg import ZDynBkMdl
 from rclpy.serialization import serialize_message
 
-from barc_sim.ros import names
+from barc_sim.bags import names
 from barc_sim.ros.process import ros
 from barc_sim.ros.topics import message_class
 

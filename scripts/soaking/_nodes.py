@@ -12,7 +12,7 @@ from geometry_msgs.msg import Twist, Vector3
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from barc_sim.ros import names
+from barc_sim.bags import names
 from barc_sim.ros.node_helpers import to_nanoseconds
 from barc_sim.ros.peers import living_publishers
 

@@ -24,9 +24,9 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.bags import names
 from barc_sim.bags import reader as bag
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import to_nanoseconds
 from barc_sim.simulation.closed_loop import closed_loop
 

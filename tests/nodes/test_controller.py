@@ -17,11 +17,11 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from user_files import load
 
+from barc_sim.bags import names
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import speed_controller
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 
 if TYPE_CHECKING:

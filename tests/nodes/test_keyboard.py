@@ -22,10 +22,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.control.keyboard import HeldKeys, KeyDecoder, Terminal
 from barc_sim.nodes.keyboard import Keyboard
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import to_driver_input
 
 if TYPE_CHECKING:

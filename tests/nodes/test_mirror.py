@@ -17,9 +17,9 @@ from node_bench import NodeBench, overrides
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import Marker, MarkerArray
 
+from barc_sim.bags import names
 from barc_sim.nodes.diagnosis import Facts
 from barc_sim.nodes.mirror import WHEEL_RADIUS, MirrorNode
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road
 

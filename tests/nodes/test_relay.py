@@ -15,9 +15,9 @@ from node_bench import NodeBench, overrides
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.errors import UserError
 from barc_sim.nodes.relay import Relay
-from barc_sim.ros import names
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,9 +19,9 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from barc_sim.bags import names
 from barc_sim.errors import UserError
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.ros import names
 from barc_sim.ros.node_helpers import to_nanoseconds
 
 if TYPE_CHECKING:

@@ -23,13 +23,13 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 from websockets.sync.client import connect
 
+from barc_sim.bags import names
 from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, COLUMNS, OTHERS, Status, encode
-from barc_sim.ros import names
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.node_helpers import to_header
 

@@ -19,11 +19,11 @@ from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
+from barc_sim.bags import names
 from barc_sim.control.pid import PID
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.view import ViewNode
 from barc_sim.page.protocol import CAR, Status, lap_facts, stretch_facts
-from barc_sim.ros import names
 from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, motion, step

@@ -1,6 +1,7 @@
-"""Names of topics and services, relative so that a namespace moves them all, and their QoS."""
+"""Names of topics, services and nodes, relative so that a namespace moves them all.
 
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+A new node of ours has its topics here, and its line in `NODES`.
+"""
 
 from barc_sim.simulation.log import (
     CLOCK,
@@ -38,10 +39,21 @@ STEP_SIMULATOR = 'vehicle_simulator/step'  #: makes one step while paused
 RESET_CONTROLLER = 'controller/reset'  #: the next call of the controller is its first
 RESET_RELAY = 'relay/reset'  #: forgets the input of the driver and puts the wheel straight
 
-#: Of every topic of a run: reliable, with room for a second at 100 Hz.
-QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+# The QoS of rclpy's default, reliable, with a queue of this depth.
+QOS = 100  #: messages: a second at 100 Hz; of every topic of a run
 #: Of a node that the simulator does not wait for and that needs every state: in lock-step many
 #: states arrive while one of its callbacks lasts.
-QOS_ALL = QoSProfile(depth=10_000, reliability=ReliabilityPolicy.RELIABLE)
-#: Of a subscription that needs only the newest message.
-QOS_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+QOS_ALL = 10_000
+QOS_NEWEST = 1  #: of a subscription that needs only the newest message
+
+#: What our nodes do, by name.
+NODES = {
+    'vehicle_simulator': 'owns time, and steps the car with the commands that it receives',
+    'controller': 'holds the speed; each state that arrives is answered by a command',
+    'relay': "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz",
+    'keyboard': "publishes the driver's input from the terminal's keys, as `cmd_vel`",
+    'bag_recorder': 'records every wanted topic into a bag',
+    'view': 'serves the live page, and passes its requests to the other nodes',
+    'mirror': "repeats the simulator's states in the messages of ROS's own tools",
+    'foxglove': 'serves every topic to the Foxglove app',
+}
