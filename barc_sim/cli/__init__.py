@@ -1,4 +1,4 @@
-"""What every command and every process shares: the parser, exit codes, signals, a Dask cluster.
+"""What every command and every process shares: the parser, exit codes, signals.
 
 The commands themselves are in `commands`.
 """

@@ -20,15 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.grade.batch import Failure
-    from barc_sim.lab.grade.grade import Report
+    from barc_sim.lab.grade.grade import Failure, Report
 
     _Outcome = tuple[Path, Report | Failure]
 
 _CLASS = 'class.csv'
 _EVERY = 10.0  # [s] between two lines on the progress
-# Submissions in progress on a cluster: enough for all workers, few enough for the memory.
-_ON_A_CLUSTER = 64
 
 
 def add_arguments(parser: Parser) -> None:
@@ -66,9 +63,6 @@ def add_arguments(parser: Parser) -> None:
         help="for all calls of a submission's code, sleeps included (%(default)g s)",
     )
     parser.add_argument(
-        '--scheduler', metavar='ADDRESS', help='grade on the Dask cluster of this scheduler'
-    )
-    parser.add_argument(
         '--unconfined',
         action='store_true',
         help='run the code unconfined, where the system cannot confine it (not Linux, or a kernel '
@@ -87,7 +81,7 @@ def run(options: Namespace) -> int:
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
 
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
-    from barc_sim.lab.grade import batch, rubric, similarity, submissions, summary  # noqa: PLC0415
+    from barc_sim.lab.grade import grade, rubric, similarity, submissions, summary  # noqa: PLC0415
     from barc_sim.tuning.workers import cores  # noqa: PLC0415
 
     points = rubric.load(options.rubric)
@@ -95,17 +89,16 @@ def run(options: Namespace) -> int:
         points = replace(points, seed=options.seed)
     out = options.out.absolute()
     paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
-    if not options.scheduler:
-        check(sandbox=not options.unconfined)
+    check(sandbox=not options.unconfined)
     jobs = options.jobs or cores()
     with (
-        batch.dask(options.scheduler) if options.scheduler else batch.local(jobs) as executor,
-        batch.run(
+        grade.processes(jobs) as executor,
+        grade.run(
             executor,
             paths,
             points,
             Limits(total=options.time_limit),
-            at_once=_ON_A_CLUSTER if options.scheduler else jobs + 1,
+            at_once=jobs + 1,
             sandbox=not options.unconfined,
         ) as outcomes,
     ):

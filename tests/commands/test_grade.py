@@ -328,6 +328,7 @@ def test_workers_end_with_the_grader_however_it_ends(tmp_path: Path) -> None:
         process.wait()
 
         wait_until_gone(process.pid, tmp_path / 'tmp')
+    assert not [*(tmp_path / 'tmp').iterdir()]
 
 
 def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(

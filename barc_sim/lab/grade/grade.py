@@ -1,19 +1,29 @@
-"""The grade of a submission: findings weighted by the rubric, as HTML and for Gradescope."""
+"""Grades submissions, several at once: weighs the findings, and writes HTML and results.json."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
+import multiprocessing
+import os
+import shutil
+import signal
 import tempfile
 import threading
+from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from multiprocessing import connection
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import escaped
 from barc_sim.lab.grade.similarity import passages
-from barc_sim.lab.grade.submissions import graded
+from barc_sim.lab.grade.submissions import graded, read
 from barc_sim.lab.handout import FILES
 from barc_sim.lab.hills.figure import check_figure
 from barc_sim.lab.hills.lab import LABELS, judge_folder
@@ -22,7 +32,8 @@ from barc_sim.lab.hills.model import Trajectory
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
+    from concurrent.futures import Future
 
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.rubric import Rubric
@@ -202,3 +213,88 @@ def gradescope(grade: Grade) -> str:
         'extra_data': {'seed': grade.seed, 'sha256': dict(grade.hashes)},
     }
     return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'
+
+
+class Failure(NamedTuple):
+    """A submission that could not be graded, because of an error of the grader."""
+
+    reason: str
+
+
+@contextmanager
+def processes(jobs: int) -> Iterator[Executor]:
+    """Give `jobs` processes of this machine.
+
+    When the block ends, those still at work end, and their folders go; they also end with this
+    process, however it ends.
+    """
+    # New processes: a fork would copy the locks of other threads, but not the threads.
+    context = multiprocessing.get_context('spawn')
+    others = set(multiprocessing.active_children())
+    with tempfile.TemporaryDirectory(prefix='barc_sim_', ignore_cleanup_errors=True) as folder:
+        pool = ProcessPoolExecutor(jobs, context, initializer=_begin_worker, initargs=(folder,))
+        try:
+            yield pool
+        finally:
+            # A second Ctrl-C would only delay the end.
+            with suppress(KeyboardInterrupt), uninterrupted():
+                pool.shutdown(wait=False, cancel_futures=True)
+                workers = [each for each in multiprocessing.active_children() if each not in others]
+                for worker in workers:
+                    worker.kill()
+                for worker in workers:
+                    worker.join()
+
+
+def _begin_worker(folder: str) -> None:
+    """Make temporary folders in `folder`, leave Ctrl-C to the parent process, and end with it."""
+    tempfile.tempdir = folder
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent  # noqa: S101 (the pool's)
+    # Its end closes a pipe, also where it is killed.
+    threading.Thread(target=_follow, args=(parent.sentinel,), daemon=True).start()
+
+
+def _follow(sentinel: int) -> None:
+    """End this process, and its folders, when the process of `sentinel` has ended."""
+    connection.wait([sentinel])
+    shutil.rmtree(tempfile.gettempdir(), ignore_errors=True)
+    os._exit(1)
+
+
+@contextmanager
+def run(
+    executor: Executor,
+    paths: Iterable[Path],
+    rubric: Rubric,
+    limits: Limits,
+    *,
+    at_once: int,
+    sandbox: bool,
+) -> Iterator[Iterator[tuple[Path, Report | Failure]]]:
+    """Give each submission with its report, in the order of completion.
+
+    At most `at_once` are in work, so that their files do not fill the memory. When the block ends,
+    no further submission is started.
+    """
+    work = partial(report, rubric=rubric, limits=limits, sandbox=sandbox)
+    waiting = iter(paths)
+    pending: dict[Future[Report], Path] = {}
+
+    def outcomes() -> Iterator[tuple[Path, Report | Failure]]:
+        while True:
+            for path in islice(waiting, at_once - len(pending)):
+                pending[executor.submit(work, read(path))] = path
+            if not pending:
+                return
+            for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                error = future.exception()
+                failure = Failure(f'{type(error).__name__}: {error}') if error else None
+                yield pending.pop(future), failure or future.result()
+
+    try:
+        yield outcomes()
+    finally:
+        for future in pending:
+            future.cancel()

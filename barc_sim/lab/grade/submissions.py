@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError, escaped
-from barc_sim.lab.confined.archives import ENDINGS, MAX_ENTRIES
+from barc_sim.lab.confined.child import ENDINGS, MAX_ENTRIES
 from barc_sim.lab.confined.process import ON_LINUX, Ended, Failed, Limits, Process
 from barc_sim.lab.handout import FILES, find_name
 

@@ -20,8 +20,7 @@ from barc_sim.lab.hills.lab import LABELS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from barc_sim.lab.grade.batch import Failure
-    from barc_sim.lab.grade.grade import Report
+    from barc_sim.lab.grade.grade import Failure, Report
     from barc_sim.lab.grade.rubric import Rubric
 
     Alike = Mapping[str, list[tuple[str, float]]]  #: as `similarity.alike` returns it

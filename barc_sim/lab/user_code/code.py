@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from barc_sim.errors import UserError
 from barc_sim.lab.handout import FILES, files_in
-from barc_sim.lab.user_code.budget import Budget, OutOfTime
 from barc_sim.lab.user_code.calls import (
     BUDGET,
+    Budget,
     Command,
+    OutOfTime,
     UserFunction,
     describe_error,
     guarded,

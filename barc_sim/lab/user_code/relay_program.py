@@ -14,8 +14,14 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code import rospy
-from barc_sim.lab.user_code.budget import Budget, OutOfTime
-from barc_sim.lab.user_code.calls import MAX_COMMANDS, Command, describe_error, raised_at
+from barc_sim.lab.user_code.calls import (
+    MAX_COMMANDS,
+    Budget,
+    Command,
+    OutOfTime,
+    describe_error,
+    raised_at,
+)
 from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.ros.local import find_module

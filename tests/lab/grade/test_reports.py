@@ -15,8 +15,7 @@ from rich.console import Console
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade import summary
-from barc_sim.lab.grade.batch import Failure
-from barc_sim.lab.grade.grade import Grade, Item, Report
+from barc_sim.lab.grade.grade import Failure, Grade, Item, Report
 from barc_sim.lab.grade.rubric import Rubric
 from barc_sim.lab.grade.submissions import Submission
 from barc_sim.lab.hills.loop import Comparison

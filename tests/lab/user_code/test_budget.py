@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from barc_sim.lab.user_code.budget import Budget, OutOfTime
+from barc_sim.lab.user_code.calls import Budget, OutOfTime
 
 if TYPE_CHECKING:
     from collections.abc import Callable
