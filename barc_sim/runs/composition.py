@@ -25,6 +25,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.code import UserCode, find_files
 from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.nodes import MIRRORS
+from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.nodes.mirror import MirrorNode
+    from barc_sim.nodes.diagnosis import Facts
     from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.terminal.display import Display
@@ -114,7 +115,7 @@ class Run:
         self.recorder: BagRecorder | None = None
         self._display: Display | None = None
         self._views: list[ViewNode] = []
-        self._readers: list[tuple[MirrorNode | ViewNode, VehicleSimulator]] = []
+        self._readers: list[tuple[Any, VehicleSimulator]] = []
         self._page: RunPage | None = None
         self._relay: Program | None = None
         self._death = ''  # of its process, in a sentence
@@ -136,11 +137,14 @@ class Run:
         given: Mapping[str, Any] | None = None,
         *,
         namespace: str = '',
+        reads: VehicleSimulator | None = None,
         **options: Any,  # noqa: ANN401 (the node's)
     ) -> Any:  # noqa: ANN401 (of `kind`)
         """Add and return a node; of the parameters `given`, None leaves the node's default.
 
         What `kind.inputs` names is recorded from the node's start; other topics once they are seen.
+        At its end the run waits until a node that `reads` a simulator has `latest`, the stamp of
+        its newest state, at this simulator's last one.
 
         Raises
         ------
@@ -149,12 +153,14 @@ class Run:
         """
         if self.recorder:
             # A publisher may wait for the node's subscription, send one message, and end.
-            prefix = namespace and f'{namespace}/'
+            prefix = namespace and f'{namespace.rstrip("/")}/'
             inputs = getattr(kind, 'inputs', {})
             self.recorder.expect({prefix + name: each for name, each in inputs.items()})
         overrides = [Parameter(k, value=v) for k, v in (given or {}).items() if v is not None]
         node = kind(namespace=namespace, parameter_overrides=overrides, **options)
         self.nodes.append(node)
+        if reads:
+            self._readers.append((node, reads))
         if isinstance(node, VehicleSimulator):
             self.simulators.append(node)
             node.finished.add_done_callback(lambda _: self._on_finished())
@@ -199,7 +205,7 @@ class Run:
                 self._serve(number)
         if self.recorder:
             self.recorder.discover()
-            self.recorder.add_metadata(_description(options.argv, self.nodes))
+            self.recorder.add_metadata(_description(options.argv, self.nodes, self.simulators))
             self.recorder.add_metadata({'graph': node_graph(self.recorder).to_json()})
         # A full garbage collection takes half a step: exclude what lives as long as the run.
         gc.collect()
@@ -210,13 +216,26 @@ class Run:
     def _add_mirrors(self) -> None:
         if mirrors := wanted_mirrors(self.options):
             for simulator in self.simulators:
-                self.nodes.append(_mirror(simulator, mirrors, self.recorder))
-                self._readers.append((self.nodes[-1], simulator))
+                self._mirror(simulator, mirrors)
         if self.options.foxglove is not None:
             from barc_sim.nodes.foxglove import FoxgloveServer  # noqa: PLC0415
 
-            self.nodes.append(FoxgloveServer(self.options.foxglove))
-            self._print(f'foxglove   {self.nodes[-1].url}')
+            server = self.add(FoxgloveServer, port=self.options.foxglove)
+            self._print(f'foxglove   {server.url}')
+
+    def _mirror(self, simulator: VehicleSimulator, mirrors: frozenset[str]) -> None:
+        """Mirror a simulator, with these `mirrors` on."""
+        from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)
+
+        values = {name: simulator.values[name] for name in ('road', 'l_f', 'l_r')}
+        self.add(
+            MirrorNode,
+            values | {name: name in mirrors for name in MIRRORS},
+            namespace=simulator.get_namespace(),
+            reads=simulator,
+            road=simulator.road,
+            facts=partial(_facts, simulator, self.recorder),
+        )
 
     def _serve(self, number: int) -> None:
         """Serve the live page of a car."""
@@ -224,18 +243,18 @@ class Run:
         from barc_sim.page.server import open_page  # noqa: PLC0415
 
         options, simulator = self.options, self.simulators[number]
-        view = ViewNode(
-            options.mode,
+        view = self.add(
+            ViewNode,
+            namespace=simulator.get_namespace(),
+            reads=simulator,
+            mode=options.mode,
             host=options.view_host,
             port=options.view_port and options.view_port + number,
             status=partial(status, simulator.stepper),
             road=simulator.road,
             finish=self.finish,
-            namespace=simulator.get_namespace(),
         )
-        self.nodes.append(view)
         self._views.append(view)
-        self._readers.append((view, simulator))
         self._print(f'live page  {view.url}')
         open_page(view.url)
 
@@ -328,48 +347,38 @@ def _engine(options: Namespace) -> dict[str, str]:
     return {'engine': _ENGINES['local']} if options.engine == 'local' else {}
 
 
-def _mirror(
-    simulator: VehicleSimulator, mirrors: frozenset[str], recorder: BagRecorder | None
-) -> MirrorNode:
-    """Return the mirror of a simulator, with these `mirrors` on."""
+def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
+    """Return what no topic carries about a simulator and the bag."""
     from barc_sim.nodes.diagnosis import Facts  # noqa: PLC0415 (only if wanted)
-    from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415
 
-    stepper, noise = simulator.stepper, simulator.values
-
-    def facts() -> Facts:
-        factor = simulator.values['realtime_factor']
-        known = Facts(
-            stepper.missed,
-            stepper.slipped,
-            stepper.paused,
-            factor,
-            NoiseLevels(*(noise[f'noise_{name}'] for name in NoiseLevels._fields)),
-            stamp_lag=stepper.stamp_lag if factor == 1.0 else None,
-        )
-        if not recorder:
-            return known
-        return known._replace(
-            recorded=sum(recorder.counts.values()),
-            lost=sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node),
-            failure=recorder.failure,
-        )
-
-    values = {name: simulator.values[name] for name in ('road', 'l_f', 'l_r')}
-    values |= {name: name in mirrors for name in MIRRORS}
-    return MirrorNode(
-        road=simulator.road,
-        facts=facts,
-        namespace=simulator.get_namespace(),
-        parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+    stepper, values = simulator.stepper, simulator.values
+    factor = values['realtime_factor']
+    known = Facts(
+        stepper.missed,
+        stepper.slipped,
+        stepper.paused,
+        factor,
+        NoiseLevels(*(values[f'noise_{name}'] for name in NoiseLevels._fields)),
+        stamp_lag=stepper.stamp_lag if factor == 1.0 else None,
+    )
+    if not recorder:
+        return known
+    return known._replace(
+        recorded=sum(recorder.counts.values()),
+        lost=sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node),
+        failure=recorder.failure,
     )
 
 
-def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
+def _description(
+    argv: list[str], nodes: list[Node], simulators: list[VehicleSimulator]
+) -> dict[str, str]:
     """Return what describes a run, with its parameters in the form that `ros2 param load` takes."""
     parameters = {node.get_fully_qualified_name(): _parameters(node) for node in nodes}
-    # By parameter, not by node: `-r __node:=car` gives all nodes one name.
-    own = {name: value for values in parameters.values() for name, value in values.items()}
+    # By class, not by name: `-r __node:=car` gives all nodes one name.
+    controllers = [node.values for node in nodes if isinstance(node, CruiseController)]
+    road = {'road': simulators[0].values['road']} if simulators else {}
+    own = (controllers[0] if controllers else {}) | road
     return {
         'command': shlex.join(['barc', *argv]),
         'barc_sim': __version__,

@@ -283,6 +283,27 @@ def test_nodes_of_one_name_make_a_whole_bag(tmp_path: Path) -> None:
     assert bag.info(tmp_path / done.stdout.strip())['road'] == 'lab'
 
 
+def test_parameters_of_a_new_node_are_not_taken_for_the_controllers_or_the_roads(
+    tmp_path: Path,
+) -> None:
+    script = """
+from rclpy.node import Node
+from barc_sim.runs.composition import Run
+class Gps(Node):
+    def __init__(self, **options):
+        super().__init__('gps', **options)
+        self.declare_parameters('', [('road', 'of its own'), ('kp', 1.0)])
+show = Run.show
+Run.show = lambda run, display: (run.add(Gps), show(run, display))
+"""
+    options = ['--realtime-factor', 'max', '--distance', '1', '--kp', '29']
+    done = acc(tmp_path, *options, script=script)
+    assert done.returncode == 0, done.stderr
+    info = bag.info(tmp_path / done.stdout.strip())
+    assert (info['road'], info['kp']) == ('lab', '29.0')
+    assert 'of its own' in info['parameters']
+
+
 def test_two_runs_can_begin_together_in_a_new_folder(tmp_path: Path) -> None:
     options = ('--distance', '1', '--realtime-factor', 'max', '--bag-dir', str(tmp_path / 'bags'))
     with started('acc', '-q', *options) as one, started('acc', '-q', *options) as other:
