@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from math import inf
+from numbers import Integral, Real
 
 
 def escaped(text: str) -> str:
@@ -21,6 +23,27 @@ def one_line(text: str, width: int = 400) -> str:
     """Return `text` as one line of at most `width` characters, escaped."""
     line = ' '.join(escaped(text).split())
     return line if len(line) <= width else f'{line[: width - 1]}\N{HORIZONTAL ELLIPSIS}'
+
+
+def not_between(value: object, low: float, high: float) -> str:
+    """Return why `value` is no number from `low` to `high`, ends included; '' where it is one.
+
+    Where `low` is an int, whole numbers are meant.
+
+    Examples
+    --------
+    >>> not_between(-1.0, 0.0, 1e3), not_between(1.5, 0, 9)
+    ('-1 is not a number from 0 to 1000', '1.5 is not a whole number from 0 to 9')
+    """
+    whole = isinstance(low, int)
+    kind = Integral if whole else Real
+    if isinstance(value, kind) and not isinstance(value, bool) and low <= value <= high:  # type: ignore[operator]
+        return ''
+    shown = f'{value:g}' if isinstance(value, float) else repr(value)
+    span = f'from {low:g} to {high:g}'
+    if whole:
+        span = f'of at least {low}' if high == inf else f'from {low} to {high}'
+    return f'{shown} is not a {"whole " * whole}number {span}'
 
 
 class UserError(ValueError):

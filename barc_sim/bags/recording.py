@@ -13,7 +13,7 @@ import yaml
 
 from barc_sim.cli.files import replacing
 from barc_sim.errors import UserError
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     import re

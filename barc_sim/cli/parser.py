@@ -8,10 +8,12 @@ import re
 import shlex
 import sys
 from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from barc_sim.cli.process import USAGE_ERROR, error_line
+from barc_sim.errors import not_between
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -72,30 +74,25 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 def number(low: float, high: float) -> Callable[[str], float]:
     """Return a converter from text to a number between `low` and `high`, ends included."""
-
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = float('nan')
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f'{text!r} is not a number from {low:g} to {high:g}')
-        return value
-
-    return convert
+    return lambda text: float(_between(text, float(low), high))
 
 
-def whole(low: int, high: int | None = None) -> Callable[[str], int]:
+def whole(low: float, high: float = inf) -> Callable[[str], int]:
     """Return a converter from text to a whole number between `low` and `high`, ends included."""
-    bounds = f'from {low} to {high}' if high is not None else f'of at least {low}'
+    return lambda text: int(_between(text, low, high))
 
-    def convert(text: str) -> int:
-        valid = text.isdecimal() and len(text) <= _MAX_DIGITS
-        if not valid or not low <= int(text) <= (int(text) if high is None else high):
-            raise argparse.ArgumentTypeError(f'{text!r} is not a whole number {bounds}')
-        return int(text)
 
-    return convert
+def _between(text: str, low: float, high: float) -> float | str:
+    """Return the number in `text`, in the limits."""
+    value: float | str = text
+    if text.isdecimal() and len(text) <= _MAX_DIGITS:
+        value = int(text)
+    else:
+        with suppress(ValueError):
+            value = float(text)
+    if why := not_between(value, low, high):
+        raise argparse.ArgumentTypeError(why)
+    return value
 
 
 def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:

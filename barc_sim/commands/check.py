@@ -12,7 +12,8 @@ from rich.text import Text
 
 from barc_sim.cli.files import saving, target
 from barc_sim.cli.parser import number
-from barc_sim.control.pid import NO_LIMIT, PID
+from barc_sim.control.cruise_control import LIMIT
+from barc_sim.control.pid import PID
 from barc_sim.errors import UserError, one_line
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def add_arguments(parser: Parser) -> None:
         )
     parser.add_argument(
         '--acceleration-limit',
-        type=number(0.01, NO_LIMIT),
+        type=number(*LIMIT.between),
         metavar='A',
         help="of the controller on the roads [m/s²] (the rubric's: none)",
     )

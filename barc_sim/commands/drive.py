@@ -7,21 +7,20 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args, number, whole
 from barc_sim.cli.signals import StopSignals
+from barc_sim.control.cruise_control import LIMIT, SPEED
 from barc_sim.control.driver import INPUTS, PEDAL
-from barc_sim.control.pid import ACCELERATION_LIMIT, NO_LIMIT, PID, SPEED_REFERENCE
+from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
 from barc_sim.runs.carrier import choose_carrier
+from barc_sim.simulation.stepper import DISTANCE, LAPS
 
 if TYPE_CHECKING:
     from argparse import Namespace
 
     from barc_sim.cli.parser import Parser
 
-_MAX_SPEED = 100.0
-_MAX_DISTANCE = 1e6
 _MAX_CARS = 100
-_MAX_LAPS = 10**6
 
 
 def add_arguments_acc(parser: Parser) -> None:
@@ -30,7 +29,7 @@ def add_arguments_acc(parser: Parser) -> None:
     parser.set_defaults(mode='acc')
     parser.add_argument(
         '--speed',
-        type=number(-_MAX_SPEED, _MAX_SPEED),
+        type=number(*SPEED.between),
         metavar='M/S',
         help=f'speed to hold ({SPEED_REFERENCE:g})',
     )
@@ -43,7 +42,7 @@ def add_arguments_acc(parser: Parser) -> None:
         )
     parser.add_argument(
         '--acceleration-limit',
-        type=number(0.01, NO_LIMIT),
+        type=number(*LIMIT.between),
         metavar='M/S²',
         help=f"of the controller's output ({ACCELERATION_LIMIT:g}; user code: none)",
     )
@@ -57,13 +56,13 @@ def add_arguments_acc(parser: Parser) -> None:
     )
     parser.add_argument(
         '--distance',
-        type=number(0.0, _MAX_DISTANCE),
+        type=number(*DISTANCE.between),
         metavar='M',
         help='a lap ends here; 0: only at Ctrl-C (180)',
     )
     parser.add_argument(
         '--laps',
-        type=whole(0, _MAX_LAPS),
+        type=whole(*LAPS.between),
         metavar='N',
         help='number of laps, each from standstill; 0: until Ctrl-C (1)',
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from barc_sim.vehicle.limits import Parameter
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -38,3 +40,22 @@ class Controller(Protocol):
 
     def acc_calculate(self, speed_reference: float, speed_current: float, dt: float, /) -> float:
         """Return the acceleration [m/s²] for speeds in m/s, `dt` seconds after the last call."""
+
+
+def gain_parameters(controller: Controller) -> list[Parameter]:
+    """Return a parameter for each gain of a controller, with its present value as the default."""
+    return [
+        Parameter(
+            name,
+            float(getattr(controller, name)),
+            f'{gain.meaning} [{gain.unit}]',
+            gain.between,
+        )
+        for name, gain in controller.gains.items()
+    ]
+
+
+def check_gains(controller: Controller) -> None:
+    """Raise UserError where a gain is beyond its limits."""
+    for name, gain in controller.gains.items():
+        Parameter(name, gain.default, gain.meaning, gain.between).check(getattr(controller, name))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from barc_sim.control.controller import gain_parameters
 from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, TYPES, as_controller
 from barc_sim.errors import UserError
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -17,14 +18,20 @@ if TYPE_CHECKING:
     #: Takes a function that returns a sentence, so that a suppressed warning costs nothing.
     Warn = Callable[[Callable[[], str]], None]
 
-SPEEDS = (-100.0, 100.0)  #: [m/s]
 _FASTEST = 1e6  #: [m/s] A faster state is refused.
 _NANOSECONDS = 1_000_000_000
 _TYPE = Parameter(
     'controller_type', DEFAULT_TYPE, f'which controller: {", ".join(TYPES)}', read_only=True
 )
+SPEED = Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', (-100.0, 100.0))
+LIMIT = Parameter(
+    'acceleration_limit',
+    ACCELERATION_LIMIT,
+    'maximum acceleration commanded, either way [m/s²]',
+    (0.01, NO_LIMIT),
+)
 _PARAMETERS = [
-    Parameter('speed_reference', SPEED_REFERENCE, 'the speed to hold [m/s]', SPEEDS),
+    SPEED,
     Parameter(
         'subtract_error',
         default=False,
@@ -71,22 +78,8 @@ class CruiseControl:
 
         `acceleration_limit` [m/s²] is the default of that parameter.
         """
-        gains = [
-            Parameter(
-                name,
-                float(getattr(self.controller, name)),
-                f'{gain.meaning} [{gain.unit}]',
-                gain.between,
-            )
-            for name, gain in self.controller.gains.items()
-        ]
-        limit = Parameter(
-            'acceleration_limit',
-            acceleration_limit,
-            'maximum acceleration commanded, either way [m/s²]',
-            (0.01, NO_LIMIT),
-        )
-        return [*gains, limit, *_PARAMETERS]
+        limit = LIMIT._replace(default=acceleration_limit)
+        return [*gain_parameters(self.controller), limit, *_PARAMETERS]
 
     def configure(self, values: Mapping[str, Any]) -> None:
         """Set parameters."""
@@ -102,12 +95,12 @@ class CruiseControl:
 
     def refer(self, speed: float) -> None:
         """Hold `speed` [m/s] from now on, unless it is refused."""
-        low, high = SPEEDS
-        if low <= speed <= high:  # not NaN
-            self.values['speed_reference'] = speed
-        else:
-            span = f'between {low:g} and {high:g} m/s'
-            self._refuse(lambda: f'a speed_reference of {speed}: it must lie {span}')
+        try:
+            SPEED.check(speed)
+            self.values[SPEED.name] = speed
+        except UserError as error:
+            why = str(error)
+            self._refuse(lambda: why)
 
     def reset(self) -> None:
         """Begin anew."""

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R, Command
+from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import PARAMETERS as CAR
-from barc_sim.vehicle.parameters import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
 from barc_sim.errors import UserError
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 
 try:
     import termios

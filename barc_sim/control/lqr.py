@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import inf, isfinite, sqrt
 from typing import TYPE_CHECKING
 
-from barc_sim.control.controller import Gain
+from barc_sim.control.controller import Gain, check_gains
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,6 +75,7 @@ class LQR:
         self.dt = dt
         self.output_min = output_min
         self.output_max = output_max
+        check_gains(self)
         self.reset()
 
     def reset(self) -> None:

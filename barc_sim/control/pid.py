@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
-from barc_sim.control.controller import Gain
+from barc_sim.control.controller import Gain, check_gains
+from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -138,17 +139,18 @@ class PID:
 
         Raises
         ------
-        ValueError
-            where `output_min` is not below `output_max`.
+        UserError
+            where a gain is not in its limits, or `output_min` not below `output_max`.
         """
         if not output_min < output_max:
-            raise ValueError(f'output_min={output_min!r} must be below output_max={output_max!r}')
+            raise UserError(f'output_min={output_min!r} must be below output_max={output_max!r}')
         self.kp = kp
         self.ki = ki
         self.kd = kd
         self.dt = dt
         self.output_min = output_min
         self.output_max = output_max
+        check_gains(self)
         self.reset()
 
     def reset(self) -> None:

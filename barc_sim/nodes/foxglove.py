@@ -15,7 +15,7 @@ from barc_sim.cli.parser import FOXGLOVE_PORT
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 
 try:
     import foxglove

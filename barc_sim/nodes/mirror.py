@@ -29,7 +29,7 @@ from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.diagnosis import Facts, diagnose
 from barc_sim.ros.node_helpers import declare, to_header, to_nanoseconds
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:

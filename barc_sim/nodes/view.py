@@ -24,7 +24,7 @@ from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, controller_values, is
 from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
 from barc_sim.page.run_page import RunPage
 from barc_sim.ros.node_helpers import declare, to_nanoseconds
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

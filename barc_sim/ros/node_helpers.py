@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from math import atan2
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -14,15 +15,16 @@ from std_msgs.msg import Header
 
 from barc_sim.bags.messages import NANOSECONDS, split_time
 from barc_sim.control.driver import DriverInput
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, not_between
 from barc_sim.vehicle.bike_model import State
+from barc_sim.vehicle.limits import ANY
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rclpy.node import Node
 
-    from barc_sim.vehicle.parameters import Parameter
+    from barc_sim.vehicle.limits import Parameter
 
 Message = TypeVar('Message')
 #: [m] No road leads farther.
@@ -34,7 +36,7 @@ _NORM_TOLERANCE = 1e-3
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
     """Return the ROS descriptor of a parameter."""
     made = ParameterDescriptor(description=parameter.description, read_only=parameter.read_only)
-    if parameter.between is None:
+    if parameter.between == ANY:
         return made
     low, high = parameter.between
     if isinstance(parameter.default, float):
@@ -51,6 +53,7 @@ def declare(node: Node, parameters: Iterable[Parameter]) -> dict[str, Any]:
 
 def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy has it)
     owner = f'parameter {parameter.name} of {node.get_name()}'
+    between = parameter.between
     try:
         return node.declare_parameter(
             parameter.name, parameter.default, descriptor(parameter)
@@ -58,13 +61,17 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
     except InvalidParameterTypeException as error:
         received = str(error).split(', expecting')[0]
         kind = type(parameter.default).__name__
+        if kind == 'int' and (value := re.search("to '(.*)' of type 'DOUBLE'", received)):
+            raise UserError(f'{owner}: {not_between(float(value[1]), *between)}') from None
         raise UserError(
             f'{owner} must be of type {kind}, such as {parameter.default!r}: {received}'
         ) from None
     except InvalidParameterValueException as error:
-        span = ' and '.join(str(bound) for bound in parameter.between or ())
-        received = str(error).split('. Reason')[0]
-        raise UserError(f'{owner} must lie between {span}: {received}') from None
+        value = re.search(r'value \((.*)\) for parameter', str(error))
+        if not value:
+            raise UserError(f'{owner}: {error}') from None
+        why = not_between(type(parameter.default)(value[1]), *between)
+        raise UserError(f'{owner}: {why}') from None
 
 
 def fill(message: Message, record: Any) -> Message:  # noqa: ANN401 (a NamedTuple)

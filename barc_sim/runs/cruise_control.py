@@ -16,6 +16,7 @@ from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.runs.carrier import carrier
 from barc_sim.runs.composition import Run, check_left_out, read_inputs
 from barc_sim.runs.terminal.display import CruiseStatus, display, print_summaries, print_summary
+from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.metrics import Laps
 from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import bikeFE
@@ -113,6 +114,7 @@ class Car:
             model=user_code.model or bikeFE,
             namespace=namespace,
         )
+        check_ahead(self.reference, self.simulator.values['distance'])
 
     @property
     def reference(self) -> float:

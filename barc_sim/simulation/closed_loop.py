@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import inspect
-from math import nan
+from math import inf, nan
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from barc_sim.control.controller import check_gains
+from barc_sim.control.cruise_control import LIMIT, SPEED
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -31,8 +33,11 @@ from barc_sim.simulation.log import (
     recordable,
 )
 from barc_sim.simulation.pid_loop import pid_log
+from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, bikeFE
+from barc_sim.vehicle.limits import Parameter
+from barc_sim.vehicle.parameters import NANOSECONDS, PARAMETERS, SEED
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
@@ -54,6 +59,33 @@ if TYPE_CHECKING:
 
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
+_NODES = {row.name: row for row in PARAMETERS}
+#: The limits of the arguments of `simulate`: those of the nodes' parameters.
+LIMITS = {
+    'speed_reference': SPEED,
+    'acceleration_limit': LIMIT,
+    'distance': END,
+    'max_duration': Parameter('max_duration', MAX_DURATION, 'simulated time [s]', (0.0, 1e5)),
+    'seed': SEED,
+    'noise': _NODES['noise_v_x'],
+    'delay': _NODES['motor_delay'],
+    'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
+}
+
+
+def check_arguments(**arguments: object) -> None:
+    """Raise UserError where an argument of `simulate` is not in its limits."""
+    for name, value in arguments.items():
+        LIMITS[name].check(value, name)
+
+
+def check_ahead(speed_reference: float, distance: float) -> None:
+    """Raise UserError where a car at `speed_reference` [m/s] never arrives at `distance` [m]."""
+    if speed_reference < 0.0 < distance:
+        raise UserError(
+            f'speed_reference {speed_reference:g} leads away from the distance, {distance:g} m '
+            'ahead: give a speed above 0, or distance 0'
+        )
 
 
 def simulate(
@@ -98,20 +130,22 @@ def simulate(
         A function with the arguments and the result of `bikeFE`; `l_f`, `l_r` and `g` are passed
         if it has parameters of these names.
     speed_reference, distance, max_duration
-        [m/s], [m], [s]: the run ends at `distance`, or after `max_duration` of simulated time.
+        [m/s], [m], [s]: the run ends at `distance` (0: it does not), or after `max_duration` of
+        simulated time.
     seed
         Of the noise.
     acceleration_limit
         [m/s²] limit of the command either way.
     integrator, ts
-        'euler' or 'rk4', in steps of `ts` [s].
+        'euler' or 'rk4', in steps of `ts` [s], in whole nanoseconds.
     dynamics, lateral
         'kinematic', or 'dynamic': the bicycle with tyres of this `lateral`.
 
     Raises
     ------
     UserError
-        where the road cannot be read, or the arguments contradict one another.
+        where the road cannot be read, an argument is out of its limits, or they contradict one
+        another.
 
     Examples
     --------
@@ -126,11 +160,24 @@ def simulate(
             f'{", ".join(gains)} are gains of the PID, and controller={controller!r} is in its '
             'place: give one or the other'
         )
+    check_arguments(
+        speed_reference=speed_reference,
+        acceleration_limit=acceleration_limit,
+        distance=distance,
+        max_duration=max_duration,
+        seed=seed,
+        delay=delay,
+        ts=ts,
+    )
+    check_ahead(speed_reference, distance)
+    if not isinstance(noise, NoiseLevels):
+        check_arguments(noise=noise)
+        noise = NoiseLevels(v_x=noise)
     plant = Plant(
         road=road if isinstance(road, Road) else Road.named(str(road)),
         vehicle=vehicle,
-        ts=ts,
-        noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
+        ts=round(ts * NANOSECONDS) / NANOSECONDS,
+        noise=noise,
         seed=seed,
         model=model if model is bikeFE else _with_options(model),
         motor=Actuator(delay=delay),
@@ -139,13 +186,14 @@ def simulate(
         lateral=lateral,
     )
     driving: Controller = PID(**gains) if controller is None else as_controller(controller)
+    check_gains(driving)
     driving.output_min, driving.output_max = -acceleration_limit, acceleration_limit
     driving.reset()
     return closed_loop(
         plant,
         driving,
         speed_reference=speed_reference,
-        distance=distance,
+        distance=distance or inf,
         max_duration=max_duration,
     )
 

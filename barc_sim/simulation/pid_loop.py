@@ -249,7 +249,7 @@ def pid_log(
     pid.previous = previous
     taken = computed.motor if x[-1] < distance else computed.motor[:-1]
     plant.follow(taken[-len(waiting) - 1 :].tolist(), *trace.after)
-    around = surroundings(trace.v, road.profile(x), vehicle)  # type: ignore[arg-type]
+    around = surroundings(trace.v, road.at(x), vehicle)  # type: ignore[arg-type]
     recorded: Any = MeasurementError(*[zero] * 6) if error is None else error
     return Log(
         t=np.arange(n) * plant.period_ns / 1e9,

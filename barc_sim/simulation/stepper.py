@@ -15,7 +15,8 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.commands import Commands, out_of_order
 from barc_sim.simulation.pacing import TOLERATED, Pace
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.parameters import LIVE, PARAMETERS, REALTIME_FACTORS, Parameter
+from barc_sim.vehicle.limits import Parameter
+from barc_sim.vehicle.parameters import LIVE, PARAMETERS, REALTIME_FACTORS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -24,6 +25,10 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.plant import Observation, Plant
 
 RESET = 'reset: the car is back at the start'
+DISTANCE = Parameter(
+    'distance', 0.0, 'a lap ends here [m]; 0: it does not end', (0.0, 1e6), read_only=True
+)
+LAPS = Parameter('laps', 1, 'the run ends after so many; 0: it goes on', (0, 10**6), read_only=True)
 _NANOSECONDS = 1_000_000_000
 _WARNING_PERIOD, _TIMEOUT_WARNING_PERIOD = 1.0, 10.0  #: [s]
 
@@ -77,13 +82,7 @@ class Settings(NamedTuple):
 def parameters(distance: float = 0.0) -> list[Parameter]:
     """Return a simulator's parameters; `distance` [m] is the default of the parameter."""
     table = [parameter._replace(read_only=parameter.name not in LIVE) for parameter in PARAMETERS]
-    end = 'a lap ends here [m]; 0: it does not end'
-    count = 'the run ends after so many; 0: it goes on'
-    return [
-        *table,
-        Parameter('distance', distance, end, (0.0, 1e6), read_only=True),
-        Parameter('laps', 1, count, (0, 10**6), read_only=True),
-    ]
+    return [*table, DISTANCE._replace(default=distance), LAPS]
 
 
 class Outputs(Protocol):

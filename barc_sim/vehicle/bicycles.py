@@ -25,7 +25,7 @@ from __future__ import annotations
 from cmath import sqrt as complex_sqrt
 from collections.abc import Callable
 from math import atan2, copysign, cos, hypot, sin
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import (
@@ -41,6 +41,7 @@ from barc_sim.vehicle.bike_model import (
     slip_angle,
     step,
 )
+from barc_sim.vehicle.limits import Limits, limited
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]
@@ -92,13 +93,21 @@ class Integrator(NamedTuple):
 INTEGRATORS = {'euler': Integrator(euler, 1), 'rk4': Integrator(rk4, 4)}
 
 
+@limited
 class LateralParameters(NamedTuple):
     """Parameters of the dynamic bicycle beyond `Vehicle`; the defaults understeer mildly."""
 
-    yaw_inertia: float = 4000.0  #: [kg m²] I_z
-    front_stiffness: float = 120e3  #: [N/rad] C_f, of the front axle's tyres together
-    rear_stiffness: float = 160e3  #: [N/rad] C_r, of the rear axle's
-    dynamic_above: float = 3.0  #: [m/s] slower, and in reverse, the car is the kinematic bicycle
+    yaw_inertia: Annotated[float, Limits('I_z of the dynamic one [kg m²]', 1.0, 1e7)] = 4000.0
+    front_stiffness: Annotated[float, Limits("C_f, front axle's tyres [N/rad]", 1.0, 1e8)] = 120e3
+    rear_stiffness: Annotated[float, Limits("C_r, rear axle's tyres [N/rad]", 1.0, 1e8)] = 160e3
+    dynamic_above: Annotated[
+        float,
+        Limits(
+            'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
+            0.1,
+            100.0,
+        ),
+    ] = 3.0
 
 
 def acceleration(v: float, motor: float, theta: float, vehicle: Vehicle, direction: float) -> float:

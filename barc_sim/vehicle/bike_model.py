@@ -13,7 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from math import atan, cos, sin, tan
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from barc_sim.vehicle.limits import Limits, limited
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.road import RoadPoint
@@ -30,6 +32,7 @@ WHEEL_WIDTH = 0.26  #: [m]
 Model = Callable[..., Sequence[float]]
 
 
+@limited
 class Vehicle(NamedTuple):
     """The vehicle's parameters; the defaults are the lab's.
 
@@ -39,12 +42,12 @@ class Vehicle(NamedTuple):
     1200.0
     """
 
-    mass: float = 2000.0  #: [kg]
-    air_drag_coeff: float = 0.01308  #: [N s²/m²] a_0
-    friction: float = 0.01711  #: [N] F_f, rolling resistance
-    l_f: float = L_F  #: [m] centre of mass to the front axle
-    l_r: float = L_R  #: [m] centre of mass to the rear axle
-    gravity: float = GRAVITY  #: [m/s²]
+    mass: Annotated[float, Limits('m, the mass [kg]', 1.0, 1e6)] = 2000.0
+    air_drag_coeff: Annotated[float, Limits('a_0, air drag [N s²/m²]', 0.0, 1e3)] = 0.01308
+    friction: Annotated[float, Limits('F_f, rolling resistance [N]', 0.0, 1e6)] = 0.01711
+    l_f: Annotated[float, Limits('centre of mass to front axle [m]', 0.01, 100.0)] = L_F
+    l_r: Annotated[float, Limits('centre of mass to rear axle [m]', 0.01, 100.0)] = L_R
+    gravity: Annotated[float, Limits('g [m/s²]', 0.0, 100.0)] = GRAVITY
 
 
 class State(NamedTuple):
@@ -179,7 +182,7 @@ def bikeFE(  # noqa: N802 (the lab's name)
     >>> bikeFE(0.0, 0.0, 0.0, 8.0, 1.0, 0.0, a0=0.0, m=2000.0, Ff=0.0, theta=0.0, ts=0.02)
     [0.16, 0.0, 0.0, 8.02]
     """
-    vehicle = Vehicle(m, a0, Ff, l_f, l_r, g)
+    vehicle = Vehicle._make((m, a0, Ff, l_f, l_r, g))  # any, as in the lab: nothing is checked
     return [*step(State(x, y, psi, v), Command(a, d_f), theta, vehicle, ts)]
 
 

@@ -1,20 +1,21 @@
 """The one table of the parameters of the node `vehicle_simulator`, and the plant made of them.
 
-A default stands in the record that it belongs to: `Vehicle`, `LateralParameters`. A new field of
-such a record needs a row here, and nothing else: `plant` fills the records by name.
+A field of `Vehicle`, `LateralParameters` or `NoiseLevels` declares its parameter, default and
+limits; a new one needs nothing here: `plant` fills the records by name.
 """
 
 from __future__ import annotations
 
 from math import inf
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
+from barc_sim.vehicle.limits import Parameter, parameters_of
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import SIGNALS, NoiseLevels
+from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,29 +27,8 @@ if TYPE_CHECKING:
 REALTIME_FACTORS = (0.001, 1000.0)
 
 
-class Parameter(NamedTuple):
-    """A parameter of a node; `between` bounds a number, ends included, and so keeps NaN out."""
-
-    name: str
-    default: float | str | bool
-    description: str
-    between: tuple[float, float] | None = None
-    read_only: bool = False
-
-
-def _of(
-    record: Vehicle | LateralParameters, name: str, description: str, between: tuple[float, float]
-) -> Parameter:
-    """Return the parameter of a record's field."""
-    return Parameter(name, getattr(record, name), description, between)
-
-
-_VEHICLE = Vehicle()
-_LATERAL = LateralParameters()
-_NOISE = [
-    Parameter(f'noise_{name}', 0.0, f'standard deviation of {signal}', (0.0, 1e3))
-    for name, signal in SIGNALS.items()
-]
+SEED = Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53))
+_NOISE = [row._replace(name=f'noise_{row.name}') for row in parameters_of(NoiseLevels)]
 _ACTUATORS = [
     Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, maximum))
     for name, unit, limit in (('motor', 'm/s²', 'acceleration'), ('servo', 'rad', 'steering'))
@@ -60,12 +40,7 @@ _ACTUATORS = [
     )
 ]
 PARAMETERS = [
-    _of(_VEHICLE, 'mass', 'm, the mass [kg]', (1.0, 1e6)),
-    _of(_VEHICLE, 'air_drag_coeff', 'a_0, air drag [N s²/m²]', (0.0, 1e3)),
-    _of(_VEHICLE, 'friction', 'F_f, rolling resistance [N]', (0.0, 1e6)),
-    _of(_VEHICLE, 'l_f', 'centre of mass to front axle [m]', (0.01, 100.0)),
-    _of(_VEHICLE, 'l_r', 'centre of mass to rear axle [m]', (0.01, 100.0)),
-    _of(_VEHICLE, 'gravity', 'g [m/s²]', (0.0, 100.0)),
+    *parameters_of(Vehicle),
     Parameter('rate', 50.0, 'steps per second of simulated time [Hz]', (1.0, 1000.0)),
     Parameter('road', 'lab', "'lab', 'flat' or a CSV file with the columns start_m,grade_deg"),
     Parameter(
@@ -90,7 +65,7 @@ PARAMETERS = [
     Parameter('timeout_braking', 8.0, 'deceleration after command_timeout [m/s²]', (0.0, 100.0)),
     Parameter('refuse_motor_above', 100.0, 'a command beyond is refused [m/s²]', (0.0, 1e6)),
     Parameter('refuse_servo_above', 1.5, 'a command beyond is refused [rad]', (0.0, 1.5)),
-    Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
+    SEED,
     *_NOISE,
     *_ACTUATORS,
     Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
@@ -99,15 +74,7 @@ PARAMETERS = [
         'kinematic',
         'the bicycle: ' + ', '.join(f'{name!r} ({what})' for name, what in DYNAMICS.items()),
     ),
-    _of(_LATERAL, 'yaw_inertia', 'I_z of the dynamic one [kg m²]', (1.0, 1e7)),
-    _of(_LATERAL, 'front_stiffness', "C_f, front axle's tyres [N/rad]", (1.0, 1e8)),
-    _of(_LATERAL, 'rear_stiffness', "C_r, rear axle's tyres [N/rad]", (1.0, 1e8)),
-    _of(
-        _LATERAL,
-        'dynamic_above',
-        'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
-        (0.1, 100.0),
-    ),
+    *parameters_of(LateralParameters),
 ]
 
 #: Those that can be changed while the car drives: they take effect with the next step.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from math import cos, isfinite, radians, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
+    Column = tuple[float, ...]
+    Places = TypeVar('Places', float, Floats)
 
 STEEPEST_DEG = 90.0
 
@@ -46,32 +48,37 @@ class Road:
     starts: tuple[float, ...]
     grades_deg: tuple[float, ...]
     name: str = 'road'
-    _sines: tuple[float, ...] = field(init=False, repr=False, compare=False)
-    _heights: tuple[float, ...] = field(init=False, repr=False, compare=False)
-    _lengths: tuple[float, ...] = field(init=False, repr=False, compare=False)
+    _sines: Column = field(init=False, repr=False, compare=False)
+    _cosines: Column = field(init=False, repr=False, compare=False)
+    _heights: Column = field(init=False, repr=False, compare=False)
+    _lengths: Column = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless starts rise and each stretch has a grade within ±90°."""
+        """Raise UserError unless starts rise and each stretch has a grade within ±90°."""
+        for name in ('starts', 'grades_deg'):  # arrays, too
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
         if not self.starts or len(self.starts) != len(self.grades_deg):
-            raise ValueError(
+            raise UserError(
                 f'{len(self.starts)} starts and {len(self.grades_deg)} grades must be equally '
                 'many, and at least one of each'
             )
         for value in (*self.starts, *self.grades_deg):
             if not isfinite(value):
-                raise ValueError(f'{value!r} is not a finite number')
+                raise UserError(f'{value!r} is not a finite number')
         for left, right in pairwise(self.starts):
             if not left < right:
-                raise ValueError(f'start {right!r} m must lie beyond the one before it, {left!r} m')
+                raise UserError(f'start {right!r} m must lie beyond the one before it, {left!r} m')
         for grade in self.grades_deg:
             if not abs(grade) < STEEPEST_DEG:
-                raise ValueError(f'grade {grade!r} must lie between -90 and 90 degrees')
+                raise UserError(f'grade {grade!r} must lie between -90 and 90 degrees')
         sines = tuple(sin(radians(grade)) for grade in self.grades_deg)
+        cosines = tuple(cos(radians(grade)) for grade in self.grades_deg)
         heights, lengths = [0.0], [0.0]
         for i, (left, right) in enumerate(pairwise(self.starts)):
             heights.append(heights[-1] + (right - left) * sines[i])
-            lengths.append(lengths[-1] + (right - left) * cos(radians(self.grades_deg[i])))
+            lengths.append(lengths[-1] + (right - left) * cosines[i])
         object.__setattr__(self, '_sines', sines)
+        object.__setattr__(self, '_cosines', cosines)
         object.__setattr__(self, '_heights', tuple(heights))
         object.__setattr__(self, '_lengths', tuple(lengths))
 
@@ -124,32 +131,32 @@ class Road:
     def _stretch(self, s: float) -> int:
         return max(bisect_right(self.starts, s) - 1, 0)
 
-    def grade_deg(self, s: float) -> float:
-        """Return the incline [deg] at `s` metres along the road, positive uphill."""
-        return self.grades_deg[self._stretch(s)]
+    def grade_deg(self, s: Places) -> Places:
+        """Return the incline [deg] at `s` metres along the road, positive uphill.
 
-    def elevation(self, s: float) -> float:
+        For an array of places it is an array; so with `elevation`, `horizontal` and `at`.
+        """
+        if isinstance(s, (float, int)):
+            return self.grades_deg[self._stretch(s)]
+        return self._many(s, self.grades_deg)[0]
+
+    def elevation(self, s: Places) -> Places:
         """Return the height [m] at `s` metres along the road, above the first stretch's start."""
-        return self.at(s).elevation
+        return self.at(s).elevation  # type: ignore[return-value]  # arrays of arrays
 
-    def at(self, s: float) -> RoadPoint:
+    def at(self, s: float | Floats) -> RoadPoint:
         """Return the point at `s` metres along the road."""
-        i = self._stretch(s)
-        sine = self._sines[i]
-        elevation = self._heights[i] + (s - self.starts[i]) * sine
-        return RoadPoint(self.grades_deg[i], sine, elevation)
-
-    def profile(self, s: Floats) -> RoadPoint:
-        """Return the points at `s` [m]; each array has its shape, `(n,)`."""
-        import numpy as np  # noqa: PLC0415 (a road alone does not need it)
-
+        if isinstance(s, (float, int)):
+            i = self._stretch(s)
+            sine = self._sines[i]
+            elevation = self._heights[i] + (s - self.starts[i]) * sine
+            return RoadPoint(self.grades_deg[i], sine, elevation)
         table = self.starts, self.grades_deg, self._sines, self._heights
-        i = np.maximum(np.searchsorted(self.starts, s, side='right') - 1, 0)
-        starts, grades, sines, heights = (np.array(each)[i] for each in table)
+        starts, grades, sines, heights = self._many(s, *table)
         points: Any = grades, sines, heights + (s - starts) * sines
         return RoadPoint(*points)
 
-    def horizontal(self, s: float) -> float:
+    def horizontal(self, s: Places) -> Places:
         """Return how far [m] `s` metres along the road are on the map, from where `s` is zero.
 
         It is the integral of cos(theta) over the distance along the surface: 20 m at 10° are
@@ -157,9 +164,19 @@ class Road:
         """
         return self._length(s) - self._length(0.0)
 
-    def _length(self, s: float) -> float:
-        i = self._stretch(s)
-        return self._lengths[i] + (s - self.starts[i]) * cos(radians(self.grades_deg[i]))
+    def _length(self, s: Places) -> Places:
+        if isinstance(s, (float, int)):
+            i = self._stretch(s)
+            return self._lengths[i] + (s - self.starts[i]) * self._cosines[i]
+        starts, lengths, cosines = self._many(s, self.starts, self._lengths, self._cosines)
+        return lengths + (s - starts) * cosines
+
+    def _many(self, s: Floats, *columns: Column) -> list[Floats]:
+        """Return the values of the stretches at `s` [m], of each column."""
+        import numpy as np  # noqa: PLC0415 (a road alone does not need it)
+
+        i = np.maximum(np.searchsorted(self.starts, s, side='right') - 1, 0)
+        return [np.array(column)[i] for column in columns]
 
 
 def _stretches(lines: list[str]) -> list[tuple[float, float]]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from math import cos, log, pi, sin
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+from barc_sim.vehicle.limits import Limits, limited
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,15 +19,16 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+@limited
 class NoiseLevels(NamedTuple):
     """The standard deviation of each measured signal, in the vehicle's true frame."""
 
-    s: float = 0.0  #: [m] position along
-    ey: float = 0.0  #: [m] position across
-    epsi: float = 0.0  #: [rad] heading
-    v_x: float = 0.0  #: [m/s]
-    v_y: float = 0.0  #: [m/s]
-    psi_dot: float = 0.0  #: [rad/s] yaw rate
+    s: Annotated[float, Limits('standard deviation of position along [m]', 0.0, 1e3)] = 0.0
+    ey: Annotated[float, Limits('standard deviation of position across [m]', 0.0, 1e3)] = 0.0
+    epsi: Annotated[float, Limits('standard deviation of heading [rad]', 0.0, 1e3)] = 0.0
+    v_x: Annotated[float, Limits('standard deviation of v_x [m/s]', 0.0, 1e3)] = 0.0
+    v_y: Annotated[float, Limits('standard deviation of v_y [m/s]', 0.0, 1e3)] = 0.0
+    psi_dot: Annotated[float, Limits('standard deviation of yaw rate [rad/s]', 0.0, 1e3)] = 0.0
 
 
 class MeasurementError(NamedTuple):
@@ -39,15 +42,6 @@ class MeasurementError(NamedTuple):
     psi_dot: float = 0.0
 
 
-#: The signals by the names of their fields in `NoiseLevels` and `MeasurementError`.
-SIGNALS = {
-    's': 'position along [m]',
-    'ey': 'position across [m]',
-    'epsi': 'heading [rad]',
-    'v_x': 'v_x [m/s]',
-    'v_y': 'v_y [m/s]',
-    'psi_dot': 'yaw rate [rad/s]',
-}
 _NO_ERROR = MeasurementError()
 
 

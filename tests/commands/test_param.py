@@ -17,7 +17,7 @@ from barc_sim.bags import reader as bag
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.node_helpers import declare
-from barc_sim.vehicle.parameters import Parameter
+from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

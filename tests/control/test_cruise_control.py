@@ -14,7 +14,7 @@ from barc_sim.control.pid import PID
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.vehicle.parameters import Parameter
+    from barc_sim.vehicle.limits import Parameter
 
 
 def defaults(table: list[Parameter]) -> dict[str, Any]:

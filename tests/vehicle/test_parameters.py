@@ -13,7 +13,8 @@ DEFAULTS = {each.name: each.default for each in PARAMETERS}
 BOUNDS = [
     (each.name, bound)
     for each in PARAMETERS
-    for bound in (each.between or ())
+    for bound in each.between
+    if isfinite(bound)
     # Lateral parameters have no part in the kinematic bicycle.
     if each.name not in ('yaw_inertia', 'front_stiffness', 'rear_stiffness', 'dynamic_above')
 ]
