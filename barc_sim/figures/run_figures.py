@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from functools import partial
 from io import BytesIO
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.markers import TICKUP
 from matplotlib.ticker import MaxNLocator
 
 from barc_sim.control.types import GAINS
+from barc_sim.errors import UserError
 from barc_sim.figures.style import (
     BLUE,
     COLOURS,
@@ -34,9 +36,10 @@ from barc_sim.simulation import metrics
 from barc_sim.simulation.metrics import laps_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import SubFigure
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
@@ -46,6 +49,8 @@ SIZE, DRIVE_SIZE = (9.6, 8.4), (9.6, 9.6)  #: [inch]
 JUMP = 5.0  #: [m] From one state to the next; more than this is a reset to the start.
 _SHOWN = 120  # characters of a setting
 _MOST_LAPS = 5  #: in a caption
+#: Colours of several runs in one figure.
+_RUNS = ('blue', 'vermillion', 'green', 'purple', 'orange', 'sky')
 
 
 class NotebookFigure(Figure):
@@ -57,16 +62,59 @@ class NotebookFigure(Figure):
         return data.getvalue()
 
 
-def plot(log: Log) -> Figure:
+def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figure | SubFigure:
     """Return the figure of speed, grade and command over the position; `savefig` saves it.
+
+    Several runs have a line each, with their `labels`. With `ax`, Matplotlib's axes, only the
+    speed is drawn, there.
 
     Examples
     --------
     >>> from barc_sim import simulate
-    >>> figure = plot(simulate(kp=2.0))
+    >>> figure = plot(simulate(kp=2.0), simulate(kp=20.0), labels=['kp 2', 'kp 20'])
     >>> figure.savefig('speed.png')
     """
-    return speed_figure(log, figure=NotebookFigure(figsize=SIZE))
+    if not logs or any(not len(log) for log in logs):
+        raise UserError('plot needs at least one log with a state: give the log of a run')
+    names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))]
+    if ax is not None:
+        _draw_runs(dict(zip(names, logs, strict=False)), ax)
+        return ax.figure
+    figure = NotebookFigure(figsize=SIZE)
+    if len(logs) == 1:
+        return speed_figure(*logs, title=''.join(labels), figure=figure)
+    return _compare(dict(zip(names, logs, strict=False)), figure)
+
+
+@style.context(STYLE)
+def _compare(runs: Mapping[str, Log], figure: Figure) -> Figure:
+    """Draw speed, error, grade and command of several runs, a line for each."""
+    figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
+    panels = figure.subplots(4, 1, sharex=True, height_ratios=[4, 1.8, 1.4, 1.6])
+    _draw_runs(runs, *panels)
+    panels[0].set_xlabel('')
+    panels[-1].set_xlabel('Position along the road [m]')
+    figure.align_ylabels()
+    return figure
+
+
+def _draw_runs(runs: Mapping[str, Log], *panels: Axes) -> None:
+    """Draw the speed of runs, with their references; in further panels, error, grade, command."""
+    speed, *others = panels
+    for (name, run), color in zip(runs.items(), cycle(_RUNS), strict=False):
+        line: dict[str, Any] = {'color': COLOURS[color].light, 'lw': 1.4}
+        log = _broken(use_measurement(run))
+        speed.plot(log.distance, log.speed, label=name, **line)
+        speed.plot(log.distance, log.reference, color=INK, lw=0.8, ls=DASHES, zorder=1)
+        if others:
+            error, grade, command = others
+            draw_error(error, log, **line)
+            grade.step(log.distance, log.theta_deg, where='post', **line)
+            grade.set_ylabel('Grade [°]')
+            command.step(log.distance, log.motor, where='post', **line)
+            command.set_ylabel('Command [m/s²]')
+    speed.set(xlabel='Position along the road [m]', ylabel='Speed [m/s]')
+    speed.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
 
 
 @style.context(STYLE)

@@ -15,7 +15,7 @@ from barc_sim.lab.handout import FILES
 from barc_sim.nodes import MIRRORS
 from barc_sim.runs.carrier import add_engine_option
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
-from barc_sim.vehicle.parameters import REALTIME_FACTORS, SEED
+from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
 _MAX_SIZE = 2.0**60  #: [B]
 _MAX_DURATION = 1e9  #: [s]
@@ -58,7 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     )
     bag.add_argument('--no-bag', action='store_true', help='record nothing')
     parser.add_argument(
-        '--seed', type=whole(*SEED.between), metavar='N', help='seed of the measurement noise (0)'
+        '--seed',
+        type=whole(*ROWS['seed'].between),
+        metavar='N',
+        help=f'{ROWS["seed"].description} (0)',
     )
     parser.add_argument('--integrator', choices=tuple(INTEGRATORS), help='of each step (euler)')
     parser.add_argument('--dynamics', choices=tuple(DYNAMICS), help='bicycle (kinematic)')

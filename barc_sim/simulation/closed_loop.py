@@ -37,7 +37,7 @@ from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.limits import Parameter
-from barc_sim.vehicle.parameters import NANOSECONDS, PARAMETERS, SEED
+from barc_sim.vehicle.parameters import NANOSECONDS, ROWS
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
@@ -59,16 +59,15 @@ if TYPE_CHECKING:
 
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
-_NODES = {row.name: row for row in PARAMETERS}
 #: The limits of the arguments of `simulate`: those of the nodes' parameters.
 LIMITS = {
     'speed_reference': SPEED,
     'acceleration_limit': LIMIT,
     'distance': END,
     'max_duration': Parameter('max_duration', MAX_DURATION, 'simulated time [s]', (0.0, 1e5)),
-    'seed': SEED,
-    'noise': _NODES['noise_v_x'],
-    'delay': _NODES['motor_delay'],
+    'seed': ROWS['seed'],
+    'noise': ROWS['noise_v_x'],
+    'delay': ROWS['motor_delay'],
     'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
 }
 
@@ -76,7 +75,8 @@ LIMITS = {
 def check_arguments(**arguments: object) -> None:
     """Raise UserError where an argument of `simulate` is not in its limits."""
     for name, value in arguments.items():
-        LIMITS[name].check(value, name)
+        if not isinstance(value, NoiseLevels):  # which has checked itself
+            LIMITS[name].check(value, name)
 
 
 def check_ahead(speed_reference: float, distance: float) -> None:
@@ -166,18 +166,16 @@ def simulate(
         distance=distance,
         max_duration=max_duration,
         seed=seed,
+        noise=noise,
         delay=delay,
         ts=ts,
     )
     check_ahead(speed_reference, distance)
-    if not isinstance(noise, NoiseLevels):
-        check_arguments(noise=noise)
-        noise = NoiseLevels(v_x=noise)
     plant = Plant(
-        road=road if isinstance(road, Road) else Road.named(str(road)),
+        road=Road.of(road),
         vehicle=vehicle,
         ts=round(ts * NANOSECONDS) / NANOSECONDS,
-        noise=noise,
+        noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
         seed=seed,
         model=model if model is bikeFE else _with_options(model),
         motor=Actuator(delay=delay),

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping  # noqa: TC003 (get_type_hints reads it)
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from io import BytesIO
+from pathlib import Path
+from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from barc_sim.cli.files import read_regular, replacing
 from barc_sim.control.pid import PID
-from barc_sim.errors import UserError
+from barc_sim.errors import UserError, one_line
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from os import PathLike
 
     import pandas as pd
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -160,24 +166,60 @@ class Log:
         UserError
             where pandas is not installed.
         """
-        try:
-            import pandas as pd  # noqa: PLC0415 (an extra)
-        except ImportError:
-            raise UserError(
-                "to_frame needs pandas, which is not installed: pip install 'barc_sim[pandas]'"
-            ) from None
         columns = self.columns()
-        frame = pd.DataFrame(columns)
+        frame: pd.DataFrame = import_pandas().DataFrame(columns)
         frame.attrs['units'] = {
             name: COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT for name in columns
         }
         return frame
 
-    def plot(self) -> Figure:
-        """Return the figure of speed, grade and command over the position: `barc_sim.plot`."""
+    def plot(
+        self, *others: Log, labels: Sequence[str] = (), ax: Axes | None = None
+    ) -> Figure | SubFigure:
+        """Draw this run, and others in the same figure: `barc_sim.plot`."""
         import barc_sim  # noqa: PLC0415 (what a user imports lies above all rooms)
 
-        return barc_sim.plot(self)
+        return barc_sim.plot(self, *others, labels=labels, ax=ax)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write all columns into a file, NumPy's .npz, which `Log.read` reads to the last bit."""
+        with replacing(Path(path)) as part, part.open('wb') as file:
+            own = {_OWN + name: values for name, values in self.own_terms.items()}
+            np.savez(file, **{name: getattr(self, name) for name in COLUMNS}, **own)
+
+    @classmethod
+    def read(cls, path: str | PathLike[str]) -> Log:
+        """Return the log in a file of `save`; `read_bag` reads one from a bag.
+
+        Raises
+        ------
+        UserError
+            where it is no such file.
+        """
+        data = BytesIO(read_regular(Path(path), _MAX_SIZE))
+        try:
+            _check_size(data)
+            with np.load(data, allow_pickle=False) as arrays:
+                own = {name: arrays[name] for name in arrays.files if name.startswith(_OWN)}
+                return cls(
+                    **{name: arrays[name] for name in COLUMNS},
+                    own_terms={name.removeprefix(_OWN): each for name, each in own.items()},
+                )
+        except (ValueError, KeyError, EOFError, OSError, BadZipFile, NotImplementedError) as error:
+            raise UserError(
+                f'{str(path)!r} is no log of Log.save: {one_line(str(error))}'
+            ) from None
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether both have the same columns with the same values, NaN for NaN."""
+        if not isinstance(other, Log):
+            return NotImplemented
+        ours, theirs = self.columns(), other.columns()
+        return ours.keys() == theirs.keys() and all(
+            np.array_equal(ours[name], theirs[name], equal_nan=True) for name in ours
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # its arrays can be changed
 
     def __repr__(self) -> str:
         """Return the run in a line."""
@@ -196,6 +238,26 @@ class Log:
 
 
 _TERM_UNIT = 'm/s²'
+_OWN = 'own_terms/'  #: before the names of own terms in a file
+_MAX_SIZE = 1 << 30  #: [B] of a file, and of what it holds
+
+
+def _check_size(data: BytesIO) -> None:
+    """Raise ValueError where an archive holds more than a log can."""
+    with ZipFile(data) as archive:
+        if sum(each.file_size for each in archive.infolist()) > _MAX_SIZE:
+            raise ValueError(f'it holds more than {_MAX_SIZE} bytes')
+
+
+def import_pandas() -> ModuleType:
+    """Return pandas; UserError where it is not installed."""
+    try:
+        import pandas as pd  # noqa: PLC0415 (an extra)
+    except ImportError:
+        raise UserError(
+            "to_frame needs pandas, which is not installed: pip install 'barc_sim[pandas]'"
+        ) from None
+    return pd
 
 
 def _declared() -> Iterator[tuple[str, Column]]:

@@ -56,7 +56,7 @@ class Course:
     @property
     def max_duration(self) -> float:
         """[s] after which a loop counts as failing to arrive."""
-        return _MAX_DURATION_FACTOR * (self.distance / self.speed + self.speed / self.limit)
+        return max_duration(self.distance, self.speed, self.limit)
 
     @property
     def steps(self) -> int:
@@ -106,6 +106,11 @@ class Course:
         """The measurement error [m/s] of each state's speed: the same for all loops."""
         errors, _ = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
         return list(map(float, errors[3]))
+
+
+def max_duration(distance: float, speed: float, limit: float) -> float:
+    """Return the time [s] in which a loop arrives at `distance` [m], or counts as failing."""
+    return _MAX_DURATION_FACTOR * (distance / speed + speed / limit)
 
 
 class Sums(NamedTuple):

@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import barc_path, number, whole
+from barc_sim.control import cruise_control
 from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
+from barc_sim.simulation import stepper
+from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -29,10 +32,12 @@ if TYPE_CHECKING:
 
 #: By gain: the first guess, and the end of the searched range, which begins at zero.
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
-_ROAD, _DISTANCE = 'lab', 180.0
+_ROAD = 'lab'
+#: The limits of a course that a car arrives at the end of.
+SPEED = cruise_control.SPEED._replace(between=(0.1, 100.0))
+DISTANCE = stepper.DISTANCE._replace(default=180.0, between=(10.0, 1e5))
 _PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
-_MAX_SEED = 2**53
 #: Of the scores, in their order.
 _FORMS = ('.4f', '.4f', '.2%', '.3f')
 
@@ -57,14 +62,18 @@ def add_arguments(parser: Parser) -> None:
         f'cost counts ({_ROAD})',
     )
     parser.add_argument(
-        '--speed', type=number(0.1, 100.0), default=SPEED_REFERENCE, metavar='M/S', help='(8)'
+        '--speed', type=number(*SPEED.between), default=SPEED_REFERENCE, metavar='M/S', help='(8)'
     )
     parser.add_argument(
-        '--distance', type=number(10.0, 1e5), default=_DISTANCE, metavar='M', help='(180)'
+        '--distance',
+        type=number(*DISTANCE.between),
+        default=DISTANCE.default,
+        metavar='M',
+        help='(180)',
     )
     parser.add_argument(
         '--noise',
-        type=number(0.0, 100.0),
+        type=number(*ROWS['noise_v_x'].between),
         default=0.0,
         metavar='M/S',
         help="standard deviation of the measured speed's noise (0)",
@@ -79,7 +88,7 @@ def add_arguments(parser: Parser) -> None:
     _add_gains(parser)
     parser.add_argument(
         '--seed',
-        type=whole(0, _MAX_SEED),
+        type=whole(*ROWS['seed'].between),
         default=0,
         metavar='N',
         help="of the search and of the noise; the noise is then that of a run's --seed (0)",
@@ -153,7 +162,7 @@ def commands(options: Namespace, gains: Sequence[float]) -> Iterator[str]:
         for name, value, default in (
             ('road', road, _ROAD),
             ('speed', typed(options.speed), typed(SPEED_REFERENCE)),
-            ('distance', typed(options.distance), typed(_DISTANCE)),
+            ('distance', typed(options.distance), typed(float(DISTANCE.default))),
             ('controller', str(options.controller), str(None)),
             ('seed', str(options.seed if options.noise else 0), '0'),
         ):

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import re
+from copy import deepcopy
 from dataclasses import dataclass
 from math import isfinite
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import ACCELERATION_LIMIT, KD, KI, KP, SPEED_REFERENCE, speed_controller
+from barc_sim.control.controller import gain_parameters
+from barc_sim.control.pid import ACCELERATION_LIMIT, PID, speed_controller
+from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import DISTANCE
+from barc_sim.simulation.closed_loop import LIMITS, check_arguments, simulate
+from barc_sim.simulation.log import import_pandas
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning.batch import Course, run_batch
+from barc_sim.tuning.batch import Course, max_duration, run_batch
+from barc_sim.tuning.command_line import DISTANCE, SPEED
 from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from os import PathLike
+    from collections.abc import Callable, Mapping
 
+    import pandas as pd
     from numpy.typing import ArrayLike, NDArray
 
     from barc_sim.control.controller import Controller
@@ -41,6 +47,21 @@ class Scores(NamedTuple):
     effort: Floats  #: [m/s²] RMS of the command, over the whole run
 
 
+#: The names of the scores in a `Sweep`, in their order.
+_SCORES = ('rms_error', 'max_error', 'overshoot', 'effort')
+#: What a batch takes of the arguments of `simulate`.
+_DEFAULTS: dict[str, Any] = {
+    'road': 'lab',
+    'vehicle': None,
+    'noise': 0.0,
+    'delay': 0.0,
+    'speed_reference': SPEED.default,
+    'distance': DISTANCE.default,
+    'seed': 0,
+    'acceleration_limit': ACCELERATION_LIMIT,
+    'ts': 0.02,
+}
+_WHOLE = 1e-6  #: share of a step within which a delay counts as whole steps
 #: Their labels, in their order.
 LABELS = (
     'RMS speed error [m/s]',
@@ -135,7 +156,7 @@ class Goal:
         if not self.new_controller:
             return scores(course, run_batch(course, gains))
         controller = self.new_controller()
-        rows = [_scored(course, _drive(course, controller, each)) for each in gains]
+        rows = [_scored(course.distance, _drive(course, controller, each)) for each in gains]
         return Scores(*np.array(rows).reshape(-1, len(Scores._fields)).T)
 
     def __call__(self, gains: Floats) -> Floats:
@@ -158,56 +179,59 @@ def _drive(course: Course, controller: Controller, gains: Floats) -> Log:
     return course.drive(controller)
 
 
-def _scored(course: Course, log: Log) -> tuple[float, float, float, float]:
-    """Return the scores of one run over `course`."""
-    if not log.distance[-1] >= course.distance:
+def _scored(distance: float, log: Log) -> tuple[float, float, float, float]:
+    """Return the scores of one run over `distance` [m]."""
+    if not log.distance[-1] >= distance:
         return (np.inf,) * 4
     found = summary(log)
     effort = float(np.sqrt(np.mean(np.square(log.motor))))
     return found.rms_error_after_run_up, found.max_error_after_run_up, found.overshoot, effort
 
 
+class Sweep(np.recarray):
+    """The scores of many loops, by the names of gains and scores; as many as there are gains."""
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a DataFrame with a row for each loop; needs pandas."""
+        frame: pd.DataFrame = import_pandas().DataFrame(
+            {n: self[n].ravel() for n in self.dtype.names}
+        )
+        return frame
+
+
 def sweep(
-    kp: ArrayLike = KP,
-    ki: ArrayLike = KI,
-    kd: ArrayLike = KD,
+    kp: ArrayLike | None = None,
+    ki: ArrayLike | None = None,
+    kd: ArrayLike | None = None,
     *,
-    road: Road | str | PathLike[str] = 'lab',
-    vehicle: Vehicle | None = None,
-    noise: float = 0.0,
-    delay: float = 0.0,
-    speed_reference: float = SPEED_REFERENCE,
-    distance: float = DISTANCE,
-    seed: int = 0,
-    acceleration_limit: float = ACCELERATION_LIMIT,
-    ts: float = 0.02,
-) -> np.recarray:
+    controller: object | None = None,
+    **options: Any,  # noqa: ANN401 (of `simulate`)
+) -> Sweep:
     """Drive one closed loop for each of the gains, and return the scores of all.
 
-    Each is the run that `simulate` makes with the same arguments.
+    Each is the run that `simulate` makes with the same arguments. Loops of the PID whose delay is
+    a multiple of the step are driven all at once: 10,000 take some seconds.
 
     Parameters
     ----------
     kp, ki, kd
-        Numbers or arrays of gains, broadcast against one another.
-    road, vehicle, speed_reference, distance, seed, acceleration_limit, ts
-        As in `simulate`.
-    noise
-        [m/s] standard deviation of the measured speed.
-    delay
-        [s] from a command to its effect, a multiple of `ts`.
+        Numbers or arrays of gains, broadcast against one another; those of `acc` where not given.
+    controller
+        An object as in `simulate`, in the place of the PID. Its gains, by name, are options.
+    options
+        All other arguments of `simulate`. A loop ends after `max_duration`, by default three times
+        as long as it should take.
 
     Returns
     -------
-    A record array of the broadcast shape. Its fields are the gains `kp`, `ki`, `kd` and the scores
-    `rms_error` and `max_error`, of the speed after the first 10 m [m/s], `overshoot`, a share of
-    the speed, and `effort`, the RMS command [m/s²]. The scores of a loop that never arrives are
-    infinite.
+    A record array of the broadcast shape. Its fields are the gains and the scores: `rms_error` and
+    `max_error`, of the speed after the first 10 m [m/s], `overshoot`, a share of the speed, and
+    `effort`, the RMS command [m/s²]. The scores of a loop that never arrives are infinite.
 
     Raises
     ------
     UserError
-        where the road cannot be read, or the delay is not a multiple of `ts`.
+        where an argument is out of its limits, as in `simulate`.
 
     Examples
     --------
@@ -217,25 +241,66 @@ def sweep(
     >>> print(f'{best.kp:.1f} {best.rms_error:.3f}')
     60.0 0.037
     """
-    steps = round(delay / ts)
-    if abs(steps * ts - delay) > 1e-6 * ts:
-        raise UserError(f'delay {delay!r} s must be a multiple of the step, {ts!r} s')
-    course = Course(
-        road=road if isinstance(road, Road) else Road.named(str(road)),
-        speed=speed_reference,
-        distance=distance,
-        noise=noise,
-        seed=seed,
-        delay=steps,
-        limit=acceleration_limit,
-        vehicle=vehicle or Vehicle(),
+    drives = PID() if controller is None else deepcopy(as_controller(controller))
+    given = {'kp': kp, 'ki': ki, 'kd': kd} | {
+        name: options.pop(name) for name in drives.gains if name in options
+    }
+    axes = _axes(drives, {name: gain for name, gain in given.items() if gain is not None})
+    values = _DEFAULTS | options | {'road': Road.of(options.get('road', 'lab'))}
+    check_arguments(**{name: values[name] for name in values.keys() & LIMITS.keys()})
+    SPEED.check(values['speed_reference'])
+    DISTANCE.check(values['distance'])
+    rows = np.column_stack([axis.ravel() for axis in axes.values()])
+    course = None if controller else _course(values)
+    if course:
+        found = scores(course, run_batch(course, rows))
+    else:
+        found = Scores(*np.array([_alone(drives, row, values) for row in rows]).T)
+    columns = axes | dict(zip(_SCORES, found, strict=True))
+    shape = next(iter(axes.values())).shape
+    record = np.recarray(shape, dtype=[(name, np.float64) for name in columns]).view(Sweep)
+    for name, values in columns.items():
+        record[name] = values.reshape(shape)
+    return record
+
+
+def _axes(controller: Controller, given: Mapping[str, ArrayLike]) -> dict[str, Floats]:
+    """Return all gains of `controller`, in the broadcast shape, with those that are `given`."""
+    axes = {}
+    for row in gain_parameters(controller):
+        axes[row.name] = np.asarray(given.get(row.name, row.default), dtype=np.float64)
+        for bound in (axes[row.name].min(), axes[row.name].max()):
+            row.check(bound)
+    if unknown := ', '.join(given.keys() - axes.keys()):
+        raise UserError(f'{unknown}: the controller has no such gain, but {", ".join(axes)}')
+    return dict(zip(axes, np.broadcast_arrays(*axes.values()), strict=True))
+
+
+def _course(options: Mapping[str, Any]) -> Course | None:
+    """Return the course of a batch with these options of `simulate`, if one can do it."""
+    ts = round(options['ts'] * NANOSECONDS) / NANOSECONDS
+    delay = round(options['delay'] / ts)
+    is_whole = abs(delay * ts - options['delay']) <= _WHOLE * ts
+    if options.keys() != _DEFAULTS.keys() or not is_whole or isinstance(options['noise'], tuple):
+        return None
+    return Course(
+        road=options['road'],
+        speed=options['speed_reference'],
+        distance=options['distance'],
+        noise=options['noise'],
+        seed=options['seed'],
+        delay=delay,
+        limit=options['acceleration_limit'],
+        vehicle=options['vehicle'] or Vehicle(),
         ts=ts,
     )
-    gains = np.broadcast_arrays(*(np.asarray(gain, dtype=np.float64) for gain in (kp, ki, kd)))
-    found = scores(course, run_batch(course, np.column_stack([gain.ravel() for gain in gains])))
-    names = ('kp', 'ki', 'kd', 'rms_error', 'max_error', 'overshoot', 'effort')
-    columns = dict(zip(names, (*gains, *found), strict=True))
-    record = np.recarray(gains[0].shape, dtype=[(name, np.float64) for name in columns])
-    for name, values in columns.items():
-        record[name] = values.reshape(record.shape)
-    return record
+
+
+def _alone(controller: Controller, gains: Floats, options: dict[str, Any]) -> tuple[float, ...]:
+    """Return the scores of one loop with these options of `simulate`."""
+    for name, gain in zip(controller.gains, gains.tolist(), strict=True):
+        setattr(controller, name, gain)
+    distance = options['distance']
+    duration = max_duration(distance, options['speed_reference'], options['acceleration_limit'])
+    log = simulate(controller=controller, **{'max_duration': duration} | options)
+    return _scored(distance, log)

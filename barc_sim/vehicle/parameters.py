@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 REALTIME_FACTORS = (0.001, 1000.0)
 
 
-SEED = Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53))
 _NOISE = [row._replace(name=f'noise_{row.name}') for row in parameters_of(NoiseLevels)]
 _ACTUATORS = [
     Parameter(f'{name}_{part}', 0.0, f'{what}; 0: none', (0.0, maximum))
@@ -65,7 +64,7 @@ PARAMETERS = [
     Parameter('timeout_braking', 8.0, 'deceleration after command_timeout [m/s²]', (0.0, 100.0)),
     Parameter('refuse_motor_above', 100.0, 'a command beyond is refused [m/s²]', (0.0, 1e6)),
     Parameter('refuse_servo_above', 1.5, 'a command beyond is refused [rad]', (0.0, 1.5)),
-    SEED,
+    Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
     *_NOISE,
     *_ACTUATORS,
     Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
@@ -76,6 +75,7 @@ PARAMETERS = [
     ),
     *parameters_of(LateralParameters),
 ]
+ROWS = {row.name: row for row in PARAMETERS}
 
 #: Those that can be changed while the car drives: they take effect with the next step.
 LIVE = frozenset(parameter.name for parameter in (*_NOISE, *_ACTUATORS))

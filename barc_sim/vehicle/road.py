@@ -14,6 +14,8 @@ from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -127,6 +129,11 @@ class Road:
             )
         except (ValueError, csv.Error) as error:
             raise UserError(f'road file {name!r} describes no road: {error}') from None
+
+    @classmethod
+    def of(cls, road: Road | str | PathLike[str]) -> Road:
+        """Return `road` itself, or the one of that name."""
+        return road if isinstance(road, Road) else cls.named(str(road))
 
     def _stretch(self, s: float) -> int:
         return max(bisect_right(self.starts, s) - 1, 0)

@@ -236,8 +236,8 @@ def test_what_works_counts_where_the_rest_hangs_by_seed_and_rubric(tmp_path: Pat
     ('arguments', 'message'),
     [
         (['nowhere'], "there is no folder 'nowhere'"),
-        (['.', '--jobs', '0'], "argument --jobs: '0' is not a whole number of at least 1"),
-        (['.', '--seed', '-1'], "argument --seed: '-1' is not a whole number of at least 0"),
+        (['.', '--jobs', '0'], 'argument --jobs: 0 is not a whole number of at least 1'),
+        (['.', '--seed', '-1'], 'argument --seed: -1 is not a whole number of at least 0'),
         (['.', '--rubric', 'none.yaml'], "the rubric 'none.yaml' cannot be read"),
     ],
 )

@@ -90,7 +90,7 @@ def assert_whole(path: Path) -> None:
     [
         ('', 'acc or teleop was expected'),
         ('fly', "'fly'"),
-        ('acc --kp nan', "'nan' is not a number from -1e+06 to"),
+        ('acc --kp nan', 'nan is not a number from -1e+06 to'),
         ('acc --realtime-factor 0', "nor 'max'"),
         ('acc --seed 9007199254740993', 'whole number'),
         ('acc --no-bag --bag-dir x', 'not allowed with'),
@@ -99,7 +99,7 @@ def assert_whole(path: Path) -> None:
         ('acc --bag-dir {file}', 'is not a folder'),
         ('acc --bag-dir /proc/bags', "no bag can be made in '/proc/bags'"),
         ('acc --ros-args -r z_vhcl', "'-r z_vhcl'"),
-        ('acc --ros-args -p vehicle_simulator:mass:=-1.0', 'mass of vehicle_simulator must lie'),
+        ('acc --ros-args -p vehicle_simulator:mass:=-1.0', 'mass of vehicle_simulator: -1 is not'),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(

@@ -13,10 +13,12 @@ import numpy as np
 import pytest
 from hand_drive import drive_by_hand
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from barc_sim.control.driver import DriverInput
-from barc_sim.figures.run_figures import drive_figure, speed_figure
+from barc_sim.errors import UserError
+from barc_sim.figures.run_figures import drive_figure, plot, speed_figure
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -191,3 +193,29 @@ def test_reset_to_the_start_breaks_the_lines() -> None:
     k = int(np.searchsorted(log.t, 6.0)) - 1
     assert np.isnan(path.lines[0].get_xdata()).nonzero()[0].tolist() == [k]
     assert np.isnan(speed.lines[0].get_ydata()).nonzero()[0].tolist() == [k]
+
+
+# Several runs
+
+
+def test_several_runs_have_a_line_each_in_one_figure(log: Log) -> None:
+    slower = log.map(lambda column: column[:500])
+    figure = plot(log, slower, labels=['all'])
+    speed, *others = figure.axes
+    assert [line.get_label() for line in speed.get_lines()[::2]] == ['all', 'run 2']
+    for axes in others:
+        assert [len(line.get_xdata()) for line in axes.get_lines()][:1] == [len(log)]
+    colours = {line.get_color() for line in speed.get_lines()[::2]}
+    assert len(colours) == 2
+
+
+def test_a_plot_goes_into_axes_that_are_given(log: Log) -> None:
+    left, right = Figure().subplots(1, 2)
+    assert log.plot(log, ax=right) is right.figure
+    assert (len(left.get_lines()), len(right.get_lines())) == (0, 4)
+
+
+def test_a_plot_of_nothing_is_refused(log: Log) -> None:
+    for logs in ((), (log, log.map(lambda column: column[:0]))):
+        with pytest.raises(UserError, match='at least one log with a state'):
+            plot(*logs)

@@ -53,11 +53,10 @@ def test_descriptor_tells_description_and_range(ros: Context) -> None:
 
 @pytest.mark.parametrize('value', [0.0, -1.0, 1e7, float('inf'), float('nan')])
 def test_number_out_of_range_is_refused_with_the_range(ros: Context, value: float) -> None:
-    with pytest.raises(
-        UserError,
-        match=rf'^parameter mass of car must lie between 1.0 and 1000000.0: .*\({value}\)',
-    ):
+    with pytest.raises(UserError) as refusal:
         declare(car(ros, mass=value), TABLE)
+    expected = f'parameter mass of car: {value:g} is not a number from 1 to 1e+06'
+    assert str(refusal.value) == expected
 
 
 @pytest.mark.parametrize(
@@ -65,7 +64,7 @@ def test_number_out_of_range_is_refused_with_the_range(ros: Context, value: floa
     [
         ('mass', 'abc', 'float, such as 2000.0'),
         ('mass', 2000, 'float, such as 2000.0'),
-        ('seed', 1.5, 'int, such as 0'),
+        ('seed', 'x', 'int, such as 0'),
         ('road', 7, "str, such as 'lab'"),
         ('wait', 'yes', 'bool, such as True'),
         ('mass', [1.0], 'float, such as 2000.0'),

@@ -77,7 +77,7 @@ def test_addresses_are_of_this_machine_unless_named(
     ('argument', 'reason'),
     [
         *(
-            (f'--view-port={port}', f'{port!r} is not a whole number from 0 to 65535')
+            (f'--view-port={port}', f'{port} is not a whole number from 0 to 65535')
             for port in ('-1', '65536', '80.0', '')
         ),
         *(

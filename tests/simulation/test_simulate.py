@@ -12,6 +12,7 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
+from barc_sim.vehicle.parameters import PARAMETERS, plant
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.simulation.log import Log
+
+
+def test_a_step_counts_in_whole_nanoseconds_as_the_nodes_rate_does() -> None:
+    plant_of_node = plant({row.name: row.default for row in PARAMETERS} | {'rate': 333.0})
+    assert simulate(ts=1 / 333, distance=30.0) == closed_loop(plant_of_node, distance=30.0)
 
 
 def assert_same(left: Log, right: Log) -> None:

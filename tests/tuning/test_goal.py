@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from barc_sim.control.lqr import LQR
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import controller_of
 from barc_sim.simulation.closed_loop import simulate
@@ -164,8 +165,15 @@ def test_a_controller_that_ends_its_process_is_an_error(controller: Path) -> Non
         cost(GAINS)
 
 
-@pytest.mark.parametrize('options', [{}, {'noise': 0.05, 'seed': 2, 'delay': 0.04}])
-def test_a_sweep_scores_the_runs_of_simulate(options: dict[str, float]) -> None:
+@pytest.mark.parametrize(
+    'options',
+    [
+        {},
+        {'noise': 0.05, 'seed': 2, 'delay': 0.04, 'ts': 1 / 333},
+        {'delay': 0.03, 'integrator': 'rk4'},
+    ],
+)
+def test_a_sweep_scores_the_runs_of_simulate(options: dict[str, Any]) -> None:
     found = sweep([10.0, 30.0], ki=100.0, distance=60.0, **options)
     for each in found:
         log = simulate(each.kp, each.ki, each.kd, distance=60.0, **options)
@@ -186,6 +194,22 @@ def test_gains_are_broadcast_and_the_best_is_found_by_name() -> None:
     assert best.rms_error == found.rms_error.min()
 
 
-def test_a_delay_that_is_no_multiple_of_the_step_is_refused() -> None:
-    with pytest.raises(UserError, match=r'delay 0.03 s must be a multiple of the step, 0.02 s'):
-        sweep(delay=0.03)
+def test_a_sweep_of_another_controller_is_a_table_of_its_gains() -> None:
+    frame = sweep(controller=LQR(), speed_weight=[100.0, 400.0], distance=30.0).to_frame()
+    assert [*frame] == [*LQR.gains, 'rms_error', 'max_error', 'overshoot', 'effort']
+    assert frame.speed_weight.tolist() == [100.0, 400.0]
+    expected = summary(simulate(controller=LQR(speed_weight=100.0), distance=30.0))
+    assert frame.rms_error[0] == expected.rms_error_after_run_up
+
+
+@pytest.mark.parametrize(
+    ('gains', 'complaint'),
+    [
+        ({'kp': [1.0, np.nan]}, 'kp: nan is not a number from'),
+        ({'kp': 1.0, 'controller': LQR()}, 'kp: the controller has no such gain, but speed_weight'),
+        ({'controller': LQR(), 'observer_gain': [0.5, 2.0]}, 'observer_gain: 2 is not a number'),
+    ],
+)
+def test_gains_that_are_none_are_refused(gains: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(UserError, match=complaint):
+        sweep(**gains)

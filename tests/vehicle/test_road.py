@@ -83,6 +83,16 @@ def test_road_that_makes_no_sense_is_refused(
         Road(starts, grades_deg)
 
 
+def test_arrays_make_a_road_and_are_places_on_it() -> None:
+    road = Road(np.arange(4) * 10.0, np.array([0, 5, -3, 0]))
+    assert road == Road((0.0, 10.0, 20.0, 30.0), (0.0, 5.0, -3.0, 0.0))
+    places = np.array([[-5.0, 0.0, 10.0], [19.5, 30.0, 300.0]])
+    for method in (road.grade_deg, road.elevation, road.horizontal):
+        found = method(places)
+        assert found.shape == places.shape
+        assert found.ravel().tolist() == [method(s) for s in places.ravel().tolist()]
+
+
 # By name
 
 

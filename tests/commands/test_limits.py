@@ -1,0 +1,127 @@
+"""A bad number is refused in one sentence: by Python, by a command, and by a node's parameter."""
+
+from __future__ import annotations
+
+from math import inf, nan
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from command_line import refused
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from barc_sim import LQR, PID, Vehicle, simulate, sweep
+from barc_sim.control.controller import gain_parameters
+from barc_sim.control.cruise_control import LIMIT, SPEED
+from barc_sim.errors import UserError
+from barc_sim.ros.node_helpers import declare
+from barc_sim.simulation.closed_loop import LIMITS
+from barc_sim.simulation.stepper import parameters
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bicycles import LateralParameters
+from barc_sim.vehicle.sensor import NoiseLevels
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.context import Context
+
+TABLE = [*parameters(), *gain_parameters(PID()), *gain_parameters(LQR()), LIMIT, SPEED]
+
+
+def of(function: Callable[..., object], **arguments: Any) -> pytest.param:  # type: ignore[valid-type]  # noqa: ANN401
+    """Return a case: a call, and its one argument."""
+    (name,) = arguments
+    return pytest.param(function, arguments, id=f'{function.__name__}-{name}={arguments[name]}')
+
+
+def sentence(function: Callable[..., object], arguments: dict[str, Any]) -> str:
+    with pytest.raises(UserError) as refusal:
+        function(**arguments)
+    name, colon, why = str(refusal.value).partition(': ')
+    assert (name, colon) in ((*arguments, ': '), ('kp', ': '))
+    return why
+
+
+@pytest.mark.parametrize(
+    ('function', 'arguments', 'words'),
+    [
+        (simulate, {'acceleration_limit': -8}, 'acc --acceleration-limit -8'),
+        (sweep, {'acceleration_limit': nan}, 'acc --acceleration-limit nan'),
+        (simulate, {'kp': nan}, 'acc --kp nan'),
+        (PID, {'kp': -inf}, 'check --kp -inf'),
+        (PID, {'kd': 1e7}, 'acc --gain kd=1e7'),
+        (LQR, {'effort_weight': 0.0}, 'acc --gain effort_weight=0'),
+        (simulate, {'speed_reference': 101}, 'acc --speed 101'),
+        (sweep, {'speed_reference': 0.0}, 'tune --speed 0'),
+        (simulate, {'distance': -1}, 'acc --distance -1'),
+        (sweep, {'distance': 9.0}, 'tune --distance 9'),
+        (simulate, {'noise': -1.0}, 'tune --noise -1'),
+        (sweep, {'noise': inf}, 'tune --noise inf'),
+        (simulate, {'seed': 1.5}, 'acc --seed 1.5'),
+        (sweep, {'seed': -1}, 'tune --seed -1'),
+        (simulate, {'seed': 'x'}, 'teleop --seed x'),
+    ],
+)
+def test_a_command_refuses_what_python_does(
+    function: Callable[..., object], arguments: dict[str, Any], words: str
+) -> None:
+    why = sentence(function, arguments)
+    assert f'{words.split()[1].partition("=")[0]}: {why} (see --help)' in refused(*words.split())
+
+
+@pytest.mark.parametrize(
+    ('function', 'arguments', 'parameter', 'value'),
+    [
+        (simulate, {'acceleration_limit': -8}, 'acceleration_limit', -8.0),
+        (simulate, {'kp': nan}, 'kp', nan),
+        (LQR, {'observer_gain': 1.5}, 'observer_gain', 1.5),
+        (simulate, {'speed_reference': nan}, 'speed_reference', nan),
+        (simulate, {'distance': 1e7}, 'distance', 1e7),
+        (simulate, {'noise': -1}, 'noise_v_x', -1.0),
+        (NoiseLevels, {'psi_dot': nan}, 'noise_psi_dot', nan),
+        (simulate, {'delay': -1}, 'motor_delay', -1.0),
+        (Actuator, {'lag': 101}, 'servo_lag', 101.0),
+        (simulate, {'seed': 1.5}, 'seed', 1.5),
+        (simulate, {'seed': -1}, 'seed', -1),
+        (Vehicle, {'mass': -1}, 'mass', -1.0),
+        (Vehicle, {'air_drag_coeff': inf}, 'air_drag_coeff', inf),
+        (LateralParameters, {'yaw_inertia': 0}, 'yaw_inertia', 0.0),
+    ],
+)
+def test_a_parameter_refuses_what_python_does(
+    ros: Context,
+    function: Callable[..., object],
+    arguments: dict[str, Any],
+    parameter: str,
+    value: Any,  # noqa: ANN401
+) -> None:
+    why = sentence(function, arguments)
+    overrides = [Parameter(parameter, value=value)]
+    node = Node('car', context=ros, parameter_overrides=overrides)
+    with pytest.raises(UserError) as refusal:
+        declare(node, (each for each in TABLE if each.name == parameter))
+    assert str(refusal.value) == f'parameter {parameter} of car: {why}'
+    node.destroy_node()
+
+
+@pytest.mark.parametrize('name', LIMITS)
+@pytest.mark.parametrize('value', [nan, -inf, '1', None, True, [1.0]])
+def test_no_argument_takes_what_is_no_number(name: str, value: object) -> None:
+    assert ' is not a ' in sentence(simulate, {name: value})
+
+
+@pytest.mark.parametrize(('ts', 'duration'), [(0.0, 600.0), (-0.02, 1.0), (0.02, inf), (2.0, 1.0)])
+def test_time_passes_and_ends(ts: float, duration: float) -> None:
+    with pytest.raises(UserError, match='is not a number from'):
+        simulate(ts=ts, max_duration=duration)
+
+
+def test_a_car_that_leaves_its_distance_behind_is_refused() -> None:
+    with pytest.raises(UserError, match='speed_reference -5 leads away') as refusal:
+        simulate(speed_reference=-5.0)
+    assert str(refusal.value) in refused('acc', '--speed', '-5', '--engine', 'local', '--no-bag')
+    assert simulate(speed_reference=-5.0, distance=0.0, max_duration=2.0).speed[-1] < -4.0
