@@ -6,7 +6,7 @@ from collections.abc import Mapping  # noqa: TC003 (get_type_hints reads it)
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
 from zipfile import BadZipFile, ZipFile
 
@@ -185,7 +185,8 @@ class Log:
         """Write all columns into a file, NumPy's .npz, which `Log.read` reads to the last bit."""
         with replacing(Path(path)) as part, part.open('wb') as file:
             own = {_OWN + name: values for name, values in self.own_terms.items()}
-            np.savez(file, **{name: getattr(self, name) for name in COLUMNS}, **own)
+            arrays: dict[str, Any] = {name: getattr(self, name) for name in COLUMNS} | own
+            np.savez(file, **arrays)
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Log:
@@ -249,7 +250,7 @@ def _check_size(data: BytesIO) -> None:
             raise ValueError(f'it holds more than {_MAX_SIZE} bytes')
 
 
-def import_pandas() -> ModuleType:
+def import_pandas() -> Any:  # noqa: ANN401 (a module)
     """Return pandas; UserError where it is not installed."""
     try:
         import pandas as pd  # noqa: PLC0415 (an extra)

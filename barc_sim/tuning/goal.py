@@ -194,7 +194,7 @@ class Sweep(np.recarray):
     def to_frame(self) -> pd.DataFrame:
         """Return a DataFrame with a row for each loop; needs pandas."""
         frame: pd.DataFrame = import_pandas().DataFrame(
-            {n: self[n].ravel() for n in self.dtype.names}
+            {n: self[n].ravel() for n in self.dtype.names or ()}
         )
         return frame
 
@@ -259,8 +259,8 @@ def sweep(
     columns = axes | dict(zip(_SCORES, found, strict=True))
     shape = next(iter(axes.values())).shape
     record = np.recarray(shape, dtype=[(name, np.float64) for name in columns]).view(Sweep)
-    for name, values in columns.items():
-        record[name] = values.reshape(shape)
+    for name, column in columns.items():
+        record[name] = column.reshape(shape)
     return record
 
 

@@ -168,7 +168,7 @@ def test_a_file_that_is_no_log_is_refused(tmp_path: Path, log: Log) -> None:
 
 
 def test_a_file_that_unpacks_to_too_much_is_refused(
-    tmp_path: Path, log: Log, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     np.savez_compressed(tmp_path / 'run.npz', **{name: np.zeros(5000) for name in COLUMNS})
     monkeypatch.setattr('barc_sim.simulation.log._MAX_SIZE', 100_000)
