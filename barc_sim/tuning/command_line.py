@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import barc_path, number, whole
-from barc_sim.control import cruise_control
 from barc_sim.control.pid import KD, KI, KP, SPEED_REFERENCE
 from barc_sim.errors import UserError
-from barc_sim.simulation import stepper
+from barc_sim.tuning import DISTANCE, SPEED
 from barc_sim.vehicle.parameters import ROWS
 
 if TYPE_CHECKING:
@@ -33,9 +32,6 @@ if TYPE_CHECKING:
 #: By gain: the first guess, and the end of the searched range, which begins at zero.
 GAINS = {'kp': (KP, 100.0), 'ki': (KI, 4000.0), 'kd': (KD, 2.0)}
 _ROAD = 'lab'
-#: The limits of a course that a car arrives at the end of.
-SPEED = cruise_control.SPEED._replace(between=(0.1, 100.0))
-DISTANCE = stepper.DISTANCE._replace(default=180.0, between=(10.0, 1e5))
 _PERIOD = 0.02  #: [s] of a step
 _MAX_GAIN = 1e6
 #: Of the scores, in their order.

@@ -17,8 +17,8 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import LIMITS, check_arguments, simulate
 from barc_sim.simulation.log import import_pandas
 from barc_sim.simulation.metrics import summary
+from barc_sim.tuning import DISTANCE, SPEED
 from barc_sim.tuning.batch import Course, max_duration, run_batch
-from barc_sim.tuning.command_line import DISTANCE, SPEED
 from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
