@@ -34,6 +34,12 @@ def add_arguments_acc(parser: Parser) -> None:
         help=f'speed to hold ({SPEED_REFERENCE:g})',
     )
     parser.add_argument(
+        '--reference',
+        metavar='FILE',
+        help='the speed to hold over time or place: a CSV file with the columns time_s,speed_mps '
+        'or distance_m,speed_mps',
+    )
+    parser.add_argument(
         '--controller-type', choices=tuple(TYPES), help=f'what holds the speed ({DEFAULT_TYPE})'
     )
     for name, gain in PID.gains.items():

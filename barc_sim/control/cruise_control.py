@@ -9,11 +9,13 @@ from barc_sim.control.pid import ACCELERATION_LIMIT, FIRST_DT, NO_LIMIT, PID, SP
 from barc_sim.control.types import DEFAULT_TYPE, TYPES, as_controller
 from barc_sim.errors import UserError
 from barc_sim.vehicle.limits import Parameter
+from barc_sim.vehicle.profile import signal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from barc_sim.control.controller import Controller
+    from barc_sim.vehicle.profile import Signal
 
     #: Takes a function that returns a sentence, so that a suppressed warning costs nothing.
     Warn = Callable[[Callable[[], str]], None]
@@ -33,11 +35,23 @@ LIMIT = Parameter(
 _PARAMETERS = [
     SPEED,
     Parameter(
+        'reference',
+        '',
+        'a CSV file with the columns time_s,speed_mps or distance_m,speed_mps: the speed to hold, '
+        'until speed_reference is set',
+        read_only=True,
+    ),
+    Parameter(
         'subtract_error',
         default=False,
         description='whether to control the true speed, z_vhcl minus ez_vhcl, not the measured',
     ),
 ]
+
+
+def reference_of(given: object) -> Signal:
+    """Return the speed to hold [m/s] over time and place that a function or a CSV file gives."""
+    return signal(given, SPEED._replace(name='reference'), 'speed_mps')
 
 
 class Answer(NamedTuple):
@@ -68,7 +82,10 @@ class CruiseControl:
         self._refuse, self._warn = refuse, warn
         self.controller = as_controller(controller) if controller else _of_type(declare)
         self.is_pid = self.controller.terms.keys() == PID.terms.keys()
+        self._previous: int | None = None  # [ns] stamp of the latest state
         self.values: dict[str, Any] = {}  #: the parameters by name
+        self._reference: Signal | None = None  # over time and place
+        self._start: int | None = None  # [ns] stamp of the first state
         self._awaits_error = True  # whether a state is answered only once its error is there
         self.configure(declare(self.parameters(acceleration_limit)))
         self.reset()
@@ -86,6 +103,9 @@ class CruiseControl:
         if self.values and values.get('subtract_error'):
             # The present state came without its error: it is answered as measured.
             self._awaits_error = False
+        if 'speed_reference' in values:
+            file = values.get('reference')
+            self._reference = reference_of(file) if file else None
         self.values.update(values)
         controller = self.controller
         for name in controller.gains:
@@ -98,22 +118,27 @@ class CruiseControl:
         try:
             SPEED.check(speed)
             self.values[SPEED.name] = speed
+            self._reference = None
         except UserError as error:
             why = str(error)
             self._refuse(lambda: why)
 
+    def reference(self, t: float, x: float) -> float:
+        """Return the speed to hold [m/s] `t` seconds after the start, at `x` metres."""
+        return self._reference(t, x) if self._reference else float(self.values[SPEED.name])
+
     def reset(self) -> None:
         """Begin anew."""
         self.controller.reset()
-        self._previous: int | None = None
-        self._state: tuple[int, float] | None = None  # of subtract_error: stamp [ns] and speed
+        self._start = self._previous = None
+        self._state: tuple[int, float, float] | None = None  # of subtract_error: as `take_state`
         self._error: tuple[int, float] | None = None
 
-    def take_state(self, stamp: int, speed: float) -> Answer | None:
+    def take_state(self, stamp: int, speed: float, x: float = 0.0) -> Answer | None:
         """Return the answer to a state stamped `stamp` [ns]; None if it is not due, or refused."""
         if not (self.values['subtract_error'] and self._awaits_error):
-            return self.answer(stamp, speed)
-        self._state = stamp, speed
+            return self.answer(stamp, speed, x)
+        self._state = stamp, speed, x
         return self._join()
 
     def take_error(self, stamp: int, error: float) -> Answer | None:
@@ -127,15 +152,20 @@ class CruiseControl:
         """Answer once the state and the error of the same stamp are both there."""
         if self._state is None or self._error is None or self._state[0] != self._error[0]:
             return None
-        stamp, speed = self._state
-        return self.answer(stamp, speed - self._error[1])
+        stamp, speed, x = self._state
+        return self.answer(stamp, speed - self._error[1], x)
 
-    def answer(self, stamp: int, speed: float) -> Answer | None:
-        """Return the answer to the state stamped `stamp` [ns]; None if its speed is refused."""
+    def answer(self, stamp: int, speed: float, x: float) -> Answer | None:
+        """Return the answer to the state stamped `stamp` [ns] at `x` metres.
+
+        None: its speed is refused.
+        """
         if not abs(speed) <= _FASTEST:  # NaN, too
             self._refuse(lambda: f'a state whose speed is {speed} m/s')
             return None
         dt = FIRST_DT
+        if self._start is None or stamp < self._start:
+            self._start = stamp
         if self._previous is not None:
             dt = (stamp - self._previous) / _NANOSECONDS
             if dt < 0.0:
@@ -144,7 +174,7 @@ class CruiseControl:
                 self.controller.reset()
                 dt = FIRST_DT
         self._previous = stamp
-        reference = float(self.values['speed_reference'])
+        reference = self.reference((stamp - self._start) / _NANOSECONDS, x)
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
         return Answer(reference, speed, acceleration)
 

@@ -28,8 +28,9 @@ class CruiseController(Node):
     """Answers each `z_vhcl` with an `ecu` of the same stamp; its dt is the difference of stamps.
 
     Gains, reference and limit can be changed while it runs; the reference on the topic
-    `speed_reference`, too, by an outer loop: the latest value holds. `values` are the parameters;
-    `refused` counts references and states that were out of range.
+    `speed_reference`, too, by an outer loop: the latest value holds. `values` are the parameters,
+    `reference` the speed to hold after some time and at a place; `refused` counts references and
+    states that were out of range.
 
     Examples
     --------
@@ -73,6 +74,7 @@ class CruiseController(Node):
             warn=RateLimitedWarning(self).warn,
         )
         self.values = self._control.values
+        self.reference = self._control.reference
         self.add_post_set_parameters_callback(self._on_parameters)
 
         topic = names.PID_STATE if self._control.is_pid else names.CONTROLLER_STATE
@@ -105,7 +107,7 @@ class CruiseController(Node):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp = to_nanoseconds(state.header.stamp)
-        self._publish(state.header, self._control.take_state(stamp, state.v_x))
+        self._publish(state.header, self._control.take_state(stamp, state.v_x, state.x))
 
     def _on_state_error(self, error: EZDynBkMdl) -> None:
         stamp = to_nanoseconds(error.header.stamp)

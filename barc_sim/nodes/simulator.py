@@ -28,7 +28,7 @@ from barc_sim.ros.node_helpers import (
 from barc_sim.ros.peers import claim
 from barc_sim.simulation.stepper import Settings, Stepper, parameters
 from barc_sim.vehicle.bike_model import Command, bikeFE
-from barc_sim.vehicle.parameters import plant, retune
+from barc_sim.vehicle.parameters import disturbance_of, plant, retune
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class VehicleSimulator(Node):
         super().__init__('vehicle_simulator', **options)
         self.values = values = declare(self, parameters(distance))
         self.road = road or Road.named(values['road'])
-        new_plant = partial(plant, values, model, self.road)
+        new_plant = partial(plant, values, model, self.road, disturbance_of(values))
         self.stepper = Stepper(new_plant, self, Settings.of_parameters(values))
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)

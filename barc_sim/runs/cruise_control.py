@@ -84,6 +84,7 @@ class Car:
                 CruiseController,
                 {
                     'speed_reference': options.speed,
+                    'reference': options.reference,
                     'acceleration_limit': options.acceleration_limit,
                     'controller_type': options.controller_type,
                     **_gains(options),
@@ -114,12 +115,10 @@ class Car:
             model=user_code.model or bikeFE,
             namespace=namespace,
         )
-        check_ahead(self.reference, self.simulator.values['distance'])
-
-    @property
-    def reference(self) -> float:
-        """The speed to hold [m/s]."""
-        return float(self.controller.values['speed_reference'] if self.controller else self._speed)
+        if self.controller and not self.controller.values['reference']:
+            check_ahead(
+                self.controller.values['speed_reference'], self.simulator.values['distance']
+            )
 
     def _on_step(self, t: float, seen: Observation) -> None:
         """Add the state, `t` [s] after the start of its lap, to the lap, and show it.
@@ -128,7 +127,9 @@ class Car:
         """
         if t == 0.0:
             self._progress = Progress(self.simulator.values['distance'] or inf)
-        x, speed, reference = seen.true.x, seen.true.v_x, self.reference
+        x, speed, reference = seen.true.x, seen.true.v_x, self._speed
+        if self.controller:
+            reference = self.controller.reference(t, seen.measured.x)
         theta_deg = seen.surroundings.theta
         lap = self._laps.add(t, x, seen.true.y, speed, reference, theta_deg)
         if lap == len(self._missed):
@@ -168,6 +169,7 @@ def _check(options: Namespace, user_code: UserCode) -> None:
         own = {name: getattr(options, name) for name in (*PID.gains, 'controller')}
         own['acceleration-limit'] = options.acceleration_limit
         own['controller-type'] = options.controller_type
+        own['reference'] = options.reference
         own |= {f'gain {name}': value for name, value in options.gain}
         check_left_out('controller', own)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from barc_sim.control.controller import check_gains
-from barc_sim.control.cruise_control import LIMIT, SPEED
+from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -37,8 +37,9 @@ from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, bikeFE
 from barc_sim.vehicle.limits import Parameter
-from barc_sim.vehicle.parameters import NANOSECONDS, ROWS
+from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS
 from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.profile import signal
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
 
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model, Vehicle
     from barc_sim.vehicle.plant import Observation
+    from barc_sim.vehicle.profile import Signal
 
     #: Observation, command, and saturation with terms.
     _Row = tuple[Observation, Command, tuple[float, ...]]
@@ -68,6 +70,7 @@ LIMITS = {
     'seed': ROWS['seed'],
     'noise': ROWS['noise_v_x'],
     'delay': ROWS['motor_delay'],
+    'sensor_delay': ROWS['sensor_delay'],
     'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
 }
 
@@ -97,9 +100,12 @@ def simulate(
     vehicle: Vehicle | None = None,
     noise: float | NoiseLevels = 0.0,
     delay: float = 0.0,
+    sensor_delay: float = 0.0,
+    disturbance: float | str | PathLike[str] | Signal = 0.0,
     controller: object | None = None,
     model: Model = bikeFE,
     speed_reference: float = SPEED_REFERENCE,
+    reference: str | PathLike[str] | Signal | None = None,
     distance: float = DISTANCE,
     max_duration: float = MAX_DURATION,
     seed: int = 0,
@@ -123,12 +129,21 @@ def simulate(
         Standard deviation of the measured speed [m/s], or of every signal.
     delay
         [s] from a command to its effect.
+    sensor_delay
+        [s] age of what is measured.
+    disturbance
+        [N] force on the car, positive forwards: a number, a function of the time since the start
+        [s] and the place along the road [m], or the path of a CSV file with the columns
+        `time_s,force_n` or `distance_m,force_n`.
     controller
         An object with the lab's `acc_calculate(speed_reference, speed_current)`, to which dt [s]
         is a third argument if it takes one. A copy of it drives in the place of the PID.
     model
         A function with the arguments and the result of `bikeFE`; `l_f`, `l_r` and `g` are passed
         if it has parameters of these names.
+    reference
+        In the place of `speed_reference` a function of time and measured place, as above, or the
+        path of a CSV file with the columns `time_s,speed_mps` or `distance_m,speed_mps`.
     speed_reference, distance, max_duration
         [m/s], [m], [s]: the run ends at `distance` (0: it does not), or after `max_duration` of
         simulated time.
@@ -168,15 +183,22 @@ def simulate(
         seed=seed,
         noise=noise,
         delay=delay,
+        sensor_delay=sensor_delay,
         ts=ts,
     )
-    check_ahead(speed_reference, distance)
+    if reference is None:
+        check_ahead(speed_reference, distance)
+    force = signal(disturbance, ROWS['disturbance'], FORCE_COLUMN)
+    is_constant = isinstance(disturbance, (float, int))
     plant = Plant(
         road=Road.of(road),
         vehicle=vehicle,
         ts=round(ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
         seed=seed,
+        sensor_delay=sensor_delay,
+        force=force(0.0, 0.0) if is_constant else 0.0,
+        disturbance=None if is_constant else force,
         model=model if model is bikeFE else _with_options(model),
         motor=Actuator(delay=delay),
         integrator=integrator,
@@ -191,6 +213,7 @@ def simulate(
         plant,
         driving,
         speed_reference=speed_reference,
+        reference=None if reference is None else reference_of(reference),
         distance=distance or inf,
         max_duration=max_duration,
     )
@@ -201,20 +224,22 @@ def closed_loop(
     controller: Controller | None = None,
     *,
     speed_reference: float = SPEED_REFERENCE,
+    reference: Signal | None = None,
     distance: float = DISTANCE,
     max_duration: float = MAX_DURATION,
     progress: Progress | None = None,
 ) -> Log:
     """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
 
-    With `progress` the drive of a car that never arrives ends, too, as a run does.
+    `reference`, where given, is the speed to hold over time and measured place. With `progress` the
+    drive of a car that never arrives ends, too, as a run does.
     `plant` and `controller`, those of a run unless given, are left as the run left them. The last
     row is the first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
     steps = round(max_duration / plant.ts)
-    if type(controller) is PID and plant.has_fast_path and progress is None:
+    if type(controller) is PID and plant.has_fast_path and not (progress or reference):
         log = pid_log(plant, controller, speed_reference, distance, steps)
         if log is not None:
             return log
@@ -222,23 +247,30 @@ def closed_loop(
     # With one name alone, an attrgetter would return no tuple.
     read = attrgetter('saturated', *terms) if terms else lambda each: (each.saturated,)
     rows: list[_Row] = []
+    held, references = speed_reference, []
     dt = FIRST_DT
     for k in range(steps + 1):
         seen = plant.observe()
-        motor = controller.acc_calculate(speed_reference, seen.measured.v_x, dt)
+        if reference:
+            held = reference(k * plant.period_ns / 1e9, seen.measured.x)
+        motor = controller.acc_calculate(held, seen.measured.v_x, dt)
         command = Command(motor, 0.0)
+        references.append(held)
         rows.append((seen, command, read(controller)))
         if plant.state.x >= distance:
             break
-        if progress and progress.add(k * plant.ts, seen.true.x, seen.true.v_x, speed_reference):
+        if progress and progress.add(k * plant.ts, seen.true.x, seen.true.v_x, held):
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    return log_of(rows, plant.period_ns, speed_reference, terms)
+    return log_of(rows, plant.period_ns, references, terms)
 
 
 def log_of(
-    rows: Sequence[_Row], period_ns: int, speed_reference: float = nan, terms: Sequence[str] = ()
+    rows: Sequence[_Row],
+    period_ns: int,
+    references: Sequence[float] | float = nan,
+    terms: Sequence[str] = (),
 ) -> Log:
     """Return a log of steps of `period_ns`; its columns are the records' fields, and `terms`."""
     seen, commands, values = zip(*rows, strict=True)
@@ -252,7 +284,7 @@ def log_of(
         **_columns(COMMAND, commands),
         missed=np.zeros(n, np.bool_),
         **_columns(ENVIRONMENT, [each.surroundings for each in seen]),
-        reference=np.full(n, speed_reference),
+        reference=np.full(n, references),
         saturated=saturated.astype(np.bool_),
         **{name: recorded.pop(name, np.full(n, nan)) for name in PID.terms},
         own_terms=recorded,

@@ -109,8 +109,8 @@ class _Sums(NamedTuple):
     """What a `Summary` is made of.
 
     Overshoot and settling time are those of the step from standstill to the reference, read on
-    the first segment of road, before the first change of grade disturbs it; the settling time is
-    NaN where the speed is outside the band at that segment's end.
+    the first segment of road, before the first change of grade or reference; the settling time is
+    NaN where the speed is outside the band at the end of that part.
     """
 
     all: _Errors = _Errors()
@@ -119,6 +119,8 @@ class _Sums(NamedTuple):
     begin: float = nan  #: [s]
     peak: float = nan  #: maximum speed on the first segment, as a share of the reference
     settled_at: float = nan  #: [s]
+    reference: float = nan  #: [m/s] of the step response
+    has_changed: bool = False  #: whether there has been another reference
 
     def plus(
         self, t: Floats, distance: Floats, speed: Floats, reference: Floats, theta_deg: Floats
@@ -139,13 +141,19 @@ class _Sums(NamedTuple):
             (*before, *new),
             *self[3:],
         )
-        if not before:
+        if not before and not self.has_changed:
             first = slice(starts[1] if len(starts) > 1 else None)
             sums = sums._with_step_response(t[first], speed[first], reference[first])
         return sums
 
     def _with_step_response(self, t: Floats, speed: Floats, reference: Floats) -> _Sums:
-        """Return these with states of the first segment."""
+        """Return these with states of the first segment, up to a change of the reference."""
+        held = float(reference[0]) if isnan(self.begin) else self.reference
+        changed = np.flatnonzero((reference != held) & (not isnan(held)))[:1]
+        if changed.size:
+            t, speed, reference = (each[: changed[0]] for each in (t, speed, reference))
+        if not len(t):
+            return self._replace(has_changed=True)
         share = np.divide(speed, reference, out=np.full(len(t), nan), where=reference != 0.0)
         before = -inf if isnan(self.begin) else self.peak
         peak = float(np.maximum(before, share.max()))  # NaN where one is
@@ -157,7 +165,8 @@ class _Sums(NamedTuple):
         elif isnan(settled_at):
             settled_at = float(t[0])
         begin = float(t[0]) if isnan(self.begin) else self.begin
-        return self._replace(begin=begin, peak=peak, settled_at=settled_at)
+        has_changed = bool(changed.size)
+        return _Sums(*self[:3], begin, peak, settled_at, held, has_changed)
 
     def summary(self, missed_deadlines: int) -> Summary:
         """Return the summary of the states."""

@@ -49,6 +49,14 @@ class Actuator(NamedTuple):
         return target - error * (1.0 - decayed), mean
 
 
+def in_steps(delay: float, ts: float) -> tuple[int, float]:
+    """Return a delay in whole steps of `ts` seconds, and the share of a step beyond them."""
+    whole, share = divmod(delay / ts, 1.0)
+    return (
+        (int(whole), share) if _WHOLE < share < 1.0 - _WHOLE else (int(whole + round(share)), 0.0)
+    )
+
+
 class ActuatorState:
     """One actuator at work, in steps of a fixed length.
 
@@ -83,11 +91,8 @@ class ActuatorState:
         acts now acts meanwhile.
         """
         self._actuator = actuator
-        whole, early = divmod(actuator.delay / self._ts, 1.0)
-        if not _WHOLE < early < 1.0 - _WHOLE:
-            whole, early = whole + round(early), 0.0
-        self.early = early
-        size = int(whole) + 2
+        whole, self.early = in_steps(actuator.delay, self._ts)
+        size = whole + 2
         _, acting, *waiting = self._queue
         self._queue = deque([*[acting] * (size - len(waiting)), *waiting], maxlen=size)
 

@@ -14,6 +14,7 @@ from barc_sim.vehicle.bicycles import DYNAMICS, LateralParameters
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.limits import Parameter, parameters_of
 from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.profile import signal
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from barc_sim.vehicle.bike_model import Model
+    from barc_sim.vehicle.profile import Signal
 
 
 #: Simulated seconds per second; besides, 0 is as fast as commands arrive.
@@ -37,6 +39,10 @@ _ACTUATORS = [
         ('rate_limit', f'maximum change of {limit} [{unit}/s]', 1e6),
         ('limit', f'maximum {limit} either way [{unit}]', 1e6),
     )
+]
+_OTHERS = [
+    Parameter('sensor_delay', 0.0, 'age of what is measured [s]; 0: none', (0.0, 10.0)),
+    Parameter('disturbance', 0.0, 'force on the car, positive forwards [N]', (-1e6, 1e6)),
 ]
 PARAMETERS = [
     *parameters_of(Vehicle),
@@ -67,6 +73,12 @@ PARAMETERS = [
     Parameter('seed', 0, 'seed of the measurement noise', (0, 2**53)),
     *_NOISE,
     *_ACTUATORS,
+    *_OTHERS,
+    Parameter(
+        'disturbance_file',
+        '',
+        'a CSV file with the columns time_s,force_n or distance_m,force_n: a further force',
+    ),
     Parameter('integrator', 'euler', "'euler' (forward) or 'rk4' (Runge-Kutta)"),
     Parameter(
         'dynamics',
@@ -78,8 +90,9 @@ PARAMETERS = [
 ROWS = {row.name: row for row in PARAMETERS}
 
 #: Those that can be changed while the car drives: they take effect with the next step.
-LIVE = frozenset(parameter.name for parameter in (*_NOISE, *_ACTUATORS))
+LIVE = frozenset(parameter.name for parameter in (*_NOISE, *_ACTUATORS, *_OTHERS))
 NANOSECONDS = 1_000_000_000
+FORCE_COLUMN = 'force_n'  #: of a file with a disturbance
 
 
 def period_ns(values: Mapping[str, Any]) -> int:
@@ -87,7 +100,18 @@ def period_ns(values: Mapping[str, Any]) -> int:
     return round(NANOSECONDS / float(values['rate']))
 
 
-def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = None) -> Plant:
+def disturbance_of(values: Mapping[str, Any]) -> Signal | None:
+    """Return the disturbance [N] in the file that `values` name, if they name one."""
+    name = values['disturbance_file']
+    return signal(name, ROWS['disturbance'], FORCE_COLUMN) if name else None
+
+
+def plant(
+    values: Mapping[str, Any],
+    model: Model = bikeFE,
+    road: Road | None = None,
+    disturbance: Signal | None = None,
+) -> Plant:
     """Return the plant at the start, stepped by `model`, on `road` or the one that `values` name.
 
     UserError: the road cannot be read, or the values contradict one another.
@@ -98,6 +122,9 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
         ts=period_ns(values) / NANOSECONDS,
         noise=_noise(values),
         seed=values['seed'],
+        sensor_delay=values['sensor_delay'],
+        force=values['disturbance'],
+        disturbance=disturbance,
         model=model,
         motor=_actuator(values, 'motor'),
         servo=_actuator(values, 'servo'),
@@ -109,7 +136,8 @@ def plant(values: Mapping[str, Any], model: Model = bikeFE, road: Road | None = 
 
 def retune(values: Mapping[str, Any], plant: Plant) -> None:
     """Give the plant the `LIVE` parameters of `values`; all else stays as it is."""
-    plant.retune(_noise(values), _actuator(values, 'motor'), _actuator(values, 'servo'))
+    actuators = _actuator(values, 'motor'), _actuator(values, 'servo')
+    plant.retune(_noise(values), *actuators, values['sensor_delay'], values['disturbance'])
 
 
 def _noise(values: Mapping[str, Any]) -> NoiseLevels:

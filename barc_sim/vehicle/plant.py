@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from barc_sim.vehicle.bicycles import LateralParameters
+    from barc_sim.vehicle.profile import Signal
 
 
 class Observation(NamedTuple):
@@ -47,6 +48,9 @@ class Plant:
         ts: float = 0.02,
         noise: NoiseLevels | None = None,
         seed: int = 0,
+        sensor_delay: float = 0.0,
+        force: float = 0.0,
+        disturbance: Signal | None = None,
         model: Model = bikeFE,
         motor: Actuator | None = None,
         servo: Actuator | None = None,
@@ -57,6 +61,7 @@ class Plant:
         """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds.
 
         Over a step acceleration and steering are held: at the mean of what the actuators do in it.
+        So is the force on the car, positive forwards: `force` [N], and that of `disturbance`.
         UserError: the names are unknown, do not go together, or the step is too long.
         """
         self.road = road or Road.lab()
@@ -64,7 +69,9 @@ class Plant:
         self.ts = ts
         self.state = State()
         self._held = Command()
-        self.sensor = Sensor(noise, seed)
+        self.sensor = Sensor(noise, seed, delay=sensor_delay, ts=ts)
+        self.force, self.disturbance = force, disturbance
+        self._steps = 0
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self._bicycle = bicycle(dynamics, integrator, model, lateral)
         self._bicycle.check(self.vehicle, ts)
@@ -81,6 +88,7 @@ class Plant:
         return (
             type(self) is Plant
             and self._bicycle.is_lab
+            and not (self.sensor.delay or self.force or self.disturbance)
             and self.state.psi == actuators.now.servo == 0.0
             and (
                 actuators.is_ideal
@@ -110,9 +118,17 @@ class Plant:
             self.actuators.advance(self._held)
         self.state = self.state._replace(x=x, v=v)
 
-    def retune(self, noise: NoiseLevels, motor: Actuator, servo: Actuator) -> None:
-        """Replace noise and actuators; commands on their way stay on it."""
-        self.sensor.noise = noise
+    def retune(
+        self,
+        noise: NoiseLevels,
+        motor: Actuator,
+        servo: Actuator,
+        sensor_delay: float = 0.0,
+        force: float = 0.0,
+    ) -> None:
+        """Replace what can change while the car drives; commands on their way stay on it."""
+        self.sensor.noise, self.sensor.delay = noise, sensor_delay
+        self.force = force
         self.actuators.replace(motor, servo)
 
     def place(self, state: State) -> None:
@@ -120,6 +136,7 @@ class Plant:
         self.state = state
         self._held = Command()
         self.actuators.stop()
+        self.sensor.forget()
         self._bicycle.reset()
 
     def brake(self, deceleration: float) -> None:
@@ -138,4 +155,10 @@ class Plant:
         return radians(self.road.grade_deg(x))
 
     def _step(self, held: Command) -> None:
+        if self.force or self.disturbance:
+            force = self.force
+            if self.disturbance:
+                force += self.disturbance(self._steps * self.ts, self.state.x)
+            held = held._replace(motor=held.motor + force / self.vehicle.mass)
+        self._steps += 1
         self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)

@@ -10,8 +10,8 @@ from math import cos, isfinite, radians, sin
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
+from barc_sim.vehicle.profile import read_lines, read_pairs
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -114,19 +114,14 @@ class Road:
             return cls.lab() if name == 'lab' else cls.flat()
         path = Path(name)
         try:
-            # Spreadsheets on Windows begin UTF-8 with a byte order mark.
-            lines = read_regular(path, 1 << 24).decode('utf-8-sig').splitlines()
+            lines = read_lines(path)
         except (OSError, ValueError):
             raise UserError(
                 f"road {name!r} is neither 'lab', 'flat' nor a CSV file that can be read"
             ) from None
         try:
-            stretches = _stretches(lines)
-            return cls(
-                starts=tuple(start for start, _ in stretches),
-                grades_deg=tuple(grade for _, grade in stretches),
-                name=name,
-            )
+            _, starts, grades_deg = read_pairs(lines, 'start_m,grade_deg')
+            return cls(starts, grades_deg, name)
         except (ValueError, csv.Error) as error:
             raise UserError(f'road file {name!r} describes no road: {error}') from None
 
@@ -184,22 +179,3 @@ class Road:
 
         i = np.maximum(np.searchsorted(self.starts, s, side='right') - 1, 0)
         return [np.array(column)[i] for column in columns]
-
-
-def _stretches(lines: list[str]) -> list[tuple[float, float]]:
-    """Return start [m] and grade [deg] of each row of a road file."""
-    content = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
-    header, *rows = [*csv.reader(content)] or [[]]
-    if [column.strip() for column in header] != ['start_m', 'grade_deg']:
-        raise ValueError(f"its header is {','.join(header)!r}, not 'start_m,grade_deg'")
-    return [_numbers(row) for row in rows]
-
-
-def _numbers(row: list[str]) -> tuple[float, float]:
-    try:
-        start, grade = (float(cell) for cell in row)
-    except ValueError:
-        raise ValueError(
-            f'{",".join(row)!r} must be two numbers, distance [m] and grade [deg]'
-        ) from None
-    return start, grade

@@ -6,6 +6,7 @@ from math import cos, log, pi, sin
 from random import Random
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+from barc_sim.vehicle.actuators import in_steps
 from barc_sim.vehicle.limits import Limits, limited
 
 if TYPE_CHECKING:
@@ -46,16 +47,27 @@ _NO_ERROR = MeasurementError()
 
 
 class Sensor:
-    """Adds white Gaussian noise; the same seed gives the same errors.
+    """Measures a motion late, and adds white Gaussian noise; one seed gives the same errors.
+
+    A measurement is that of `delay` seconds ago; between two states, on the line between them.
 
     The generator is Python's Mersenne Twister, whose sequence is the same in every version, and
     every measurement draws six numbers: the noise of one signal does not depend on whether another
     has any.
     """
 
-    def __init__(self, noise: NoiseLevels | None = None, seed: int = 0) -> None:
-        """Measure with these standard deviations, zero unless given."""
+    def __init__(
+        self,
+        noise: NoiseLevels | None = None,
+        seed: int = 0,
+        *,
+        delay: float = 0.0,
+        ts: float = 0.02,
+    ) -> None:
+        """Measure every `ts` seconds with these standard deviations, zero unless given."""
         self.noise = noise or NoiseLevels()
+        self.delay, self._ts = delay, ts
+        self._past: list[Motion] = []  # from the one that a measurement needs first
         self._random = Random(seed)  # noqa: S311 (a simulation, not a secret)
 
     @property
@@ -65,11 +77,34 @@ class Sensor:
 
     def measure(self, true: Motion) -> tuple[Motion, MeasurementError]:
         """Return the motion as measured, and its error: measured minus true."""
+        if self.delay:
+            return self._measure_late(true)
         if not self.is_noisy:
             return true, _NO_ERROR
-        gauss = self._random.gauss
-        error = MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
+        error = self._draw_one()
         return with_error(true, error, cos(true.psi), sin(true.psi)), error
+
+    def forget(self) -> None:
+        """Forget the motion so far: the car is somewhere else."""
+        self._past = []
+
+    def _draw_one(self) -> MeasurementError:
+        gauss = self._random.gauss
+        return MeasurementError(*[sigma * gauss(0.0, 1.0) for sigma in self.noise])
+
+    def _measure_late(self, true: Motion) -> tuple[Motion, MeasurementError]:
+        whole, share = in_steps(self.delay, self._ts)
+        past = self._past = [*self._past[-whole - 1 :], true]
+        older, newer = (past[max(len(past) - k, 0)] for k in (whole + 2, whole + 1))
+        seen = newer
+        if share:
+            pairs = zip(older, newer, strict=True)
+            seen = type(true)(*[share * old + (1.0 - share) * new for old, new in pairs])
+        if self.is_noisy:
+            seen = with_error(seen, self._draw_one(), cos(seen.psi), sin(seen.psi))
+        x, y, *others = [now - then for now, then in zip(seen, true, strict=True)]
+        along, across = cos(true.psi), sin(true.psi)
+        return seen, MeasurementError(x * along + y * across, y * along - x * across, *others)
 
     def draw(self, n: int) -> tuple[Floats, object]:
         """Return the errors of the next `n` measurements, shape `(6, n)`, and a place to go back.

@@ -79,6 +79,8 @@ def test_a_command_refuses_what_python_does(
         (NoiseLevels, {'psi_dot': nan}, 'noise_psi_dot', nan),
         (simulate, {'delay': -1}, 'motor_delay', -1.0),
         (Actuator, {'lag': 101}, 'servo_lag', 101.0),
+        (simulate, {'sensor_delay': 11}, 'sensor_delay', 11.0),
+        (simulate, {'disturbance': nan}, 'disturbance', nan),
         (simulate, {'seed': 1.5}, 'seed', 1.5),
         (simulate, {'seed': -1}, 'seed', -1),
         (Vehicle, {'mass': -1}, 'mass', -1.0),
@@ -100,6 +102,15 @@ def test_a_parameter_refuses_what_python_does(
         declare(node, (each for each in TABLE if each.name == parameter))
     assert str(refusal.value) == f'parameter {parameter} of car: {why}'
     node.destroy_node()
+
+
+@pytest.mark.parametrize('name', ['reference', 'disturbance_file'])
+def test_a_file_that_is_none_is_refused_by_all(name: str) -> None:
+    with pytest.raises(UserError) as refusal:
+        simulate(**{name.removesuffix('_file'): 'nowhere.csv'})
+    words = ['--ros-args', '-p', f'vehicle_simulator:{name}:=nowhere.csv']
+    words = ['--reference', 'nowhere.csv'] if name == 'reference' else words
+    assert str(refusal.value) in refused('acc', '--no-bag', '--engine', 'local', *words)
 
 
 @pytest.mark.parametrize('name', LIMITS)

@@ -13,6 +13,7 @@ from barc_sim.control.pid import PID
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from barc_sim.vehicle.limits import Parameter
 
@@ -66,6 +67,7 @@ def test_parameters_are_a_pid_that_holds_8_meters_a_second(cruise: CruiseControl
         'kd': 0.1,
         'acceleration_limit': 8.0,
         'speed_reference': 8.0,
+        'reference': '',
         'subtract_error': False,
     }
     assert [each.between for each in cruise.parameters()][:4] == [*[(-1e6, 1e6)] * 3, (0.01, 1e6)]
@@ -82,3 +84,26 @@ def test_time_that_goes_back_begins_anew(cruise: CruiseControl, refused: list[st
     assert cruise.take_state(1_020_000_000, 7.75) != first
     assert cruise.take_state(1_000_000_000, 7.75) == first
     assert refused == ['time went back by 0.02 s: the controller is reset']
+
+
+def test_a_reference_over_time_begins_with_the_first_state_and_ends_with_a_speed(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / 'speed.csv'
+    file.write_text('time_s,speed_mps\n0,4\n10,8\n', encoding='utf-8')
+
+    def values(table: list[Parameter]) -> dict[str, Any]:
+        return {row.name: row.default for row in table} | {'reference': str(file)}
+
+    cruise = CruiseControl(PID(), values, refuse=lambda _: None, warn=lambda _: None)
+
+    def held(seconds: float) -> float:
+        answer = cruise.take_state(round((1000.0 + seconds) * 1e9), 5.0)
+        assert answer
+        return answer.reference
+
+    assert [held(0.0), held(5.0)] == [4.0, 6.0]
+    cruise.reset()
+    assert [held(5.0), held(10.0)] == [4.0, 6.0]
+    cruise.refer(3.0)
+    assert held(20.0) == 3.0

@@ -9,9 +9,12 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from command_line import started
 from golden.loops import LOOPS
 from golden.make_golden import GOLDEN, differences, figures, libm, loop_figures
-from golden.scenarios import SCENARIOS
+from golden.scenarios import SCENARIOS, Scenario
+
+from barc_sim import read_bag, simulate
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -51,3 +54,27 @@ def test_run_gives_the_golden_figures(golden: dict[str, Any], name: str, tmp_pat
 @pytest.mark.parametrize('name', LOOPS)
 def test_loop_without_ros_gives_the_golden_figures(golden: dict[str, Any], name: str) -> None:
     assert not differences(golden[name], loop_figures(name))
+
+
+@pytest.mark.usefixtures('ros_domain')
+def test_a_run_is_that_of_simulate(tmp_path: Path) -> None:
+    (tmp_path / 'speed.csv').write_text('time_s,speed_mps\n0,4\n3,8\n6,8\n6,5\n')
+    (tmp_path / 'gust.csv').write_text('distance_m,force_n\n0,0\n9,-3000\n20,900\n20,0\n')
+    parameters = {
+        'vehicle_simulator:sensor_delay': 0.05,
+        'vehicle_simulator:disturbance_file': 'gust.csv',
+        'vehicle_simulator:rate': 333.0,
+        'vehicle_simulator:noise_v_x': 0.05,
+    }
+    options = '--realtime-factor max --distance 30 --reference speed.csv'
+    with started(*Scenario(options, parameters).arguments(), cwd=tmp_path) as process:
+        assert process.wait(60.0) == 0
+    (bag,) = (tmp_path / 'bags').iterdir()
+    assert read_bag(bag) == simulate(
+        reference=tmp_path / 'speed.csv',
+        disturbance=tmp_path / 'gust.csv',
+        sensor_delay=0.05,
+        noise=0.05,
+        distance=30.0,
+        ts=1 / 333,
+    )

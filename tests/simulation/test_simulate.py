@@ -10,6 +10,7 @@ import pytest
 from barc_sim.control.pid import speed_controller
 from barc_sim.errors import UserError
 from barc_sim.simulation.closed_loop import closed_loop, simulate
+from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Vehicle, bikeFE
 from barc_sim.vehicle.parameters import PARAMETERS, plant
@@ -114,3 +115,38 @@ def test_a_model_is_called_as_bikefe() -> None:
 def test_a_car_that_never_arrives_stands_for_10_minutes() -> None:
     log = simulate(0.0, 0.0, 0.0)
     assert (log.t[-1], log.x[-1]) == (600.0, 0.0)
+
+
+# A reference that changes, a disturbance, a late sensor
+
+
+def test_the_log_and_the_scores_follow_a_reference_over_time(tmp_path: Path) -> None:
+    file = tmp_path / 'reference.csv'
+    file.write_text('time_s,speed_mps\n0,4\n5,4\n5,9\n8,6\n', encoding='utf-8')
+    log = simulate(reference=file)
+    assert log.reference[[0, 249, 250, 325, -1]].tolist() == [4.0, 4.0, 9.0, 7.5, 6.0]
+    assert np.abs(log.speed_error[log.t > 9.0]).max() < 0.2
+    before = log.map(lambda column: column[:250])
+    assert summary(log).overshoot == summary(before).overshoot < 0.05
+    assert (summary(log).max_error, summary(before).max_error) == (5.0, 4.0)
+
+
+def test_a_function_of_the_measured_place_is_a_reference(tmp_path: Path) -> None:
+    file = tmp_path / 'reference.csv'
+    file.write_text('distance_m,speed_mps\n0,4\n50,4\n50,6\n', encoding='utf-8')
+    log = simulate(reference=lambda _, x: 4.0 if x < 50.0 else 6.0, noise=NoiseLevels(s=0.5))
+    assert log == simulate(reference=file, noise=NoiseLevels(s=0.5))
+    assert (log.reference == np.where(log.x < 50.0, 4.0, 6.0)).all()
+
+
+def test_a_constant_function_is_the_number() -> None:
+    assert simulate(reference=lambda *_: 5.0) == simulate(speed_reference=5.0)
+    wind = simulate(disturbance=-900.0)
+    assert wind == simulate(disturbance=lambda *_: -900.0)
+    assert wind != simulate()
+
+
+def test_a_late_sensor_makes_the_loop_swing() -> None:
+    punctual, late = simulate(road='flat'), simulate(road='flat', sensor_delay=0.06)
+    assert summary(late).overshoot > 2.0 * summary(punctual).overshoot
+    assert late.speed[4:-3].tolist() == pytest.approx(late.v_x[7:].tolist())

@@ -209,3 +209,28 @@ def test_noise_can_be_turned_on_between_two_steps() -> None:
     noisy = plant.observe()
     assert noisy.error == Plant(seed=3, noise=NoiseLevels(v_x=0.5)).observe().error
     assert noisy.measured.v_x == noisy.true.v_x + noisy.error.v_x != noisy.true.v_x
+
+
+# Disturbance
+
+
+@pytest.mark.parametrize('options', [{}, {'integrator': 'rk4'}, {'dynamics': 'dynamic'}])
+def test_a_force_accelerates_by_its_share_of_the_mass(options: dict[str, str]) -> None:
+    smooth = Vehicle(mass=1000.0, air_drag_coeff=0.0, friction=0.0)
+    plants = [
+        Plant(road=Road.flat(), vehicle=smooth, force=500.0, **options),  # type: ignore[arg-type]
+        Plant(road=Road.flat(), vehicle=smooth, disturbance=lambda *_: 500.0, **options),  # type: ignore[arg-type]
+    ]
+    for plant in plants:
+        for _ in range(100):
+            plant.advance(Command(1.0))
+        assert plant.state.v == pytest.approx(3.0)
+        assert not plant.has_fast_path
+
+
+def test_a_disturbance_is_that_of_the_time_and_the_place() -> None:
+    asked = []
+    plant = Plant(ts=0.5, disturbance=lambda t, x: asked.append((t, x)) or 0.0)  # type: ignore[func-returns-value]
+    for _ in range(3):
+        plant.advance(Command(2.0))
+    assert asked == [(0.0, 0.0), (0.5, 0.0), (1.0, pytest.approx(0.5, abs=1e-4))]

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barc_sim.vehicle.bike_model import Motion
-from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
+from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor, with_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,3 +81,46 @@ def test_errors_have_zero_mean_and_the_given_deviations_and_are_white() -> None:
         assert stdev(values) == pytest.approx(sigma, rel=5.0 / (2 * n) ** 0.5)
         lagged = fmean(a * b for a, b in pairwise(values)) / sigma**2
         assert abs(lagged) < 5.0 / n**0.5
+
+
+# Delay
+
+
+def at(k: int) -> Motion:
+    return Motion(x=0.1 * k * k, y=-0.2 * k, psi=0.3 * k, v_x=10.0 * k, v_y=k, psi_dot=-k)
+
+
+@pytest.mark.parametrize(('delay', 'steps'), [(0.04, 2.0), (0.05, 2.5), (0.001, 0.05), (0.02, 1.0)])
+def test_a_late_measurement_is_that_of_before(delay: float, steps: float) -> None:
+    sensor = Sensor(delay=delay)
+    for k in range(40):
+        seen, error = sensor.measure(at(k))
+        if k > steps:
+            share = -steps % 1.0
+            new, old = at(k - int(steps)), at(k - int(steps + 0.99))
+            expected = [share * a + (1.0 - share) * b for a, b in zip(new, old, strict=True)]
+            assert seen == pytest.approx(expected if steps % 1.0 else new)
+        elif k == 0:
+            assert seen == at(0)
+        true, psi = at(k), at(k).psi
+        assert seen == pytest.approx(with_error(true, error, cos(psi), sin(psi)), abs=1e-9)
+
+
+def test_noise_and_delay_add_up() -> None:
+    noise = NoiseLevels(v_x=0.5)
+    late, punctual = Sensor(noise, 3, delay=0.02), Sensor(noise, 3)
+    seen = [late.measure(at(k))[0].v_x for k in range(20)]
+    errors = [punctual.measure(at(k))[1].v_x for k in range(20)]
+    assert seen == [10.0 * max(k - 1, 0) + error for k, error in enumerate(errors)]
+
+
+def test_a_delay_can_change_and_a_car_can_be_put_elsewhere() -> None:
+    sensor = Sensor()
+    for k in range(10):
+        sensor.measure(at(k))
+    sensor.delay = 0.04
+    assert [sensor.measure(at(k))[0] for k in (10, 11, 12, 13)] == [at(10), at(10), at(10), at(11)]
+    sensor.delay = 0.02
+    assert sensor.measure(at(14))[0] == at(13)
+    sensor.forget()
+    assert sensor.measure(at(50))[0] == at(50)
