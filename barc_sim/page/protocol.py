@@ -23,7 +23,7 @@ from barc_sim.vehicle.bike_model import Vehicle
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from barc_sim.control.controller import Controller
     from barc_sim.simulation.log import Log
@@ -71,8 +71,24 @@ _SHORT = {
     'motor_delay': 'delay',
     'motor_limit': 'limit',
 }
-#: The preset that shows windup: the motor's limit is below the controller's.
-_WINDUP = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0, 'acceleration_limit': 100.0, 'motor_limit': 6.0}
+_PI = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0}
+#: Presets beside the controller's own, for a PID: they change the car, too.
+_OF_CAR = {
+    'Noise': {'kp': 4.0, 'ki': 8.0, 'kd': 2.0, 'noise_v_x': 0.1},
+    'Delay': {**_PI, 'kp': 10.0, 'motor_delay': 0.2},
+    'Windup': {**_PI, 'acceleration_limit': 100.0, 'motor_limit': 6.0},
+}
+#: What to see, and to try next, with each preset.
+_ABOUT = {
+    'P': 'Each slope leaves an error: P needs one to give a command. Raise kp, then add ki.',
+    'PI': 'I removes the error on each slope, after a while. Raise ki: when does it swing?',
+    'PID': 'D brakes fast changes. Add noise to the car: what does D do with it?',
+    'Tuned': 'Hard to improve here. Press P to begin; then give the car a delay of 0.2 s.',
+    'Too much I': 'I corrects too late and too much: the speed swings. Raise kp, or lower ki.',
+    'Noise': 'D turns the noise into large commands. Lower kd: what becomes better, what worse?',
+    'Delay': 'The motor answers 0.2 s late, and the loop swings. Which gain must go down?',
+    'Windup': 'The motor is at its limit, and I grows on. Lower the limit of the controller to 6.',
+}
 #: `compare` shows the run before, and `again` drives with the present values: after the end.
 BUTTONS = ('reset', 'reset_controller', 'finish', 'compare', 'again')
 
@@ -204,6 +220,7 @@ def facts(
             for name, gain in sliders.items()
         },
         'presets': _presets(kind),
+        'about': _ABOUT,
         'controller_type': next(
             (name for name, type_ in TYPES.items() if type_ is kind), DEFAULT_TYPE
         ),
@@ -213,10 +230,10 @@ def facts(
 
 
 def _presets(kind: type[Controller]) -> dict[str, dict[str, float]]:
-    """Return the values of each preset; all but the windup have the usual limits."""
-    limits = {'acceleration_limit': ACCELERATION_LIMIT, 'motor_limit': 0.0}
-    presets = {name: {**gains, **limits} for name, gains in getattr(kind, 'presets', {}).items()}
-    return presets | ({'Windup': _WINDUP} if presets else {})
+    """Return the values of each preset, for all sliders but the reference's."""
+    own = getattr(kind, 'presets', {})
+    usual = {'acceleration_limit': ACCELERATION_LIMIT, **dict.fromkeys(CAR, 0.0)}
+    return {name: usual | gains for name, gains in {**own, **(_OF_CAR if own else {})}.items()}
 
 
 def _label(name: str, gain: Gain) -> str:
@@ -258,13 +275,18 @@ def _road(name: str | None) -> dict[str, list[float]] | None:
         return None
 
 
-def lap_facts(laps: Laps) -> dict[str, Any]:
-    """Return the present lap, the one before, the best and the number of laps."""
+def lap_facts(laps: Laps, gains: Mapping[int, Sequence[str]] | None = None) -> dict[str, Any]:
+    """Return the present lap, the one before, the best and the number of laps.
+
+    `gains` has, by the number of a lap, the gains that it was driven with, one after another.
+    """
+    laps_shown = {'current': laps.current, 'last': laps.last, 'best': laps.best}
     return {
         'count': laps.current.number + 1,
-        'current': _lap(laps.current),
-        'last': laps.last and _lap(laps.last),
-        'best': (best := laps.best) and _lap(best),
+        **{
+            name: lap and {**_lap(lap), 'gains': ' → '.join((gains or {}).get(lap.number, ())[-2:])}
+            for name, lap in laps_shown.items()
+        },
     }
 
 

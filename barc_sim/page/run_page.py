@@ -177,6 +177,7 @@ class RunPage(Host):
         self._parameters: dict[str, dict[str, Any]] = {SIMULATOR: {}, CONTROLLER: {}}  # by node
         self._kind: type[Controller] | None = None  # of the controller, None until it is received
         self._retry_at: dict[str, float] = {}
+        self._gains: dict[int, list[str]] = {}  # by lap, one after another
         self._paused = False
         self._ended: str | None = None  # the message of the end
         self._next_status = 0.0
@@ -320,13 +321,23 @@ class RunPage(Host):
                 self._send_status()
         return self._feed.until_next() if self._server.pages else _SLOW_PERIOD
 
+    def _lap_gains(self) -> dict[int, list[str]]:
+        """Return the gains of each lap, with those of the present one now."""
+        values = self._parameters[CONTROLLER]
+        names = (self._kind or PID).gains
+        now = ', '.join(f'{name} {values[name]:g}' for name in names if name in values)
+        seen = self._gains.setdefault(self.laps.current.number, [])
+        if now and seen[-1:] != [now]:
+            seen.append(now)
+        return self._gains
+
     def _publish(self, now: float) -> None:
         if command := self._arbiter.due(now):
             self._drive(command)
 
     def _send_status(self) -> None:
         missed, slipped, paused = self._status() if self.seen else Status()
-        laps = lap_facts(self.laps)
+        laps = lap_facts(self.laps, self._lap_gains())
         factor, driver = self._feed.realtime_factor(), self._arbiter.driver
         for page in self._server.pages:
             page.send(
@@ -391,7 +402,7 @@ class RunPage(Host):
             'end',
             reason=reason,
             bag=bag,
-            laps=lap_facts(self.laps),
+            laps=lap_facts(self.laps, self._lap_gains()),
             stretches=stretch_facts(self.laps.best or self.laps.current),
         )
         self._server.send(self._ended)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 SECONDS = 10.0  #: for each use of a file
-MEBIBYTES = 300.0  #: of a process's memory
+MEBIBYTES = 300.0  #: of memory that a use takes
 _PATIENCE = 12 * SECONDS  # on a busy machine; also a use that ends is to be measured
 _ADDRESSES = 4 << 30  # bytes; more is refused to a process
 _AT_ONCE = 250  # files of one process
@@ -96,6 +96,7 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
     path.write_bytes(data)
     del data  # which would count
     Path('/proc/self/clear_refs').write_text('5', encoding='ascii')  # the peak begins anew
+    held = _peak()  # of the process before it was forked, too
     trial = Trial(number, damaged, RESULT)
     for use in kind.uses(chance):
         clock = getattr(kind, 'clock', time.monotonic)
@@ -109,7 +110,7 @@ def _try(kind: Any, seed: int, number: int, place: Path) -> Trial:  # noqa: ANN4
             break
         finally:
             seconds = max(clock() - began, trial.seconds)
-            trial = trial._replace(seconds=seconds, mebibytes=_peak())
+            trial = trial._replace(seconds=seconds, mebibytes=_peak() - held)
         if seconds > SECONDS or trial.mebibytes > MEBIBYTES:
             outcome = HANG if seconds > SECONDS else MEMORY
             return trial._replace(outcome=outcome, why=str(use))

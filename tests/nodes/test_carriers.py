@@ -69,16 +69,16 @@ from barc_sim.nodes.relay import Relay
 from barc_sim.ros.node_helpers import to_twist
 waiting = [
     (0.0, DriverInput(forward=1.0)),
-    (0.1, DriverInput(forward=1.0, turn=0.5)),
-    (0.24, DriverInput(forward=0.5, turn=-0.25)),
-    (0.4, DriverInput(forward=-1.0, turn=0.125)),
-    (0.5, DriverInput(brake=1.0)),
+    (0.04, DriverInput(forward=1.0, turn=0.5)),
+    (0.1, DriverInput(forward=0.5, turn=-0.25)),
+    (0.16, DriverInput(forward=-1.0, turn=0.125)),
+    (0.22, DriverInput(brake=1.0)),
 ]
 def on_step(t, seen):
     states.append([*seen.true])
     while waiting and waiting[0][0] <= t + 1e-9:
         twists.publish(to_twist(waiting.pop(0)[1]))
-    if t >= 0.6 - 1e-9:
+    if t >= 0.28 - 1e-9:
         simulator.stepper.end()
 player = rclpy.create_node('player')
 twists = player.create_publisher(Twist, 'cmd_vel', 10)
@@ -143,7 +143,7 @@ def test_states_are_those_of_the_closed_loop(case: str, carrier: str, tmp_path: 
 def test_recorded_requests_drive_the_same_way(tmp_path: Path) -> None:
     found = [json.loads(run(BY_HAND, carrier, folder=tmp_path)) for carrier in CARRIERS]
     assert found[0][-1][0] > 0.0
-    assert len(found[0]) == 31
+    assert len(found[0]) == 15
     assert [states == found[0] for states in found] == [True] * len(CARRIERS)
 
 

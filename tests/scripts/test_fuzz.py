@@ -31,11 +31,10 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
 @pytest.mark.parametrize(
     ('kind', 'count'),
     [
-        ('links', 1_000 if SOAK else 1),
         ('limits', 1_000 if SOAK else 2),
         ('zips', 5_000 if SOAK else 20),
         ('bags', 10_000 if SOAK else 5),
-        pytest.param('links', 8, marks=pytest.mark.slow),
+        pytest.param('links', 1_000 if SOAK else 8, marks=pytest.mark.slow),
         pytest.param('limits', 8, marks=pytest.mark.slow),
         pytest.param('zips', 200, marks=pytest.mark.slow),
         pytest.param('bags', 300, marks=pytest.mark.slow),

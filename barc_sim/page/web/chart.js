@@ -19,6 +19,7 @@ export class Chart {
     this.span = span;
     this.widest = widest;
     this.shown = null;
+    this.limit = 0; // of the motor, a line on both sides; 0: none
   }
 
   /** Return the value on the horizontal axis at a place [px]. */
@@ -29,7 +30,8 @@ export class Chart {
 
   /**
    * Draw the part of the run that `view` shows: {axis: 't' or 'x', range, first, last, cursor,
-   * ghosts: [{history, first, last, shift, dash}], slopes: [{from, to, grade}]}.
+   * from, ghosts: [{history, first, last, shift, dash}], slopes: [{from, to, grade}]}. The scale
+   * fits this run from the position `from` on, and not the ghosts.
    */
   draw(history, state, view) {
     const context = this.surface.begin();
@@ -67,6 +69,14 @@ export class Chart {
     for (const line of lines) {
       drawLine(context, history, view, line, view.axis, x, y, line.dash, state);
     }
+    for (const level of this.limit ? [this.limit, -this.limit] : []) {
+      context.strokeStyle = colours.ink;
+      context.lineWidth = 1;
+      context.setLineDash([10, 3, 2, 3]);
+      stroke(context, [LEFT, y(level)], [width - RIGHT, y(level)]);
+      context.setLineDash([]);
+      label(context, 'limit of the motor', LEFT + 64, y(level) + (level > 0 ? -5 : 14));
+    }
     if (view.cursor !== null) {
       context.strokeStyle = colours.muted;
       context.lineWidth = 1;
@@ -81,14 +91,15 @@ export class Chart {
     const shown = this.lines.filter((line) => !line.hidden);
     const leading = shown.filter((line) => line.leads);
     const lines = leading.length ? leading : shown;
-    for (const { history: rows, first, last } of [{ history, ...view }, ...view.ghosts]) {
-      const stride = Math.max(1, Math.floor((last - first) / SAMPLES));
-      for (let row = first; row <= last; row += stride) {
-        for (const { column } of lines) {
-          const value = rows.at(row, column);
-          if (value < low) low = value;
-          if (value > high) high = value;
-        }
+    const { first, last } = view;
+    const stride = Math.max(1, Math.floor((last - first) / SAMPLES));
+    const behind = history.at(last, 'x') > view.from; // else nothing would be left
+    for (let row = first; row <= last; row += stride) {
+      if (behind && history.at(row, 'x') < view.from) continue;
+      for (const { column } of lines) {
+        const value = history.at(row, column);
+        if (value < low) low = value;
+        if (value > high) high = value;
       }
     }
     if (low > high) [low, high] = [0, 0];

@@ -5,6 +5,7 @@ import { colours, make, reading, save, show } from './look.js';
 const WINDOW = 20; // [s]
 const LEAST = 0.2; // [s] or [m] that can be seen at once
 const ZOOM = 1.25; // by one step of the wheel
+const RUN_UP = 10; // [m] whose errors would hide those on the hills
 const SAMPLES = 2048; // rows that slopes are taken from
 const DASHES = { last: [3, 4], best: [9, 4], other: [6, 3] };
 
@@ -12,7 +13,7 @@ export class Explorer {
   /** `charts`: {chart, legend}; `player` holds and seeks; `changed` is called after a change. */
   constructor(history, player, charts, changed) {
     Object.assign(this, { history, player, charts, changed });
-    this.axis = 't';
+    this.axis = 't'; // or 'x', for cruise control
     this.window = WINDOW; // [s]
     this.range = null; // [m] that is zoomed into, on the axis of position
     this.hover = null; // a value on the axis
@@ -26,9 +27,7 @@ export class Explorer {
     on('save-csv', () => this.saveTable());
     on('save-png', () => this.savePicture());
     document.getElementById('axis').addEventListener('change', (event) => {
-      this.axis = event.target.value;
-      this.hover = null;
-      for (const { chart } of charts) chart.shown = null;
+      this.use(event.target.value);
       changed();
     });
     for (const name of ['last', 'best']) {
@@ -41,10 +40,17 @@ export class Explorer {
     }
   }
 
+  /** Draw over time, 't', or position, 'x'. */
+  use(axis) {
+    this.axis = axis;
+    this.hover = null;
+    for (const { chart } of this.charts) chart.shown = null;
+  }
+
   /** Name the lines of a chart in its legend; each name is a button that hides its line. */
   name({ chart, legend }) {
     legend.replaceChildren(...chart.lines.toReversed().map((line) => {
-      const value = make('output');
+      const value = make('span', { className: 'value' });
       const button = make('button', {
         type: 'button',
         className: `line-${line.colour}${line.dash ? ' dashed' : ''}`,
@@ -116,7 +122,7 @@ export class Explorer {
       range = [to - this.window, to];
       first = history.row(range[0]);
     } else {
-      range = this.range ?? [Math.min(road.from ?? 0, state.x), Math.max(road.to ?? 1, state.x)];
+      range = this.range ?? road.around(state.x);
       first = history.lapStart(last);
     }
     const ghosts = this.ghosts(state).map((ghost) => {
@@ -133,7 +139,8 @@ export class Explorer {
         dash: DASHES[ghost.name],
       };
     });
-    this.seen = { axis, range, first, last, ghosts, cursor: this.hover, slopes: [] };
+    const from = document.body.dataset.mode === 'acc' ? RUN_UP : -Infinity;
+    this.seen = { axis, range, first, last, ghosts, from, cursor: this.hover, slopes: [] };
     this.seen.slopes = axis === 't' ? this.#slopesOverTime() : road.slopes;
     return this.seen;
   }

@@ -7,6 +7,7 @@ export class History {
     this.maximum = maximum;
     this.columns = [];
     this.repeats = false;
+    this.mass = 2000; // [kg] of the car
     this.clear();
   }
 
@@ -17,19 +18,20 @@ export class History {
 
   /** Set the names of a row's values; keep the rows if the run `continues`. */
   name(columns, continues) {
-    if (continues && columns.join() === this.columns.join()) {
+    if (continues && columns.join() === this.columns.slice(0, -1).join()) {
       this.repeats = true;
       return;
     }
-    this.columns = columns;
-    this.index = Object.fromEntries(columns.map((name, i) => [name, i]));
+    this.columns = [...columns, 'acting'];
+    this.index = Object.fromEntries(this.columns.map((name, i) => [name, i]));
     this.clear();
   }
 
   /** Add rows; a time that goes back clears the history. */
   add(rows) {
     const width = this.columns.length;
-    for (let from = 0; from + width <= rows.length; from += width) {
+    const sent = width - 1;
+    for (let from = 0; from + sent <= rows.length; from += sent) {
       const t = rows[from];
       if (this.count && t < this.last('t')) {
         if (this.repeats) continue; // the connection was lost, and the last minute is sent again
@@ -38,8 +40,9 @@ export class History {
       if (this.count && t === this.last('t')) continue;
       if (this.count === this.maximum) this.#thin();
       if ((this.count + 1) * width > this.data.length) this.#grow();
-      this.data.set(rows.subarray(from, from + width), this.count * width);
+      this.data.set(rows.subarray(from, from + sent), this.count * width);
       this.count += 1;
+      this.#derive(this.count - 1);
     }
     this.repeats = false;
   }
@@ -98,6 +101,22 @@ export class History {
     }
     state.t = Math.min(Math.max(t, this.at(0, 't')), this.last('t'));
     return state;
+  }
+
+  /**
+   * Derive what the motor did from the row before to `row` [m/s²]: what accelerated the car beside
+   * the other forces. Limit, delay and lag are in it. The newest row repeats it until it is known.
+   */
+  #derive(row) {
+    const known = row > 0 && !this.jumps(row - 1);
+    const of = (name, at = row - 1) => this.at(at, name);
+    const acting = known
+      ? (of('speed', row) - of('speed')) / (of('t', row) - of('t'))
+        - (of('gravity') + of('drag') + of('friction')) / this.mass
+      : NaN;
+    for (const at of known ? [row - 1, row] : [row]) {
+      this.data[at * this.columns.length + this.index.acting] = acting;
+    }
   }
 
   #grow() {

@@ -4,17 +4,21 @@ import { copy, make, quote, reading, show } from './look.js';
 
 const NAMES = { motor: 'Motor', gravity: 'Gravity', drag: 'Drag', friction: 'Friction' };
 
-/** Return the forces along the road [N] at a state: those of `environment`, and mass times `ecu`. */
-export function forcesOf(state, mass) {
-  const { motor, gravity, drag, friction } = state;
-  return { motor: mass * motor, gravity, drag, friction };
+/** Return the forces along the road [N] that act at a state. */
+export function forcesOf({ acting, gravity, drag, friction }, mass) {
+  return { motor: mass * acting, gravity, drag, friction };
 }
+
+/** Return whether the motor gives less than the command, by its `limit` [m/s²]; 0: none. */
+const isAtLimit = ({ acting, motor }, limit) => limit > 0
+  && Math.abs(motor) > limit && Math.abs(acting) > 0.99 * limit;
 
 export class Lesson {
   constructor() {
     this.forces = document.getElementById('forces');
     this.equation = document.getElementById('equation');
     this.laps = document.querySelectorAll('[data-figure]');
+    this.gains = document.getElementById('lap-gains');
     this.card = document.getElementById('end-card');
   }
 
@@ -22,7 +26,7 @@ export class Lesson {
   prepare({ forces, terms, colours }) {
     this.force = {};
     this.forces.replaceChildren(...Object.entries(forces).map(([name, colour]) => {
-      this.force[name] = make('output', { id: `force-${name}` });
+      this.force[name] = make('span', { id: `force-${name}` });
       return make(
         'div', { className: `line-${colour}` },
         make('dt', {}, NAMES[name] ?? name),
@@ -31,22 +35,27 @@ export class Lesson {
     }));
     this.term = {};
     const part = (name, label, colour) => {
-      this.term[name] = make('output', { id: `term-${name}` });
+      this.term[name] = make('span', { id: `term-${name}`, className: 'value' });
       return make('span', { className: `term line-${colour}` }, `${label} `, this.term[name]);
     };
-    this.limited = make('span', { className: 'limited', hidden: true }, 'limited');
+    this.limited = make('span', { className: 'limited', hidden: true });
     this.equation.replaceChildren(
       part('motor', 'command', colours.motor), make('small', {}, 'm/s²'), this.limited,
       ...terms.map((name, i) => make('span', {}, i ? '+\u2002' : '=\u2002', part(name, name, colours[name]))),
     );
   }
 
-  update(state, mass) {
+  update(state, { mass, tuning }) {
     for (const [name, force] of Object.entries(forcesOf(state, mass))) {
       if (name in this.force) show(this.force[name], reading(force, Math.abs(force) < 10 ? 2 : 0));
     }
     for (const [name, output] of Object.entries(this.term)) show(output, reading(state[name], 3));
-    this.limited.hidden = state.saturated !== 1;
+    const limits = [
+      ...(isAtLimit(state, tuning.motor_limit) ? ['motor at its limit'] : []),
+      ...(state.saturated === 1 ? ['controller at its limit'] : []),
+    ];
+    show(this.limited, limits.join(', '));
+    this.limited.hidden = !limits.length;
   }
 
   /** Show the figures of a second run in place of those of the last and the best lap. */
@@ -70,6 +79,9 @@ export class Lesson {
         show(cell, reading(value == null ? value : value * (scale ?? 1), Number(digits)));
       });
     }
+    const named = [laps.current, laps.last, laps.best].map((lap) => lap?.gains ?? '');
+    this.gains.hidden = !named.some(Boolean);
+    this.gains.querySelectorAll('td').forEach((cell, i) => show(cell, named[i]));
   }
 
   /** Offer downloads, the run before and another run; `request` sends a request. */

@@ -18,18 +18,21 @@ import { Tuning } from './tuning.js';
 
 const TITLES = { acc: 'cruise control', teleop: 'teleoperation' };
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
+const DASHES = [[10, 3], [2, 3], [10, 3, 2, 3], [5, 3]]; // of the terms, beside their colours
+const SILENT = 2; // [s] without a state from which that is shown
 const HINT = 'Arrows or WASD drive, R\u00a0resets, P\u00a0pauses.';
 
 const element = (id) => document.getElementById(id);
 const history = new History();
 const clock = new Clock();
 const top = new TopView();
-let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, forces: {} };
+let facts = { mode: 'acc', axles: [-1.5, 1.5], mass: 2000, road: null, forces: {}, tuning: {} };
 let road = new Road(null);
 let paused = false;
 let ended = false;
 let drawn = {}; // the last drawing
 let message_timer = null;
+let received = null; // [ms] when the last state arrived, null where none is expected
 
 const stale = () => { drawn = {}; };
 const surface = (id) => new Surface(element(id), stale);
@@ -55,7 +58,8 @@ function prepareCharts({ mode, terms, colours }) {
     ]
     : [line('absolute_speed', 2.5, { colour: colours.speed, name: 'speed' })];
   commandChart.lines = [
-    ...(acc ? terms.map((term) => line(term, 1.5)).reverse() : []),
+    ...(acc ? terms.map((term, i) => line(term, 1.5, { dash: DASHES[i % 4] })).reverse() : []),
+    ...(acc ? [line('acting', 2.5, { colour: colours.motor, name: 'motor', dash: [2, 4] })] : []),
     // Its limits hold for the terms, too: the first proportional term would hide all else.
     line('motor', 2.5, { name: 'command', leads: true }),
   ];
@@ -67,6 +71,16 @@ function setState(state, text) {
   element('state').dataset.state = state;
   show(element('state-text'), text);
 }
+
+/** Show whether states arrive; while they do not, for how long. */
+function showState() {
+  if (received === null || ended) return;
+  const silent = Math.floor((performance.now() - received) / 1000);
+  if (paused) setState('paused', 'Paused');
+  else if (silent >= SILENT) setState('silent', `No data for ${silent} s`);
+  else setState('live', 'Live');
+}
+setInterval(showState, 250);
 
 function showTitle() {
   const title = facts.replay?.title ?? TITLES[facts.mode];
@@ -88,7 +102,8 @@ const connection = new Connection({
     clock.restart();
     road = new Road(fields.road);
     showMessage('');
-    setState('live', 'Live');
+    received = fields.replay ? null : performance.now();
+    showState();
     this.facts(fields);
     document.body.toggleAttribute('data-replay', 'replay' in fields);
     if (fields.replay) player.begin(fields.replay);
@@ -101,12 +116,15 @@ const connection = new Connection({
     document.body.dataset.mode = fields.mode;
     showTitle();
     tuning.show(fields.sliders, fields.tuning);
-    tuning.offer(fields.presets);
+    tuning.offer(fields.presets, fields.about);
+    commandChart.limit = fields.tuning.motor_limit ?? 0;
+    history.mass = fields.mass;
     element('finish').hidden = !fields.can_finish;
     const prepared = JSON.stringify([fields.mode, fields.terms, fields.colours]);
     if (prepared !== this.prepared) {
       this.prepared = prepared;
       prepareCharts(fields);
+      explorer.use(fields.mode === 'acc' ? element('axis').value : 't');
       lesson.prepare(fields);
       this.noisy = false;
     }
@@ -118,6 +136,7 @@ const connection = new Connection({
   /** Prepare for the rows of a second run, which come next. */
   other({ title, columns, laps }) {
     const second = new History();
+    second.mass = facts.mass;
     second.name(columns, false);
     explorer.other = { history: second, name: title, loading: true };
     showTitle();
@@ -130,6 +149,7 @@ const connection = new Connection({
       return;
     }
     history.add(rows);
+    if (rows.length && received !== null) received = performance.now();
     if (facts.replay) player.loaded();
   },
   status(status) {
@@ -141,8 +161,7 @@ const connection = new Connection({
     element('pause').setAttribute('aria-pressed', paused);
     element('pause').textContent = paused ? 'Resume' : 'Pause';
     element('driver').textContent = status.driver === 'other' ? 'Another page is driving.' : HINT;
-    if (paused) setState('paused', 'Paused');
-    else setState('live', 'Live');
+    showState();
   },
   refused({ what, why }) {
     if (what === 'drive') showMessage('Another page is driving. You can drive once it has been idle for 3 s.', 4);
@@ -171,10 +190,12 @@ const connection = new Connection({
     connection.follow(address);
   },
   lost() {
+    received = null;
     setState('lost', 'Reconnecting');
     showMessage('The connection to the run was lost. This page reconnects by itself.');
   },
   moved() {
+    received = null;
     setState('lost', 'Another run');
     showMessage('Another run serves this port now: open the address that it printed.');
   },
@@ -185,6 +206,7 @@ const connection = new Connection({
     }));
   },
   closed(reason) {
+    received = null;
     setState('refused', 'Disconnected');
     showMessage(`The run closed this connection (${reason}). Reload the page to try again.`);
   },
@@ -197,14 +219,22 @@ element('copy-command').addEventListener('click', async () => {
   const command = tuning.command(facts.controller_type, facts.run);
   element('tuning-note').textContent = (await copy(command)) ? `Copied: ${command}` : command;
 });
-element('theme').addEventListener('click', (event) => {
-  const root = document.documentElement;
-  const dark = !matchMedia('(prefers-color-scheme: dark)').matches;
-  const other = root.dataset.theme ? '' : (dark ? 'dark' : 'light');
-  root.dataset.theme = other;
-  event.currentTarget.setAttribute('aria-pressed', other !== '');
+const dark = matchMedia('(prefers-color-scheme: dark)');
+/** Use 'dark' or 'light' colours, or those of the system; the button names the other ones. */
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  const isDark = theme ? theme === 'dark' : dark.matches;
+  show(element('theme'), isDark ? 'Light' : 'Dark');
   readColours();
+}
+element('theme').addEventListener('click', () => setTheme(element('theme').textContent.toLowerCase()));
+dark.addEventListener('change', () => setTheme(document.documentElement.dataset.theme ?? ''));
+// On paper: light, and drawn before the page is printed.
+addEventListener('beforeprint', () => {
+  setTheme('light');
+  drawNow(performance.now());
 });
+addEventListener('afterprint', () => setTheme(''));
 element('full-screen').addEventListener('click', () => {
   if (document.fullscreenElement) document.exitFullscreen();
   else document.documentElement.requestFullscreen();
@@ -250,6 +280,10 @@ function showReadings(state) {
 
 function draw(milliseconds) {
   requestAnimationFrame(draw);
+  drawNow(milliseconds);
+}
+
+function drawNow(milliseconds) {
   const now = milliseconds / 1000;
   const newest = history.last('t');
   const time = player.advance(now, facts.replay ? NaN : clock.advance(now, newest));
@@ -273,7 +307,7 @@ function draw(milliseconds) {
     else drawDial(dial, state);
     explorer.draw(state, road);
     if (state) showReadings(state);
-    if (state && facts.mode === 'acc') lesson.update(state, facts.mass);
+    if (state && facts.mode === 'acc') lesson.update(state, facts);
     // Charts of a long time take long, too: most frames are for the picture.
     next = now + Math.max(CHART_PERIOD, (4 * (performance.now() - began)) / 1000);
   }
@@ -283,4 +317,5 @@ function draw(milliseconds) {
     time, count: history.count, still, settled: still > 60 && charts, next,
   };
 }
+setTheme('');
 requestAnimationFrame(draw);

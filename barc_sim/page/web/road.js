@@ -1,6 +1,7 @@
 // The road on the map: horizontal distance and elevation by the distance along its surface.
 
 const MARGIN = 400; // [m] of road at its first and last grade beyond its ends
+const LONG = 500; // [m] from which a road is not shown whole
 const SPACING = 0.5; // [m] between the points of a road that is learnt while driving
 
 const toRadians = (degrees) => (degrees * Math.PI) / 180;
@@ -52,6 +53,12 @@ export class Road {
     this.#extend(state.x, theta);
     this.#extend(state.x + MARGIN, theta);
     this.to = state.x;
+  }
+
+  /** Return the part to show [m] around `x`: the whole road, or that of the last 200 m. */
+  around(x) {
+    const [from, to] = [Math.min(this.from ?? 0, x), Math.max(this.to ?? 1, x)];
+    return to - from > LONG ? [Math.max(from, x - 200), Math.max(x + 50, from + 250)] : [from, to];
   }
 
   /** Return the horizontal distance and elevation [m] at `s` [m]. */

@@ -213,7 +213,7 @@ export function drawCourse(surface, road, state) {
   const context = surface.begin();
   const { width, height } = surface;
   if (!state || !road.points.length) return;
-  const [from, to] = [Math.min(road.from, state.x) - 5, Math.max(road.to, state.x) + 5];
+  const [from, to] = road.around(state.x).map((end, i) => end + (i ? 5 : -5));
   const bottom = 18;
   const inside = road.points.filter(({ s }) => s > from && s < to);
   const line = [{ s: from, ...road.at(from) }, ...inside, { s: to, ...road.at(to) }];

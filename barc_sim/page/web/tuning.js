@@ -1,6 +1,6 @@
 // Sliders that set parameters of the controller and the car while it drives.
 
-import { make, quote } from './look.js';
+import { make, quote, show } from './look.js';
 
 const PERIOD = 100; // [ms] between two settings while a slider moves
 const STEPS = 200; // of a slider
@@ -30,15 +30,19 @@ export class Tuning {
     }
   }
 
-  /** Offer presets, {name: {gain: value}}; one that has the present values is pressed. */
-  offer(presets) {
+  /** Offer presets, {name: {gain: value}}; one that has the present values is pressed, and explained. */
+  offer(presets, about) {
     const known = JSON.stringify(presets);
     if (known !== this.offered) this.#offer(presets);
     this.offered = known;
+    let shown;
     for (const button of this.presets.children) {
       const gains = Object.entries(presets[button.textContent]);
-      button.ariaPressed = gains.every(([gain, value]) => this.values[gain] === value);
+      const pressed = gains.every(([gain, value]) => this.values[gain] === value);
+      button.ariaPressed = pressed;
+      if (pressed) shown = about[button.textContent];
     }
+    show(document.getElementById('preset-note'), shown ?? '');
   }
 
   #offer(presets) {

@@ -213,8 +213,14 @@ def test_a_tar_is_read_as_a_zip_is(
     assert submission.notes == ('bike_model.py is a link, which is not followed',)
 
 
+#: Those that take long to make: for .ci/run.
+LARGE = ('a size of many digits', 'a name of 200 MB', 'a million entries', 'five million')
+
+
 @pytest.mark.usefixtures('confinement')
-@pytest.mark.parametrize('name', BOMBS)
+@pytest.mark.parametrize(
+    'name', [pytest.param(name, marks=pytest.mark.slow if name in LARGE else ()) for name in BOMBS]
+)
 def test_an_archive_that_is_too_much_has_one_sentence(tmp_path: Path, name: str) -> None:
     ending, made, sentence = BOMBS[name]
     path = tmp_path / f'bomb{ending}'
