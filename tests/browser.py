@@ -61,9 +61,11 @@ _KEYS = {
 SIZES = (
     (1440, 900, False),
     (1280, 720, False),
+    (1024, 768, False),
     (768, 1024, False),
     (740, 360, True),
     (667, 375, True),
+    (390, 844, True),
     (360, 760, True),
 )
 #: What is wider than the page, leaves its panel or is cut, by name.

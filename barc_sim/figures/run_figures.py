@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
 from barc_sim.figures.style import (
+    AT_LIMIT,
     BLUE,
     COLOURS,
     DASHES,
@@ -27,8 +28,10 @@ from barc_sim.figures.style import (
     MUTED,
     SKY,
     STYLE,
-    VERMILLION,
+    TERM_DASHES,
+    acting,
     limits,
+    motor_limit,
     term_colours,
     use_measurement,
 )
@@ -169,16 +172,17 @@ def terms_figure(log: Log) -> Figure | None:
     log = _broken(log)
     figure = Figure(figsize=(9.6, 3.6), layout='constrained')
     axes = figure.subplots()
-    axes.step(
-        log.distance, log.motor, where='post', color=GREEN, lw=1.0, ls=DASHES, label='command'
-    )
-    for name, color in term_colours(tuple(log.terms)).items():
+    axes.step(log.distance, log.motor, where='post', color=GREEN, lw=2.0, label='command')
+    for (name, color), dashes in zip(
+        term_colours(tuple(log.terms)).items(), cycle(TERM_DASHES), strict=False
+    ):
         axes.step(
             log.distance,
             log.terms[name],
             where='post',
             color=COLOURS[color].light,
             lw=1.4,
+            ls=dashes,
             label=name,
         )
     # Limits by the command: the terms at the start would hide the rest.
@@ -246,12 +250,23 @@ def _draw_speed(axes: Axes, log: Log) -> None:
         plot(log.reference, color=INK, lw=1.2, ls=DASHES, label='reference')
     if np.min(log.speed) < 0.0:
         axes.axhline(0.0, color=GREY, lw=0.8)
+    if has_error(log):
+        shown = _behind(log, np.stack([log.speed, log.reference]))
+        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+        pad = max(0.1 * (high - low), 0.25)
+        axes.set_ylim(low - pad, high + pad)
     axes.set_ylabel('Speed [m/s]')
 
 
 def has_error(log: Log) -> bool:
     """Return whether there is a speed error after the run-up."""
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
+
+
+def _behind(log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values after the run-up, which would hide the rest; all in a shorter run."""
+    behind = log.distance >= metrics.RUN_UP
+    return values[..., behind] if behind.any() else values
 
 
 def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
@@ -272,6 +287,15 @@ def _draw_grade(axes: Axes, log: Log) -> None:
 
 def _draw_command(axes: Axes, log: Log) -> None:
     axes.step(log.distance, log.motor, marker=_marker(log), where='post', color=GREEN, lw=1.2)
+    limit = motor_limit(log)
+    if limit:
+        did = acting(log)
+        held = (np.abs(did) > AT_LIMIT * limit) & (np.abs(log.motor) > limit)
+        for level in (limit, -limit):
+            axes.axhline(level, color=INK, lw=0.8, ls=DASHES)
+        at_limit = np.where(held, np.copysign(limit, did), np.nan)
+        axes.plot(log.distance, at_limit, color=GREEN, lw=3.0, label='motor at its limit')
+        axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
     if missed := np.count_nonzero(log.missed):
         axes.plot(
             log.distance[log.missed],
@@ -279,12 +303,12 @@ def _draw_command(axes: Axes, log: Log) -> None:
             ls='',
             marker=TICKUP,
             markersize=8,
-            color=VERMILLION,
+            color=INK,
             transform=axes.get_xaxis_transform(),
             label=f'{missed} missed deadline' + ('s' if missed > 1 else ''),
         )
         axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
-    axes.set_ylim(*limits(log.motor, share=0.12, least=1.0))
+    axes.set_ylim(*limits(_behind(log, log.motor), share=0.12, least=1.0))
     axes.set_ylabel('Command [m/s²]')
 
 
@@ -306,7 +330,7 @@ def drive_figure(log: Log, *, title: str = '') -> Figure:
     draw_path(path, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
     degrees = np.degrees(np.unwrap(np.nan_to_num(log.psi - log.e_epsi)))
     for axes, values, color, label in (
-        (heading, _without_jumps(degrees, jumps), GREEN, 'Heading [°]'),
+        (heading, _without_jumps(degrees, jumps), INK, 'Heading [°]'),
         (speed, _without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]'),
     ):
         axes.plot(log.t, values, color=color, lw=1.8)
@@ -314,7 +338,7 @@ def drive_figure(log: Log, *, title: str = '') -> Figure:
         axes.set_ylabel(label)
         axes.tick_params(labelbottom=False)
     servo = np.degrees(log.servo)
-    steering.step(log.t, servo, where='post', color=VERMILLION, lw=1.6)
+    steering.step(log.t, servo, where='post', color=GREEN, lw=1.6)
     steering.set_ylim(*limits(servo[~np.isnan(servo)], share=0.1, least=1.0))
     steering.set(ylabel='Steering [°]', xlabel='Time [s]; left is positive')
     for axes in (heading, speed, steering):
@@ -333,7 +357,7 @@ def draw_path(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> Non
     """Draw a path from above, with its start and its end."""
     axes.plot(x, y, color=BLUE, lw=1.8)
     axes.plot(x[:1], y[:1], 'o', color=INK, label='start')
-    axes.plot(x[-1:], y[-1:], 's', color=VERMILLION, label='end')
+    axes.plot(x[-1:], y[-1:], 's', color=MUTED, label='end')
     axes.set_aspect('equal', adjustable='datalim')
     axes.set(xlabel='x [m]', ylabel='y [m]')
     axes.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)

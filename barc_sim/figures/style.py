@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from barc_sim.simulation.metrics import laps_of
+from barc_sim.vehicle.bike_model import Vehicle
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -20,22 +23,25 @@ class Colour(NamedTuple):
     dark: str
 
 
-# Colour-blind readers can distinguish them. Lines of a quantity contrast with white by 3:1.
+# Any two differ for readers of each kind of colour blindness, and contrast with the ground by 3:1
+# (tests/figures/test_style.py). A colour has one meaning, on figures and page: see below.
 COLOURS = {
-    'blue': Colour('#0072B2', '#56B4E9'),
-    'sky': Colour('#56B4E9', '#8ECDF2'),
-    'green': Colour('#009E73', '#3CCB9F'),
-    'vermillion': Colour('#D55E00', '#FF8A4A'),
-    'purple': Colour('#A8457F', '#DD97BB'),
-    'orange': Colour('#B07A00', '#E69F00'),
+    'blue': Colour('#003F74', '#1B85F5'),
+    'sky': Colour('#1F96F7', '#7DCDFB'),
+    'green': Colour('#18855F', '#427E52'),
+    'vermillion': Colour('#A34D09', '#FFAFA4'),
+    'purple': Colour('#936391', '#D66599'),
+    'orange': Colour('#C68404', '#A79506'),
+    'brown': Colour('#4C2A00', '#EAE657'),
     'ink': Colour('#222222', '#E8ECF1'),
 }
 #: Names in `COLOURS` by the column of a log.
 QUANTITIES = {'speed': 'blue', 'v_x': 'sky', 'reference': 'ink', 'motor': 'green'}
-#: Of a controller's terms, in the order in which it declares them.
-TERMS = ('vermillion', 'purple', 'orange', 'sky')
-#: Of the forces on the car; the motor's is that of its command.
-FORCES = {'motor': 'green', 'gravity': 'purple', 'drag': 'sky', 'friction': 'vermillion'}
+#: Of a controller's terms, in the order in which it declares them; and their dashes.
+TERMS = ('vermillion', 'purple', 'orange', 'brown')
+TERM_DASHES = ((0.0, (8.0, 2.0)), (0.0, (2.0, 2.0)), (0.0, (8.0, 2.0, 2.0, 2.0)), (0.0, (4.0, 2.0)))
+#: Of the forces on the car; the motor's is that of its command. The others have names beside them.
+FORCES = {'motor': 'green', 'gravity': 'muted', 'drag': 'muted', 'friction': 'muted'}
 BLUE = COLOURS['blue'].light
 SKY = COLOURS['sky'].light
 VERMILLION = COLOURS['vermillion'].light
@@ -72,6 +78,8 @@ STYLE: list[str | dict[str, Any]] = [
 ]
 
 DASHES = (0.0, (5.0, 3.0))
+AT_LIMIT = 0.99  #: share of its limit from which a motor is at it
+HELD = 5  #: states that a motor is at its limit, at the least
 
 
 def term_colours(terms: tuple[str, ...]) -> dict[str, str]:
@@ -96,6 +104,29 @@ def use_measurement(log: Log) -> Log:
     """
     errors = ('e_s', 'e_ey', 'e_epsi', 'e_v_x', 'e_v_y', 'e_psi_dot')
     return replace(log, **{name: np.nan_to_num(getattr(log, name)) for name in errors})
+
+
+def acting(log: Log) -> NDArray[np.float64]:
+    """Return what the motor did from each state to the next [m/s²], NaN where it is unknown.
+
+    It is what accelerated the car beside gravity, drag and friction.
+    """
+    car = Vehicle()
+    known = np.append(np.diff(laps_of(log)[1]) == 0, False)
+    rate = np.append(np.diff(log.speed) / np.diff(log.t), np.nan)
+    others = -car.gravity * np.sin(np.radians(log.theta_deg)) + (log.drag + log.friction) / car.mass
+    return np.where(known, rate - others, np.nan)
+
+
+def motor_limit(log: Log) -> float:
+    """Return the motor's limit [m/s²] where the run shows one, else 0: the most that it did.
+
+    It is one where the motor did that for a while, and more was commanded.
+    """
+    did = np.abs(acting(log))
+    most = float(np.nanmax(did, initial=0.0))
+    held = (did > AT_LIMIT * most) & (np.abs(log.motor) > most / AT_LIMIT)
+    return round(most, 6) if np.count_nonzero(held) >= HELD else 0.0
 
 
 def limits(values: NDArray[np.float64], *, share: float, least: float) -> tuple[float, float]:

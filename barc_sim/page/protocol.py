@@ -69,7 +69,7 @@ _SHORT = {
     'acceleration_limit': 'limit',
     'noise_v_x': 'noise',
     'motor_delay': 'delay',
-    'motor_limit': 'limit',
+    'motor_limit': 'motor limit',
 }
 _PI = {'kp': 4.0, 'ki': 8.0, 'kd': 0.0}
 #: Presets beside the controller's own, for a PID: they change the car, too.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from barc_sim.figures.style import QUANTITIES, term_colours
+from barc_sim.figures.style import QUANTITIES, motor_limit, term_colours
 from barc_sim.page.feed import columns_in, rows_of
 from barc_sim.page.protocol import driven_road, encode, facts, lap_facts, road_facts
 from barc_sim.page.server import Host, ViewServer, open_page
@@ -30,7 +30,7 @@ class Replay(Host):
         hello = encode(
             'hello',
             **{
-                **facts(mode, {}, {}),
+                **facts(mode, {'motor_limit': motor_limit(log)}, {}),
                 'road': road and road_facts(road),
                 'columns': columns_in(log),
                 'terms': list(log.terms),

@@ -1,16 +1,45 @@
-"""Limits of axes and readings of instruments."""
+"""The palette, limits of axes and readings of instruments."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from importlib import resources
+from itertools import combinations
 
 import numpy as np
 import pytest
+from palette import READERS, contrast, difference
 
-from barc_sim.figures.style import limits, reading, use_measurement
+from barc_sim.figures.style import COLOURS, limits, reading, use_measurement
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.sensor import NoiseLevels
+
+CSS = (resources.files('barc_sim.page') / 'web' / 'view.css').read_text('utf-8')
+GROUNDS = re.findall(r'--panel: light-dark\((#\w+), (#\w+)\)', CSS)[0]
+
+
+def test_the_published_pairs_have_the_published_difference() -> None:
+    assert difference('#FFFFFF', '#000000', 'any') == pytest.approx(100.0, abs=0.1)
+    assert difference('#FF0000', '#00FF00', 'any') == pytest.approx(86.6, abs=0.1)
+
+
+@pytest.mark.parametrize('reader', READERS)
+@pytest.mark.parametrize('ground', [0, 1])
+def test_any_two_colours_differ_for_every_reader(reader: str, ground: int) -> None:
+    close = {
+        (one, other): round(found, 1)
+        for one, other in combinations(COLOURS, 2)
+        if (found := difference(COLOURS[one][ground], COLOURS[other][ground], reader)) <= 15.0
+    }
+    assert close == {}
+
+
+@pytest.mark.parametrize('name', COLOURS)
+def test_each_colour_contrasts_with_both_grounds(name: str) -> None:
+    for colour, ground in zip(COLOURS[name], GROUNDS, strict=True):
+        assert contrast(colour, ground) >= 3.0
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ class Car(Node):
         self._road = Road.named(road)
         self.state = State()
         self.command = Command()
-        self.paused = self.braking = False
+        self.paused = self.hangs = self.braking = False
         self.twists: list[tuple[float, float]] = []
         self._stamp = 1_700_000_000_000_000_000
         self._state_pub = self.create_publisher(ZDynBkMdl, names.STATE, names.QOS)
@@ -71,7 +71,7 @@ class Car(Node):
         self.create_timer(TS, self._step)
 
     def _step(self) -> None:
-        if self.paused:
+        if self.paused or self.hangs:
             return
         theta = self._road.grade_deg(self.state.x)
         if self.braking:
@@ -365,7 +365,7 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
     tab = open_(view.url)
     tab.until("document.querySelector('#kp').value === '30'")
     names = "Array.from(document.querySelectorAll('#presets button'), (b) => b.textContent)"
-    assert tab.run(names) == [*PID.presets, 'Windup']
+    assert tab.run(names) == [*PID.presets, 'Noise', 'Delay', 'Windup']
     tab.click('#presets button:nth-child(2)')
     wait_until(lambda: tab.number('#term-integral') > 0.1)
     tab.click('#presets button')
@@ -387,6 +387,9 @@ def test_presets_set_all_gains_and_the_integral_is_reset(acc: Acc, open_: Open) 
     wait_until(lambda: car.get_parameter('noise_v_x').value == 0.25)
     # With noise, the measured speed is another one than the speed: its line is shown.
     tab.until("document.querySelector('#speed-legend li:last-child button').ariaPressed === 'true'")
+    tab.click('#presets button')  # which sets the noise, too
+    wait_until(lambda: car.get_parameter('noise_v_x').value == 0.0)
+    tab.select('#noise_v_x', 0.25)
     noisy = f'{command} --ros-args -p vehicle_simulator:noise_v_x:=0.25'
     wait_until(lambda: is_copied(noisy))
 
@@ -406,8 +409,45 @@ def test_forces_and_terms_are_those_of_the_messages(acc: Acc, open_: Open) -> No
         "'#term-derivative'].map((id) => document.querySelector(id).textContent)"
     )
     force, command, *terms = (float(text.replace('\N{MINUS SIGN}', '-')) for text in shown)
-    assert force == pytest.approx(Vehicle().mass * command, abs=1.5)
+    assert force == pytest.approx(Vehicle().mass * command, rel=0.01)
     assert command == pytest.approx(sum(terms), abs=0.002)
+
+
+_COUNT_ANNOUNCED = """(() => {
+  window.announced = [];
+  const regions = '[role=status], [role=alert], [aria-live], output';
+  for (const region of document.querySelectorAll(regions)) {
+    let texts = 0;
+    let said = region.textContent;
+    new MutationObserver(() => {
+      if (region.textContent !== said) texts += 1;
+      said = region.textContent;
+      announced[region.id] = texts;
+    }).observe(region, { childList: true, characterData: true, subtree: true });
+  }
+})()"""
+
+
+def test_a_run_that_hangs_is_named_with_its_seconds_and_little_is_announced(
+    acc: Acc, open_: Open
+) -> None:
+    view, car, _ = acc
+    tab = open_(view.url)
+    tab.until("document.querySelector('#state').innerText === 'Live'")
+    tab.run(_COUNT_ANNOUNCED)
+    began = time.monotonic()
+    wait_until(lambda: time.monotonic() > began + 2.0)  # readings change all the time
+    car.hangs = True
+    stalled = time.monotonic()
+    wait_until(lambda: tab.text('#state').startswith('No data for '))
+    named = time.monotonic() - stalled
+    wait_until(lambda: tab.text('#state') == 'No data for 3 s')
+    told = time.monotonic() - stalled
+    assert named < 2.0 < told < 5.0
+    changes = tab.run('Object.values(announced)')
+    assert all(count <= time.monotonic() - began for count in changes)
+    car.hangs = False
+    wait_until(lambda: tab.text('#state') == 'Live')
 
 
 def test_reset_begins_a_lap_and_the_last_one_stays_as_a_ghost(acc: Acc, open_: Open) -> None:

@@ -25,6 +25,9 @@ from barc_sim.page.replay import Replay
 from barc_sim.page.server import ViewServer
 from barc_sim.simulation import metrics
 from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Vehicle
+from barc_sim.vehicle.plant import Plant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from browser import Tab
 
     from barc_sim.simulation.log import Log
+    from barc_sim.vehicle.bike_model import Command
 
 _SERVE = (
     'from barc_sim.page import replay; from barc_sim.simulation.closed_loop import closed_loop;'
@@ -141,13 +145,14 @@ def test_charts_zoom_read_hide_and_save(log: Log) -> None:
         _seek(tab, 20.0)
         wait_until(lambda: tab.number('#time') == 20.0)
         # The middle of the chart is half its window before the shown time.
+        tab.select('#axis', 't')
         tab.hover('#speed-chart')
         at = float(np.interp(10.0, log.t, log.speed))
-        wait_until(lambda: tab.number('#speed-legend output') == pytest.approx(at, abs=0.05))
+        wait_until(lambda: tab.number('#speed-legend .value') == pytest.approx(at, abs=0.05))
         tab.select('#axis', 'x')
         tab.hover('#command-chart')
         middle = float(np.interp(90.0, log.distance, log.motor))
-        wait_until(lambda: tab.number('#command-legend output') == pytest.approx(middle, abs=0.05))
+        wait_until(lambda: tab.number('#command-legend .value') == pytest.approx(middle, abs=0.05))
         tab.remember('#speed-chart')
         tab.wheel('#speed-chart', -120)
         wait_until(lambda: tab.changed('#speed-chart') > 500)
@@ -160,13 +165,39 @@ def test_charts_zoom_read_hide_and_save(log: Log) -> None:
         )
         tab.click('#save-csv')
         table = tab.run('saved[0].text()').splitlines()
-        assert table[0].split(',') == [*COLUMNS]
+        assert table[0].split(',') == [*COLUMNS, 'acting']
         assert len(table) == len(log) + 1
         speeds = [float(line.split(',')[COLUMNS.index('speed')]) for line in table[1:]]
         np.testing.assert_array_equal(speeds, log.speed)
         tab.click('#save-png')
         tab.until('saved.length === 2')
         assert tab.run('saved[1].type') == 'image/png'
+
+
+class Watched(Plant):
+    """Notes what the motor does in each step [m/s²]."""
+
+    acted: list[float]
+
+    def _step(self, held: Command) -> None:
+        self.acted.append(held.motor)
+        super()._step(held)
+
+
+@in_browser
+def test_the_arrow_is_the_force_of_the_plant_and_its_limit_is_named() -> None:
+    plant = Watched(motor=Actuator(limit=6.0, delay=0.1))
+    plant.acted = []
+    log = closed_loop(plant, PID(4.0, 8.0, 0.0, output_min=-100.0, output_max=100.0))
+    with played(log) as tab:
+        tab.click('#play')
+        for row in (20, 60, 300, *range(700, 1000, 50)):
+            _seek(tab, log.t[row])
+            tab.until(f"document.querySelector('#time').textContent === '{log.t[row]:.1f}'")
+            force = pytest.approx(Vehicle().mass * plant.acted[row], rel=0.01, abs=1.0)
+            wait_until(lambda force=force: tab.number('#force-motor') == force)
+            at_limit = abs(plant.acted[row]) == 6.0 < abs(log.motor[row])
+            assert ('motor at its limit' in tab.text('#equation')) == at_limit
 
 
 @in_browser

@@ -75,7 +75,7 @@ export class Chart {
       context.setLineDash([10, 3, 2, 3]);
       stroke(context, [LEFT, y(level)], [width - RIGHT, y(level)]);
       context.setLineDash([]);
-      label(context, 'limit of the motor', LEFT + 64, y(level) + (level > 0 ? -5 : 14));
+      if (level > 0) label(context, 'limit of the motor', width - RIGHT - 58, y(level) - 5);
     }
     if (view.cursor !== null) {
       context.strokeStyle = colours.muted;

@@ -79,9 +79,11 @@ export class Lesson {
         show(cell, reading(value == null ? value : value * (scale ?? 1), Number(digits)));
       });
     }
-    const named = [laps.current, laps.last, laps.best].map((lap) => lap?.gains ?? '');
-    this.gains.hidden = !named.some(Boolean);
-    this.gains.querySelectorAll('td').forEach((cell, i) => show(cell, named[i]));
+    const named = { last: laps.last, best: laps.best, 'this lap': laps.current };
+    const lines = Object.entries(named).filter(([, lap]) => lap?.gains).map(([name, lap]) => `${name}: ${lap.gains}`);
+    if (lines.join() === this.named) return;
+    this.named = lines.join();
+    this.gains.replaceChildren(...lines.map((line) => make('li', {}, line)));
   }
 
   /** Offer downloads, the run before and another run; `request` sends a request. */

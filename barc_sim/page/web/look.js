@@ -2,7 +2,7 @@
 
 const names = [
   'panel', 'line', 'grid', 'ink', 'muted', 'blue', 'sky', 'green', 'orange', 'purple',
-  'vermillion', 'air-high', 'air-low', 'earth', 'surface', 'ground', 'ground-line',
+  'vermillion', 'brown', 'air-high', 'air-low', 'earth', 'surface', 'ground', 'ground-line',
   'ground-strong', 'slope',
 ];
 

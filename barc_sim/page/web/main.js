@@ -19,7 +19,7 @@ import { Tuning } from './tuning.js';
 const TITLES = { acc: 'cruise control', teleop: 'teleoperation' };
 const CHART_PERIOD = 0.033; // [s] between two drawings of the charts
 const DASHES = [[10, 3], [2, 3], [10, 3, 2, 3], [5, 3]]; // of the terms, beside their colours
-const SILENT = 2; // [s] without a state from which that is shown
+const SILENT = 1; // [s] without a state from which that is shown
 const HINT = 'Arrows or WASD drive, R\u00a0resets, P\u00a0pauses.';
 
 const element = (id) => document.getElementById(id);
@@ -296,7 +296,7 @@ function drawNow(milliseconds) {
     top.draw(scene, history, facts.axles, state, goal, state && goal.ghost(history, state.t));
   } else {
     const ghosts = state ? explorer.ghosts(state).map(({ name, history: rows, shift, end }) => (
-      { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : `${name} lap` }
+      { ...rows.state(Math.min(state.t - shift, end)), name: name === 'other' ? 'other run' : [`${name} lap`, explorer.laps[name].gains].filter(Boolean).join(': ') }
     )) : [];
     drawSide(scene, road, facts, state, ghosts);
   }

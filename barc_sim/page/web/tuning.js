@@ -16,6 +16,10 @@ export class Tuning {
     this.set = set;
     this.form = document.getElementById('tuning');
     this.form.addEventListener('submit', (event) => event.preventDefault());
+    const more = document.getElementById('more'); // on a phone
+    more.addEventListener('click', () => {
+      more.ariaExpanded = this.form.classList.toggle('all');
+    });
     this.#build({});
   }
 
@@ -117,7 +121,7 @@ export class Tuning {
     this.inputs[name] = { slider, number };
     let [timer, waiting] = [null, null];
     const send = (value) => {
-      this.note.textContent = '\u00a0';
+      this.note.textContent = '';
       waiting = value;
       if (timer !== null) return;
       this.set(name, value);
