@@ -7,18 +7,24 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, ControllerState, EZDynBkMdl, PidState, ZDynBkMdl
 from rclpy.node import Node
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
-from barc_sim.ros.node_helpers import RateLimitedWarning, RefusedInput, declare, to_nanoseconds
+from barc_sim.ros.node_helpers import (
+    RateLimitedWarning,
+    RefusedInput,
+    declare,
+    frames,
+    to_nanoseconds,
+)
 
 if TYPE_CHECKING:
+    from builtin_interfaces.msg import Time
     from rclpy.parameter import Parameter
     from rclpy.subscription import Subscription
-    from std_msgs.msg import Header
 
     from barc_sim.control.controller import Controller
     from barc_sim.control.cruise_control import Answer
@@ -79,7 +85,10 @@ class CruiseController(Node):
 
         topic = names.PID_STATE if self._control.is_pid else names.CONTROLLER_STATE
         # To make new messages would cost more.
-        self._ecu, self._computed = ECU(), PidState() if self._control.is_pid else ControllerState()
+        self._header = Header(frame_id=frames(self)[1])
+        self._ecu = ECU(header=self._header)
+        computed = PidState if self._control.is_pid else ControllerState
+        self._computed = computed(header=self._header)
         self._computed_pub = self.create_publisher(type(self._computed), topic, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
@@ -107,19 +116,18 @@ class CruiseController(Node):
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         stamp = to_nanoseconds(state.header.stamp)
-        self._publish(state.header, self._control.take_state(stamp, state.v_x, state.x))
+        self._publish(state.header.stamp, self._control.take_state(stamp, state.v_x, state.x))
 
     def _on_state_error(self, error: EZDynBkMdl) -> None:
         stamp = to_nanoseconds(error.header.stamp)
-        self._publish(error.header, self._control.take_error(stamp, error.v_x))
+        self._publish(error.header.stamp, self._control.take_error(stamp, error.v_x))
 
-    def _publish(self, header: Header, answer: Answer | None) -> None:
+    def _publish(self, stamp: Time, answer: Answer | None) -> None:
         if answer is None:
             return
-        self._ecu.header, self._ecu.motor = header, answer.acceleration
+        self._header.stamp, self._ecu.motor = stamp, answer.acceleration
         self._ecu_pub.publish(self._ecu)
         if self._computed_pub.get_subscription_count():
-            self._computed.header = header
             for name, value in self._control.computed(answer).items():
                 setattr(self._computed, name, value)
             self._computed_pub.publish(self._computed)

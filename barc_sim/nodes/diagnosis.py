@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from barc_sim.simulation.pacing import TOLERATED
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from barc_sim.vehicle.sensor import NoiseLevels
 
 #: Share of the requested real-time factor below which a run is slow.
@@ -33,6 +35,7 @@ class Facts(NamedTuple):
     recorded: int | None = None  #: messages in the bag
     lost: int | None = None  #: messages lost
     failure: str | None = None  #: why the bag could not be written
+    rivals: Sequence[str] = ()  #: the nodes that command, where there are several
     stamp_lag: float | None = None  #: [s] by which stamps in real time are behind the wall clock
 
 
@@ -54,7 +57,10 @@ def diagnose(
     """
     found = [_timing(facts, before, factor)]
     if age is not None:
-        found.append(Diagnosis('command', Level.OK, f'{age:.3f} s old', {'age [s]': f'{age:.6f}'}))
+        level, message = Level.OK, f'{age:.3f} s old'
+        if facts.rivals:
+            level, message = Level.WARN, f'{" and ".join(facts.rivals)} drive together: end one'
+        found.append(Diagnosis('command', level, message, {'age [s]': f'{age:.6f}'}))
     if facts.noise is not None:
         noisy = ', '.join(name for name, value in facts.noise._asdict().items() if value)
         values = {name: f'{value:g}' for name, value in facts.noise._asdict().items()}

@@ -9,11 +9,12 @@ from barc_interfaces.msg import ECU, ZDynBkMdl
 from geometry_msgs.msg import Twist
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
 from barc_sim.control.driver import PARAMETERS, make_driver
-from barc_sim.ros.node_helpers import RefusedInput, declare, to_driver_input
+from barc_sim.ros.node_helpers import RefusedInput, declare, fill, frames, to_driver_input
 
 if TYPE_CHECKING:
     from rclpy.parameter import Parameter
@@ -59,6 +60,7 @@ class Relay(Node):
         self.add_post_set_parameters_callback(self._on_parameters)
         self.refused = RefusedInput(self)
 
+        self._ecu = ECU(header=Header(frame_id=frames(self)[1]))
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS_NEWEST)
         self.create_subscription(Twist, names.CMD_VEL, self._on_twist, names.QOS)
@@ -84,4 +86,4 @@ class Relay(Node):
 
     def _on_timer(self) -> None:
         command = self.driver.command(time.monotonic(), self._speed)
-        self._ecu_pub.publish(ECU(motor=command.motor, servo=command.servo))
+        self._ecu_pub.publish(fill(self._ecu, command))

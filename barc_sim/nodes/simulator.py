@@ -6,6 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -18,10 +19,10 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import split_time
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
-    RateLimitedWarning,
     RefusedInput,
     declare,
     fill,
+    frames,
     to_nanoseconds,
     to_state_at_rest,
 )
@@ -105,13 +106,13 @@ class VehicleSimulator(Node):
         self._claim = claim(self, names.STATE)
         self.finished = Future()
         self.refused = RefusedInput(self)
-        self._warnings: dict[float, RateLimitedWarning] = {}
         self._on_step = on_step
 
-        # One header for all messages of a state; to make new messages would cost more.
-        self._header = header = Header()
-        self._time, self._environment = ClockMessage(clock=header.stamp), Environment(header=header)
-        self._state, self._error = ZDynBkMdl(header=header), EZDynBkMdl(header=header)
+        # One stamp for all messages of a state; to make new messages would cost more.
+        self._stamp = stamp = Time()
+        place, car = (Header(stamp=stamp, frame_id=name) for name in frames(self))
+        self._time, self._environment = ClockMessage(clock=stamp), Environment(header=place)
+        self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
         self._may_keep_clock, self.keeps_clock = keeps_clock, False
         if values['clock'] or values['realtime_factor'] != 1.0:
             self.begin_clock()
@@ -130,8 +131,8 @@ class VehicleSimulator(Node):
         self._deadlines = self.create_timer(period, deadline, clock=wall) if period else None
         self.run_deadlines(on=False)
         self._deferred = self.create_guard_condition(self.stepper.decide)
-        peers = PeerWatch(self, self.stepper, self._publish_state, self._publish_clock)
-        self.create_timer(check_period, peers.check, clock=wall)
+        self.peers = PeerWatch(self, self.stepper, self._publish_state, self._publish_clock)
+        self.create_timer(check_period, self.peers.check, clock=wall)
         self._gate = StartGate(self, wall, self.stepper.start, wait=values['wait_for_controller'])
 
     def destroy_node(self) -> None:
@@ -142,7 +143,7 @@ class VehicleSimulator(Node):
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
         self._seen = seen
-        self._header.stamp.sec, self._header.stamp.nanosec = split_time(stamp_ns)
+        self._stamp.sec, self._stamp.nanosec = split_time(stamp_ns)
         self._publish_clock()
         if self._environment_pub.get_subscription_count():
             self._environment_pub.publish(fill(self._environment, seen.surroundings))
@@ -168,9 +169,9 @@ class VehicleSimulator(Node):
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
 
-    def warn(self, sentence: str, period: float) -> None:
-        """Warn; of the sentences with one `period` [s], once in it at most."""
-        self._warnings.setdefault(period, RateLimitedWarning(self, period)).warn(lambda: sentence)
+    def warn(self, sentence: str) -> None:
+        """Warn."""
+        self.get_logger().warning(sentence)
 
     def begin_clock(self) -> bool:
         """Publish `/clock` with each state from now on; return whether this node may do so."""
@@ -205,8 +206,10 @@ class VehicleSimulator(Node):
             self.refused.add(lambda: f'an initial pose that is not finite or no rotation: {pose}')
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.stepper.reset()
         response.success, response.message = True, 'the car is back at the start'
+        if not self.stepper.reset():
+            state = self.stepper.states - 1
+            response.message = f'the car goes back when state {state} is answered, or after 1 s'
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

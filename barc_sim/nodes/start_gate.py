@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
+from math import inf
 from typing import TYPE_CHECKING
 
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
-from barc_sim.ros.peers import check_unique, is_own, living_publishers
+from barc_sim.ros.peers import all_own, check_unique, full_names, publishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from rclpy.clock import Clock
     from rclpy.node import Node
     from rclpy.task import Future
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from barc_sim.simulation.stepper import Stepper
 
@@ -27,6 +29,7 @@ _POLLS = 3
 #: The same for a controller in another process: it may discover this node a little later than it is
 #: discovered, and messages sent meanwhile would be lost. Our recorder discovers topics every 0.2 s.
 _POLLS_OTHER_PROCESS = 40
+_LEASE = 20.0  #: [s] until DDS notices that a process was killed
 _RESET_TIMEOUT = 0.5  #: [s] for the nodes that command to answer their reset
 
 
@@ -86,8 +89,8 @@ class StartGate:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
             self._new, self._answers = [], []
-        ends = living_publishers(self._node, names.ECU)
-        self._polls_required = _POLLS if all(map(is_own, ends)) else _POLLS_OTHER_PROCESS
+        ends = publishers(self._node, names.ECU)
+        self._polls_required = _POLLS if all_own(self._node, ends) else _POLLS_OTHER_PROCESS
         self._polls_found = self._polls_found + 1 if ends or not self._wait else 0
         self._add_clients()
         if self._polls_found < self._polls_required:
@@ -104,7 +107,8 @@ class PeerWatch:
     """Warns, each sentence once, of what keeps a simulator from being commanded.
 
     While time waits for the answer to a state, that state is published again for a controller that
-    has started since.
+    has started since. `rivals` are the nodes that publish commands, where there are several: one
+    that was killed counts, for the 20 s that DDS needs to notice, unless commands were missing.
     """
 
     def __init__(
@@ -117,8 +121,10 @@ class PeerWatch:
         """Watch the peers of `node`; the functions publish its latest state and time again."""
         self._node, self._stepper = node, stepper
         self._republish, self._publish_clock = republish, publish_clock
-        self._states = 0
+        self._states = self._missed = 0
         self._warned: set[str] = set()
+        self.rivals: list[str] = []  #: the full names of several nodes that publish commands
+        self._rivals_since = inf
         # Who publishes commands: at the latest check, and at the last one before the present state.
         self._commanders: set[bytes] = set()
         self._reached: set[bytes] = set()
@@ -128,7 +134,7 @@ class PeerWatch:
         self._stepper.check()
         states = self._stepper.states
         waits = self._stepper.deadline_period is None and not self._stepper.paused
-        ends = living_publishers(self._node, names.ECU)
+        ends = publishers(self._node, names.ECU)
         commanders = {bytes(end.endpoint_gid) for end in ends}
         stands_still = states == self._states
         if not states:
@@ -141,9 +147,25 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
+        self._check_rivals(ends, commands_lack=stands_still or self._stepper.missed > self._missed)
+        self._missed = self._stepper.missed
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
         self._states = states
+
+    def _check_rivals(self, ends: list[TopicEndpointInfo], *, commands_lack: bool) -> None:
+        """Warn of several nodes that publish commands, of which none may have been killed."""
+        if len(ends) <= 1:
+            self.rivals, self._rivals_since = [], inf
+            return
+        now = time.monotonic()
+        # Where commands lack, the first of them may be dead, and the second have taken its place.
+        since = now + _LEASE if commands_lack else now
+        self._rivals_since = min(self._rivals_since, since)
+        if now >= self._rivals_since:
+            self.rivals = full_names(ends)
+            topic = self._node.resolve_topic_name(names.ECU)
+            self._warn(f'{" and ".join(self.rivals)} publish {topic} and drive together: end one')
 
     def _warn(self, sentence: str) -> None:
         if sentence not in self._warned:

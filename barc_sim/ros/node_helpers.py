@@ -74,6 +74,12 @@ def _declare(node: Node, parameter: Parameter) -> Any:  # noqa: ANN401 (as rclpy
         raise UserError(f'{owner}: {why}') from None
 
 
+def frames(node: Node) -> tuple[str, str]:
+    """Return the frames of a car's place and of the car: in the namespace `/car2` its own."""
+    prefix = f'{node.get_namespace().strip("/")}/'.lstrip('/')
+    return 'map', f'{prefix}base_link'
+
+
 def fill(message: Message, record: Any) -> Message:  # noqa: ANN401 (a NamedTuple)
     """Set the fields of `message` that `record` has, by their names; return the message."""
     for name, value in zip(record._fields, record, strict=True):

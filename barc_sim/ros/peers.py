@@ -1,4 +1,4 @@
-"""The nodes that take part: their graph, living publishers, a simulator's claim to its topic."""
+"""The nodes that take part: their graph, publishers, a simulator's claim to its topic."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from barc_sim.bags.node_graph import NodeGraph
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # Parts of a Fast DDS identifier (GID).
-_HOST = slice(4)  #: the vendor and the host
-_PROCESS = slice(4, 6)  #: the lower half of the process's number
+_PROCESS = slice(8)  #: vendor, host, the lower half of the process's number, a random number
 _PARTICIPANT = slice(12)
-_HALF = 1 << 16
 
 
 def node_graph(node: Node) -> NodeGraph:
@@ -99,20 +99,19 @@ def taken(topic: str, domain: int) -> str:
     )
 
 
-def living_publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    """Return the publishers of `topic`, without those of dead processes on this machine.
+def publishers(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    """Return the publishers of `topic` that are alive for DDS, which notices a kill after 20 s."""
+    return [*node.get_publishers_info_by_topic(node.resolve_topic_name(topic))]
 
-    DDS needs 20 s to notice that a process was killed. The identifiers of Fast DDS contain host
-    and process, so a dead process of this machine is recognised at once.
-    """
-    ends = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    own = _own_gid(node) if ends else None
-    return [end for end in ends if own is None or not _is_dead(bytes(end.endpoint_gid), own[_HOST])]
+
+def full_names(ends: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Return the full names of the nodes that `ends` belong to."""
+    return sorted(f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends)
 
 
 def check_unique(node: Node, topic: str) -> None:
     """Check that `node` alone publishes `topic`."""
-    if len(living_publishers(node, topic)) > 1:
+    if len(publishers(node, topic)) > 1:
         raise UserError(taken(node.resolve_topic_name(topic), node.context.get_domain_id()))
 
 
@@ -128,33 +127,19 @@ def types_here(node: Node, topic: str) -> set[str]:
     }
 
 
-def is_own(end: TopicEndpointInfo) -> bool:
-    """Return whether `end` belongs to this process, by the number in its identifier."""
-    return not has_dds() or _process(bytes(end.endpoint_gid)) == os.getpid() % _HALF
+def all_own(node: Node, ends: Iterable[TopicEndpointInfo]) -> bool:
+    """Return whether `ends` belong to nodes of this process, as `node` does."""
+    own = (_own_gid(node) or b'') if has_dds() else None
+    return own is None or all(bytes(end.endpoint_gid)[_PROCESS] == own[_PROCESS] for end in ends)
 
 
 def _own_gid(node: Node) -> bytes | None:
     """Return the identifier of one of the node's publishers; None with another DDS."""
-    own = os.getpid() % _HALF
+    number = (os.getpid() % (1 << 16)).to_bytes(2, 'little')
     topics = {publisher.topic_name for publisher in node.publishers}
     # Every node publishes /parameter_events: a topic of its own has fewer publishers to look at.
     for end in node.get_publishers_info_by_topic(min(topics, key=node.count_publishers)):
         gid = bytes(end.endpoint_gid)
-        if end.node_name == node.get_name() and _process(gid) == own:
+        if end.node_name == node.get_name() and gid[_PROCESS].startswith(number, 4):
             return gid
     return None
-
-
-def _process(gid: bytes) -> int:
-    return int.from_bytes(gid[_PROCESS], 'little')
-
-
-def _is_dead(gid: bytes, host: bytes) -> bool:
-    return gid[_HOST] == host and not any(
-        Path('/proc', str(number)).exists()
-        for number in range(_process(gid), _greatest_number() + 1, _HALF)
-    )
-
-
-def _greatest_number() -> int:
-    return int(Path('/proc/sys/kernel/pid_max').read_text(encoding='ascii'))

@@ -359,6 +359,7 @@ def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
         stepper.paused,
         factor,
         NoiseLevels(*(values[f'noise_{name}'] for name in NoiseLevels._fields)),
+        rivals=simulator.peers.rivals,
         stamp_lag=stepper.stamp_lag if factor == 1.0 else None,
     )
     if not recorder:

@@ -30,7 +30,7 @@ DISTANCE = Parameter(
 )
 LAPS = Parameter('laps', 1, 'the run ends after so many; 0: it goes on', (0, 10**6), read_only=True)
 _NANOSECONDS = 1_000_000_000
-_WARNING_PERIOD, _TIMEOUT_WARNING_PERIOD = 1.0, 10.0  #: [s]
+_WARNING_PERIOD = 10.0  #: [s] between two warnings about one thing
 
 
 class Settings(NamedTuple):
@@ -103,8 +103,8 @@ class Outputs(Protocol):
     def finish(self) -> None:
         """End the run; may be called from any thread."""
 
-    def warn(self, sentence: str, period: float) -> None:
-        """Warn; of the sentences with one `period` [s], once in it at most."""
+    def warn(self, sentence: str) -> None:
+        """Warn."""
 
     def begin_clock(self) -> bool:
         """Publish the simulated time from now on; return whether that is allowed."""
@@ -196,7 +196,8 @@ class Stepper:
         self.states = self.missed = self.laps = 0
         self.stamp_lag = 0.0
         self._warned = False  # that stamps are behind, since the start or the latest reset
-        self._first_state = self.stamp = 0
+        self._next_warning: dict[str, float] = {}  # [s] by what it is about
+        self._first_state = self._first_stamp = self.stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
         self._place: State | None = None
@@ -219,7 +220,7 @@ class Stepper:
         self.stamp = self.stamp + self._period_ns if self.stamp else self._wall_clock()
         if self._settings.realtime_factor == 1.0:
             self.stamp = max(self.stamp, self._wall_clock())
-        self._warned = False
+        self._first_stamp, self._warned = self.stamp, False
         self._commands.start_timeout(self._clock())
         self._publish()
         self._start_deadlines()
@@ -236,6 +237,8 @@ class Stepper:
                 f'a command beyond ±{limit.motor:g} m/s² or ±{limit.servo:g} rad: '
                 f'{command.motor}, {command.servo}'
             )
+        if stamp not in (0, self.stamp):
+            self._check_stamp(stamp)
         if not self._commands.store(command, stamp, self.stamp, self._clock()):
             return out_of_order(stamp, self.stamp)
         lock_step = self.phase is Phase.RUNNING and not self._pace
@@ -268,10 +271,10 @@ class Stepper:
                 self._pace.slipped += 1
                 return
             self.missed += 1
-            self._outputs.warn(
-                f'missed deadline {self.missed}: no command answers state {self.states - 1} in '
-                'time; the last one holds',
-                _WARNING_PERIOD,
+            self._warn(
+                'missed deadlines',
+                f'{self.missed} so far; no command answers state {self.states - 1} in time, and '
+                'the last one holds',
             )
         self._step()
 
@@ -311,12 +314,13 @@ class Stepper:
         """Call `change` with the plant before the next step; may be called from any thread."""
         self._change = change
 
-    def reset(self) -> None:
-        """Put the car back to the start, as soon as the present state is answered."""
+    def reset(self) -> bool:
+        """Put the car back to the start as soon as the present state is answered; return if now."""
         if self._commands.answered or self.phase in {Phase.STARTING, Phase.FINISHED}:
             self._restart()
-        else:
-            self._request = 'reset'
+            return True
+        self._request = 'reset'
+        return False
 
     def end(self) -> None:
         """End the run as if the car were at `distance`: once the present state is answered."""
@@ -351,10 +355,8 @@ class Stepper:
             plant.place(self._place)
             self._place, self._ends = None, False
         elif self._commands.timed_out(self._clock()):
-            self._outputs.warn(
-                f'no command for {settings.command_timeout:g} s: the car brakes to a standstill',
-                _TIMEOUT_WARNING_PERIOD,
-            )
+            timeout = f'no command for {settings.command_timeout:g} s'
+            self._warn(timeout, 'the car brakes to a standstill')
             plant.brake(settings.timeout_braking)
         else:
             plant.advance(self._commands.latest)
@@ -389,9 +391,31 @@ class Stepper:
         self._outputs.warn(
             f'stamps are {self.stamp_lag:.1f} s behind the wall clock, because simulated time was '
             f'paused{where}: set use_sim_time in nodes that compare stamps with their clock, or '
-            'reset the run',
-            0.0,
+            'reset the run'
         )
+
+    def _warn(self, about: str, sentence: str) -> None:
+        """Warn about one thing once in 10 s at most."""
+        now = self._clock()
+        if now >= self._next_warning.get(about, -inf):
+            self._next_warning[about] = now + _WARNING_PERIOD
+            self._outputs.warn(f'{about}: {sentence}')
+
+    def _check_stamp(self, stamp: int) -> None:
+        """Warn, once, of a command with a stamp [ns] that no state has."""
+        since = stamp - self._first_stamp
+        # A command from before a reset may arrive after it.
+        is_of_this_start = since > 0 or not self._first_state
+        is_late_answer = stamp < self.stamp and not since % self._period_ns
+        if self.phase is Phase.STARTING or is_late_answer or not is_of_this_start:
+            return
+        if 'stamps' not in self._next_warning:
+            self._next_warning['stamps'] = inf
+            away = (stamp - self.stamp) / _NANOSECONDS
+            self._outputs.warn(
+                f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave '
+                'the stamp 0'
+            )
 
     def _restart(self, why: str = RESET) -> None:
         if self.phase is Phase.FINISHED:

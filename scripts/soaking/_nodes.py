@@ -14,7 +14,7 @@ from rclpy.node import Node
 
 from barc_sim.bags import names
 from barc_sim.ros.node_helpers import to_nanoseconds
-from barc_sim.ros.peers import living_publishers
+from barc_sim.ros.peers import publishers
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,7 +99,7 @@ class Witness(Node):
 
     def commanded(self) -> bool:
         """Return whether there is a node that commands."""
-        return bool(living_publishers(self, names.ECU))
+        return bool(publishers(self, names.ECU))
 
     def turn(self) -> None:
         """Take what has come."""

@@ -200,7 +200,9 @@ def test_run_without_a_controller_counts_missed_commands(world: World, capfd: Ca
     simulator = world.simulator(wait_for_controller=False, realtime_factor=10.0)
     world.until(lambda: simulator.stepper.states >= 5)
     assert simulator.stepper.missed == simulator.stepper.states - 1
-    assert 'missed deadline 1: no command answers state 0 in time' in capfd.readouterr().err
+    assert (
+        'missed deadlines: 1 so far; no command answers state 0 in time' in capfd.readouterr().err
+    )
 
 
 def test_new_controller_receives_the_state_that_waits_for_its_answer(world: World) -> None:
@@ -322,6 +324,40 @@ def test_reset_resets_the_controller_once_and_waits_for_it(world: World) -> None
     assert len(calls) == 1
     assert world.states[calls[0]].x == 0.0
     assert world.states[calls[0] - 1].x > 0.0
+
+
+def test_reset_says_that_the_car_is_not_back_yet(world: World) -> None:
+    simulator = world.simulator(realtime_factor=LOCK_STEP, check_period=60.0)
+    world.driver()
+    world.until(lambda: simulator.stepper.states == 1)
+    client = world.nodes[-1].create_client(Trigger, 'vehicle_simulator/reset')
+    answer = client.call_async(Trigger.Request())
+    world.until(answer.done)
+    assert answer.result().message == ('the car goes back when state 0 is answered, or after 1 s')
+    assert simulator.stepper.states == 1
+
+
+def test_nodes_that_drive_together_are_named(world: World, capfd: Capture) -> None:
+    simulator = world.simulator(check_period=OFTEN)
+    for name in ('ours', 'theirs'):
+        node = world.add(Node(name, context=world.context))
+        commands = node.create_publisher(ECU, 'ecu', names.QOS)
+        node.create_timer(0.005, partial(commands.publish, ECU()))
+    world.until(lambda: bool(simulator.peers.rivals))
+    assert simulator.peers.rivals == ['/ours', '/theirs']
+    sentence = '/ours and /theirs publish /ecu and drive together: end one'
+    assert sentence in capfd.readouterr().err
+    world.executor.remove_node(node)
+    world.nodes.remove(node)
+    node.destroy_node()
+    world.until(lambda: not simulator.peers.rivals)
+
+
+def test_messages_have_frames_for_rviz_and_tf2(world: World) -> None:
+    heard = [world.received(ZDynBkMdl, 'z_vhcl'), world.received(EZDynBkMdl, 'ez_vhcl')]
+    world.simulator(wait_for_controller=False)
+    world.until(lambda: all(heard))
+    assert [each[0].header.frame_id for each in heard] == ['map', 'base_link']
 
 
 def test_reset_continues_without_the_controllers_answer(world: World, capfd: Capture) -> None:

@@ -29,8 +29,8 @@ class PolledNode:
 
 
 def polls_until_begin(monkeypatch: pytest.MonkeyPatch, *, own: bool) -> int:
-    monkeypatch.setattr(start_gate, 'living_publishers', lambda *_: ['a controller'])
-    monkeypatch.setattr(start_gate, 'is_own', lambda _: own)
+    monkeypatch.setattr(start_gate, 'publishers', lambda *_: ['a controller'])
+    monkeypatch.setattr(start_gate, 'all_own', lambda *_: own)
     monkeypatch.setattr(start_gate, 'check_unique', lambda *_: None)
     node: Any = PolledNode()
     begun: list[bool] = []

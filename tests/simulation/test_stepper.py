@@ -60,7 +60,7 @@ class Engine:
     def finish(self) -> None:
         self.ends += 1
 
-    def warn(self, sentence: str, _: float) -> None:
+    def warn(self, sentence: str) -> None:
         self.warnings.append(sentence.partition(':')[0])
 
     def begin_clock(self) -> bool:
@@ -167,7 +167,51 @@ def test_missed_command_is_counted_and_the_last_one_holds() -> None:
     assert engine.stepper.states == 3
     assert engine.speed == pytest.approx(0.04, rel=1e-3)
     assert engine.stepper.missed == 1
-    assert engine.warnings == ['missed deadline 1']
+    assert engine.warnings == ['missed deadlines']
+
+
+def test_missed_commands_are_warned_of_once_in_ten_seconds() -> None:
+    engine = started()
+    for _ in range(1100):
+        engine.deadline()
+    assert engine.stepper.missed == 1100
+    assert engine.warnings == ['missed deadlines'] * 3
+
+
+@pytest.mark.parametrize('factor', [0.0, 1.0])
+def test_commands_stamped_with_the_clock_are_warned_of_once_with_the_cause(factor: float) -> None:
+    engine = started(realtime_factor=factor)
+    for offset in (500_000_000, 7):
+        engine.stepper.take_command(Command(1.0), engine.stamp + offset)
+        engine.deadline()
+    first, *others = engine.warnings
+    assert first == ('commands arrive stamped +0.5 s from the state')
+    assert not [each for each in others if each.startswith('commands')]
+
+
+def test_late_answers_and_those_from_before_a_reset_are_not_of_another_clock() -> None:
+    engine = started()
+    first = engine.stamp
+    engine.answer()
+    engine.deadline()
+    engine.stepper.take_command(Command(1.0), first)
+    engine.answer()
+    engine.wall += 1_234_567_891
+    assert engine.stepper.reset()
+    engine.stepper.start()
+    engine.stepper.take_command(Command(1.0), first)
+    engine.stepper.take_command(Command(1.0), 0)
+    assert engine.stamp > first
+    assert not engine.warnings
+
+
+def test_reset_is_done_at_once_only_where_the_state_is_answered() -> None:
+    engine = started()
+    assert not engine.stepper.reset()
+    assert engine.starts == 0
+    engine.answer()
+    assert engine.starts == 1
+    assert engine.stepper.reset()
 
 
 def test_late_deadline_slips_and_the_state_can_still_be_answered() -> None:
