@@ -97,7 +97,7 @@ def run(options: Namespace) -> int:
         gains = f'{report.gains} · ' if report.gains else ''
         title = f'{folder.resolve().name}, beside the reference'
         _draw(report, path, title, f'{gains}seed {settings.seed}')
-    judged = [finding for finding in report.findings if not finding.skipped]
+    judged = [each for each in report.findings if not (each.skipped or each.open)]
     return 0 if composed and all(finding.passed for finding in judged) else NOT_PASSED
 
 
@@ -162,13 +162,15 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     if report.tolerated:
         _plain(console, f'tolerated: {"; ".join(report.tolerated)}')
     _print_output(report.printed, console)
-    judged = [finding for finding in report.findings if not finding.skipped]
+    judged = [each for each in report.findings if not (each.skipped or each.open)]
     passed = sum(finding.passed for finding in judged)
     total = round(sum(rubric.points_for(finding) for finding in findings), 2)
     maximum = round(sum(worth.values()), 2)
+    still = sum(worth[finding.criterion] for finding in findings if finding.open)
     _plain(
         console,
-        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {maximum:g} points',
+        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {maximum:g} points'
+        + (f', {still:g} still open' if still else ''),
     )
 
 
@@ -176,8 +178,9 @@ def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, .
     """Yield the cells of each finding; a repeated message refers to its first criterion."""
     first = {each.message: each.criterion for each in reversed(findings) if not each.passed}
     for each in findings:
-        colour = 'dim' if each.skipped else 'green' if each.passed else 'red'
-        points = f'{rubric.points_for(each):g} / {rubric.points[each.criterion]:g}'
+        colour = 'dim' if each.skipped or each.open else 'green' if each.passed else 'red'
+        own = 'open' if each.open else f'{rubric.points_for(each):g}'
+        points = f'{own} / {rubric.points[each.criterion]:g}'
         where = first.get(each.message, each.criterion)
         message = each.message if each.passed or where == each.criterion else f'see {where}'
         yield Text(each.criterion), Text(points, style=colour), Text(message)

@@ -126,6 +126,10 @@ class JudgedCode:
         known = phrases[:_MAX_PHRASES] if isinstance(phrases, list) else ()
         return tuple(one_line(str(phrase)) for phrase in known)
 
+    def relay_keys(self) -> str:
+        """Return the keys that were pressed for a relay that reads them itself, or nothing."""
+        return one_line(str(self._notes().get('keys', '')), 20)
+
     def _notes(self) -> dict[str, Any]:
         try:
             notes = self.call('notes')
@@ -244,6 +248,7 @@ class Finding:
     message: str  #: one or two sentences, in the terms of the lab
     evidence: Any = field(default=None, compare=False, repr=False)  #: what a figure shows
     skipped: bool = False  #: there is no such file: the score is 0
+    open: bool = False  #: it cannot be judged here: the points are open
     factor: float | None = None  #: of a term of the PID: 1 with the lab's formula, dt included
 
     @property

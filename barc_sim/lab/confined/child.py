@@ -128,8 +128,9 @@ class CodeServer:
         return self._code.relay_commands(twists, duration, calls)
 
     def notes(self) -> dict[str, Any]:
-        """Return the chosen gains, and what was tolerated in the files that are loaded."""
-        return {'gains': self._code.gains, 'tolerated': list(self._code.tolerated)}
+        """Return the chosen gains, what was tolerated, and the keys that a relay reads."""
+        code = self._code
+        return {'gains': code.gains, 'tolerated': code.tolerated, 'keys': code.relay_keys}
 
     def _controller(self, number: int) -> UserPid:
         if number not in self._controllers:

@@ -53,6 +53,7 @@ class Item(NamedTuple):
     max_points: float
     message: str
     evidence: Comparison | Trajectory | None
+    open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,11 @@ class Grade:
         """Return the sum of the items' greatest points."""
         return round(sum(item.max_points for item in self.items), 2)
 
+    @property
+    def still_open(self) -> float:
+        """Return the points of what is judged by eye."""
+        return round(sum(item.max_points for item in self.items if item.open), 2)
+
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
     """Judge a submission; its code runs in a separate process and folder.
@@ -101,7 +107,8 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     for criterion, worth in rubric.worth(findings.values()).items():
         finding = findings[criterion]
         points = rubric.points_for(finding)
-        items.append(Item(criterion, points, worth, escaped(finding.message), finding.evidence))
+        message = escaped(finding.message)
+        items.append(Item(criterion, points, worth, message, finding.evidence, finding.open))
     return Grade(
         name=submission.name,
         title=rubric.title,
@@ -128,20 +135,24 @@ class Report(NamedTuple):
     notes: tuple[str, ...] = ()  #: on files that were left out
     mistakes: Mapping[str, str] = {}  #: message of each criterion that lost points
     passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
+    still_open: float = 0.0  #: points of what is judged by eye
 
 
 def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
     """Judge a submission and return its files, in memory."""
     result = grade(submission, rubric, limits, sandbox=sandbox)
-    worst = max(result.items, key=lambda item: item.max_points - item.points)
+    worst = max(result.items, key=lambda item: (item.max_points - item.points) * (not item.open))
     mistakes = {
-        item.criterion: item.message for item in result.items if item.points < item.max_points
+        item.criterion: item.message
+        for item in result.items
+        if item.points < item.max_points and not item.open
     }
     return Report(
         name=result.name,
         score=result.score,
         max_score=result.max_score,
-        points={item.criterion: item.points for item in result.items},
+        points={item.criterion: item.points for item in result.items if not item.open},
+        still_open=result.still_open,
         remark='; '.join(
             (
                 *result.notes,
@@ -176,10 +187,19 @@ def page(grade: Grade, figures: bytes) -> str:
     return render(
         'grade',
         grade=grade,
-        score=f'{grade.score:g} / {grade.max_score:g}',
+        score=f'{grade.score:g} / {grade.max_score:g}'
+        + (f', {grade.still_open:g} open' if grade.still_open else ''),
         labels=LABELS,
         figures=data_url('image/png', figures) if figures else '',
     )
+
+
+def _points(item: Item) -> dict[str, object]:
+    """Return the entries of a criterion's points; open ones have none."""
+    if item.open:
+        return {}
+    status = 'passed' if item.points >= item.max_points else 'failed'
+    return {'score': item.points, 'status': status}
 
 
 def gradescope(grade: Grade) -> str:
@@ -191,12 +211,11 @@ def gradescope(grade: Grade) -> str:
         {
             'name': LABELS[item.criterion],
             'number': item.criterion,
-            'score': item.points,
             'max_score': item.max_points,
-            'status': 'passed' if item.points == item.max_points else 'failed',
             'output': item.message,
             'output_format': 'text',
             'visibility': grade.visibility,
+            **_points(item),
         }
         for item in grade.items
     ]

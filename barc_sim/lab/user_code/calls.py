@@ -38,6 +38,8 @@ BUDGET = 2.0
 _INSPECTION = 1.0  #: [s] to inspect a user's value
 #: In the error of a function that still is the template's.
 NOT_WRITTEN = 'is not written yet (TODO)'
+#: In the error of a relay that cannot be judged here.
+BY_EYE = 'judge it by eye'
 MAX_COMMANDS = 8000  #: of a relay's run; it has 20 a second
 _SHOWN = 120
 _FLOAT = {float}

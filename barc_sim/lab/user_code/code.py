@@ -264,6 +264,11 @@ class UserCode:
         return find_gains(trees, folder.sources[path].name)
 
     @property
+    def relay_keys(self) -> str:
+        """The keys that were typed for a relay that reads them itself; empty: it reads none."""
+        return str(vars(self.__dict__.get('relay', self)).get('layout', ''))
+
+    @property
     def tolerated(self) -> tuple[str, ...]:
         """What was tolerated in the loaded files, a phrase each."""
         renamed = [
@@ -272,6 +277,10 @@ class UserCode:
             if path.name != FILES[part] and self._source(part)
         ]
         found = [phrase for folder in self._folders.values() for phrase in folder.tolerated]
+        if self.relay_keys:
+            found.append(
+                f'{self.paths["relay"].name} reads keys itself: {self.relay_keys} were pressed'
+            )
         return tuple(renamed + found)
 
     @property

@@ -131,9 +131,10 @@ class Folder:
         self._names = frozenset(_modules_in(self.path)) - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
         self._importing = False
-        self._builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
+        #: The names that all of its files find.
+        self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
         if output:
-            self._builtins['print'] = _print_to(output)
+            self.builtins['print'] = _print_to(output)
 
     def again(self, numbers: Mapping[str, float] | None = None) -> Folder:
         """Return the same folder with nothing loaded; its files assign `numbers`, if any."""
@@ -157,7 +158,7 @@ class Folder:
         path = Path(str(module.__file__))
         source = self._read(path)
         # All of the module's functions find `import` and `print` here.
-        vars(module)['__builtins__'] = self._builtins
+        vars(module)['__builtins__'] = self.builtins
         result = compiled(source)
         self.trees[str(path)] = result.tree
         self._guarded[str(path)] = guarded_lines(result.tree)

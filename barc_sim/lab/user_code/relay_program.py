@@ -1,20 +1,25 @@
 """A relay that is a whole program of ROS, run without ROS in simulated time.
 
-Around it are a driver and a car. A UserCodeError names what is wrong with it: it fails, has ended,
-does not use `cmd_vel` and `ecu`, takes too long, or publishes a number that is not finite.
+Around it are a driver and a car. The driver sends Twists on each topic of Twists that the program
+listens to, or presses keys where it reads these itself. A UserCodeError names what is wrong with
+the program: it fails, has ended, listens to no driver, publishes nothing on `ecu`, takes too long,
+or publishes a number that is not finite.
 """
 
 from __future__ import annotations
 
 import ast
+import sys
 import threading
 import time
+from functools import cached_property, partial
 from math import isfinite
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.lab.user_code import rospy
 from barc_sim.lab.user_code.calls import (
+    BY_EYE,
     MAX_COMMANDS,
     Budget,
     Command,
@@ -24,6 +29,7 @@ from barc_sim.lab.user_code.calls import (
 )
 from barc_sim.lab.user_code.importing import AbsentModuleError
 from barc_sim.lab.user_code.source import UserCodeError
+from barc_sim.lab.user_code.terminal import CODES, LAYOUTS, STOP, Terminal
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
 from barc_sim.ros.local.context import Context, HistoryPolicy, QoSProfile
@@ -42,6 +48,10 @@ _PATIENCE = 5.0  #: [s] for a program to wait again, while it drives
 _STATE_PERIOD = 0.02  #: [s]
 _CMD_VEL, _STATE, _ECU = _TOPICS = 'cmd_vel', 'z_vhcl', 'ecu'
 _ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+_TWIST, _KEY = 'geometry_msgs/msg/Twist', 'keyboard/msg/Key'
+_TAP = 0.5  #: [s] between two presses of a key that is judged: fewer than a held key repeats
+_TRIED = 1.0  #: [s] for each key of a layout
+_CHANGED = 1e-6  #: [m/s²] or [rad]
 
 
 def prepare() -> None:
@@ -56,31 +66,87 @@ class RelayProgram:
         """Run the file at `path`, of `rclpy` or `rospy`; without `budget` it has no time limit."""
         self._folder, self.path, self.ros = folder, path, ros
         self._budget = Budget(_BUDGET) if budget else None
+        self._live: LiveRelay | None = None
 
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:
         """Return what it publishes on `ecu` from 0 to `duration` [s], while it gets `twists`."""
-        world = RelayWorld(twists, duration)
-        if self._budget:
-            try:
-                self._budget.call(self.run, world)
-            except OutOfTime as error:
-                raise UserCodeError(
-                    f'{self._place(error)}: {duration:g} s of the relay took longer than '
-                    f'{_BUDGET:g} s: is there an endless loop?'
-                ) from error
-        else:
-            self.run(world)
-        self._check(world)
+        world = RelayWorld(twists, duration, self.layout)
+        self._simulate(world, is_judged=True)
         return [self.checked(*command) for command in world.commands]
 
+    @cached_property
+    def layout(self) -> str:
+        """The keys that it reads, a name in `LAYOUTS`; empty where it reads none."""
+        first = RelayWorld((), _TRIED)
+        self._simulate(first)
+        if first.listens_to(_TWIST) or not (first.terminal.use or first.listens_to(_KEY)):
+            return ''
+        answers = {name: self._answers(name) for name in LAYOUTS}
+        best = max(LAYOUTS, key=lambda name: answers[name])
+        if not answers[best]:
+            keys = '; '.join(LAYOUTS)
+            raise UserCodeError(
+                f'{self.path.name}: none of these keys changes what it publishes on ecu: {keys}; '
+                f'{BY_EYE}'
+            )
+        return best
+
+    def _answers(self, layout: str) -> int:
+        """Return how many of the four keys of a layout change what it commands."""
+        keys = LAYOUTS[layout]
+        world = RelayWorld((), _TRIED * (len(keys) + 1), layout)
+        presses = [_TRIED * (0.5 + k) for k in range(len(keys))]
+        for key, t in zip(keys, presses, strict=True):
+            world.at(t, partial(world.press, key))
+            world.at(t + _TRIED / 2.0, partial(world.press, STOP))
+        try:
+            self._simulate(world)
+        except UserCodeError:
+            return 0
+        commands, count = [(0.0, 0.0, 0.0), *world.commands], 0
+        for k, t in enumerate(presses):
+            field = 1 if k < len(keys) // 2 else 2
+            before = [each for each in commands if each[0] < t][-1][field]
+            after = [each[field] for each in commands if t <= each[0] < t + _TRIED / 2.0]
+            count += any(abs(value - before) > _CHANGED for value in after)
+        return count
+
+    def _simulate(self, world: RelayWorld, *, is_judged: bool = False) -> None:
+        """Run the program in `world`; where it reads keys itself, what fails is judged by eye."""
+        try:
+            if self._budget:
+                self._budget.call(self.run, world)
+            else:
+                self.run(world)
+            if is_judged:
+                self._check(world)
+        except OutOfTime as error:
+            raise UserCodeError(
+                f'{self._place(error)}: {world.end / SECOND:g} s of the relay took longer than '
+                f'{_BUDGET:g} s: is there an endless loop?'
+            ) from error
+        except UserCodeError as error:
+            if world.terminal.use:
+                raise UserCodeError(f'{error}; it {world.terminal.use}: {BY_EYE}') from error
+            raise
+
     def start(self) -> LiveRelay:
-        """Start it, to be driven by hand."""
-        return LiveRelay(self)
+        """Start it, to be driven by hand; one that was started before ends."""
+        self.stop()
+        self._live = LiveRelay(self)
+        return self._live
+
+    def stop(self) -> None:
+        """End the program that was started, if any."""
+        if self._live:
+            self._live.stop()
 
     def run(self, world: RelayWorld) -> None:
         """Run the program in `world`, to its end or the world's."""
         folder = self._folder.again()
         folder.stand_ins = world.modules(ros_1=self.ros == 'rospy')
+        read_line = world.terminal.readline
+        folder.builtins |= dict.fromkeys(('input', 'raw_input'), lambda *_: read_line().strip('\n'))
 
         def program() -> None:
             module = folder.load(self.path)
@@ -104,6 +170,13 @@ class RelayProgram:
                 f'raised {describe_error(error)}'
             ) from error
 
+    def where(self, thread: threading.Thread) -> str:
+        """Return the file and line at which a thread of the program is."""
+        frame = sys._current_frames().get(thread.ident or 0)  # noqa: SLF001
+        while frame and frame.f_code.co_filename != str(self.path):
+            frame = frame.f_back
+        return f'{self.path.name}, line {frame.f_lineno}' if frame else self.path.name
+
     def _place(self, error: BaseException, folder: Folder | None = None) -> str:
         return raised_at(folder or self._folder, error) or self.path.name
 
@@ -121,7 +194,7 @@ class RelayProgram:
                 f'it publishes nothing on ecu{but}; expected commands of the type ECU on the '
                 'topic ecu'
             )
-        elif _CMD_VEL not in world.subscribed:
+        elif not (world.layout or world.listens_to(_TWIST)):
             topics = ', '.join(map(repr, sorted(world.subscribed))) or 'no topic'
             fault = (
                 f"it subscribes to {topics}; expected cmd_vel, the topic of the keyboard's Twists"
@@ -146,8 +219,12 @@ def _is_main(node: ast.If) -> bool:
 class _Modules(dict[str, Any]):
     """The modules of a program: those here, and what stands in for ROS 2."""
 
+    terminal: Terminal
+
     def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 (a module)
-        return self[name] if name in self else find_module(name) or default
+        if name in self:
+            return self[name]
+        return self.terminal.elsewhere(name) or find_module(name) or default
 
 
 class RelayWorld(World):
@@ -156,47 +233,82 @@ class RelayWorld(World):
     Its topics have no namespaces: the lab's keyboard has `turtle1/cmd_vel`.
     """
 
-    def __init__(self, twists: Sequence[Sequence[float]], end: float) -> None:
+    tap = _TAP  #: [s] between two presses of a key that is held
+
+    def __init__(self, twists: Sequence[Sequence[float]], end: float, layout: str = '') -> None:
         super().__init__(simulated=True)
+        self.layout, self.terminal = layout, Terminal(self)
+        self._held, self._pressed = '', 0.0
+        self._publishers: dict[str, Any] = {}  # of the driver, by topic
         self.end, self.flat_names, self.is_silent = end * SECOND, _TOPICS, True
         self.commands: list[tuple[float, float, float]] = []  #: t [s], motor and servo
         self.published: set[str] = set()  #: the program's topics
-        self.subscribed: set[str] = set()
+        self.subscribed: dict[str, str] = {}  #: their types
         self._speed = self._distance = self._motor = self._moved = 0.0
-        self._twist, state, ecu = map(
-            message_type,
-            ('geometry_msgs/msg/Twist', 'barc_interfaces/msg/ZDynBkMdl', 'barc_interfaces/msg/ECU'),
-        )
+        state, ecu = map(message_type, ('barc_interfaces/msg/ZDynBkMdl', 'barc_interfaces/msg/ECU'))
         with in_world(self):
             context = Context()
             context.init([])
             self.node = Node('car', context=context, enable_rosout=False)
-            self._twist_pub = self.node.create_publisher(self._twist, _CMD_VEL, _ALL)
             self._state, self._state_pub = (
                 state(),
                 self.node.create_publisher(state, _STATE, _ALL),
             )
             self.node.create_subscription(ecu, _ECU, self._on_command, _ALL)
             for t, linear_x, angular_z in twists:
-                self._drive_at(t, linear_x, angular_z)
+                self.at(t, partial(self.drive, linear_x, angular_z))
             self._publish_state()
             self.node.create_timer(_STATE_PERIOD, self._publish_state)
             self._executor = Executor(context=context)
             self._executor.add_node(self.node)
         self.around.append(self._executor)
 
-    def _drive_at(self, t: float, linear_x: float, angular_z: float) -> None:
-        def publish() -> None:
-            timer.cancel()
-            self.drive(linear_x, angular_z)
+    def at(self, t: float, call: Callable[[], object]) -> None:
+        """Call at the time `t` [s]."""
 
-        timer = self.node.create_timer(t, publish)
+        def once() -> None:
+            timer.cancel()
+            call()
+
+        timer = self.node.create_timer(t, once)
 
     def drive(self, linear_x: float, angular_z: float) -> None:
-        """Publish a Twist."""
-        message = self._twist()
+        """Publish a Twist, and press its key where the program reads keys."""
+        message = message_type(_TWIST)()
         message.linear.x, message.angular.z = float(linear_x), float(angular_z)
-        self._twist_pub.publish(message)
+        self._publish(message, '')
+        if not self.layout:
+            return
+        up, down, left, right = LAYOUTS[self.layout]
+        sideways = (left if angular_z > 0.0 else right) if angular_z else ''
+        key = (up if linear_x > 0.0 else down) if linear_x else sideways
+        if key != self._held or (key and self.seconds - self._pressed >= self.tap - _CHANGED):
+            self.press(key or STOP)
+        self._held = key
+
+    def press(self, key: str) -> None:
+        """Type a key, and publish that it goes down, after the one before has gone up."""
+        self._pressed = self.seconds
+        self.terminal.type(key)
+        for name, word in ((self._held, 'up'), (key, 'down')):
+            if name and self.listens_to(_KEY):
+                message = message_type(_KEY)()
+                message.code = CODES.get(name, ord(name[0]))
+                self._publish(message, word)
+
+    def _publish(self, message: Any, word: str) -> None:  # noqa: ANN401 (any message)
+        """Publish on each topic of this type that the program listens to, and has `word` in it."""
+        for topic in self.listens_to(message.__msgtype__):
+            if word in topic:
+                made = self._publishers.get(topic)
+                made = made or self.node.create_publisher(type(message), f'/{topic}', _ALL)
+                self._publishers[topic] = made
+                made.publish(message)
+
+    def listens_to(self, kind: str) -> set[str]:
+        """Return the topics of messages of a type that the program listens to."""
+        self._note_topics()
+        return {topic for topic, its_kind in self.subscribed.items() if its_kind == kind}
 
     def _on_command(self, command: Any) -> None:  # noqa: ANN401 (an ECU)
         self._move()
@@ -220,7 +332,9 @@ class RelayWorld(World):
         for node in self.nodes:
             if node is not self.node:
                 self.published |= {each.topic_name.strip('/') for each in node.publishers}
-                self.subscribed |= {each.topic_name.strip('/') for each in node.subscriptions}
+                self.subscribed |= {
+                    each.topic_name.strip('/'): each.kind.__msgtype__ for each in node.subscriptions
+                }
 
     @property
     def seconds(self) -> float:
@@ -238,7 +352,8 @@ class RelayWorld(World):
             **dict.fromkeys(('time_ns', 'monotonic_ns'), lambda: self.now_ns),
             'sleep': lambda seconds: self.sleep(round(max(float(seconds), 0.0) * SECOND)),
         }
-        found = _Modules(time=SimpleNamespace(**vars(time) | clock))
+        found = _Modules(time=SimpleNamespace(**vars(time) | clock), **self.terminal.modules())
+        found.terminal = self.terminal
         if ros_1:
             with in_world(self):
                 found.update(rospy.modules(self))
@@ -260,12 +375,15 @@ class RelayWorld(World):
 class LiveRelay(RelayWorld):
     """A program in a thread of its own, which runs only while a call waits for it."""
 
+    tap = 0.0  # as a terminal repeats it
+
     def __init__(self, program: RelayProgram) -> None:
-        super().__init__((), 0.0)
+        super().__init__((), 0.0, program.layout)
         self._program = program
-        self._failure = ''
+        self._failure, self._is_over = '', False
         self._continues, self._waits = threading.Semaphore(0), threading.Semaphore(0)
-        threading.Thread(target=self._run, name='relay', daemon=True).start()
+        self._thread = threading.Thread(target=self._run, name='relay', daemon=True)
+        self._thread.start()
         self._wait()
 
     def __call__(self, linear_x: float, angular_z: float, *, dt: float) -> tuple[float, float]:
@@ -284,6 +402,14 @@ class LiveRelay(RelayWorld):
         """Wait for the next call."""
         self._waits.release()
         self._continues.acquire()
+        if self._is_over:
+            raise EndOfTimeError
+
+    def stop(self) -> None:
+        """End the program; a program in the middle of its file holds the imports of others."""
+        self._is_over = True
+        self._continues.release()
+        self._thread.join(_PATIENCE)
 
     def _run(self) -> None:
         try:
@@ -296,8 +422,16 @@ class LiveRelay(RelayWorld):
     def _wait(self) -> None:
         if not self._waits.acquire(timeout=_PATIENCE):
             self._failure = (
-                f'{self._program.path.name}: the relay did not wait, in a spin or a sleep, within '
-                f'{_PATIENCE:g} s: is there an endless loop?'
+                f'{self._program.where(self._thread)}: the relay did not wait, in a spin or a '
+                f'sleep, within {_PATIENCE:g} s: {self._why()}'
             )
         if self._failure:
             raise UserCodeError(self._failure)
+
+    def _why(self) -> str:
+        """Return a question on what the program does in place of waiting here."""
+        if hasattr(time, 'pthread_getcpuclockid') and self._thread.ident:
+            used = time.clock_gettime(time.pthread_getcpuclockid(self._thread.ident))
+            if used < _PATIENCE / 10.0:
+                return 'does it wait for something else?'
+        return 'is there an endless loop?'

@@ -6,14 +6,17 @@ position, and whole numbers for floats.
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
+from string import ascii_lowercase
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+
+from rosbags.typesys import get_types_from_msg
 
 from barc_sim.lab.user_code.importing import Absent
 from barc_sim.ros.local.context import init, ok
 from barc_sim.ros.local.executor import SECOND, Executor, ExternalShutdownException
-from barc_sim.ros.local.messages import message_type
+from barc_sim.ros.local.messages import message_type, store
 from barc_sim.ros.local.node import Node
 
 if TYPE_CHECKING:
@@ -127,6 +130,18 @@ class _Rospy:
         return _Rate(1.0 / hz, self._world)
 
 
+@cache
+def _key() -> type[Any]:
+    """Return the class of a message of the package `keyboard`, whose node sends keys."""
+    text = 'std_msgs/Header header\nuint16 code\nuint16 modifiers\n'
+    store().register(get_types_from_msg(text, 'keyboard/msg/Key'))
+    kind = _lenient('keyboard/msg/Key')
+    codes = {'UP': 273, 'DOWN': 274, 'RIGHT': 275, 'LEFT': 276, 'SPACE': 32}
+    for name, code in (codes | {letter: ord(letter) for letter in ascii_lowercase}).items():
+        setattr(kind, f'KEY_{name}', code)
+    return kind
+
+
 def modules(world: World) -> dict[str, Any]:
     """Return `rospy` and the lab's messages as modules, by name; they use `world`."""
     rospy, absent = _Rospy(world), Absent('rospy', 'it is not part of what a relay needs')
@@ -158,6 +173,7 @@ def modules(world: World) -> dict[str, Any]:
     )
     packages = dict.fromkeys(('barc', 'labs', 'barc_interfaces', 'std_msgs'), car)
     packages['geometry_msgs'] = twists
+    packages['keyboard'] = SimpleNamespace(Key=_key())
     found = {f'{name}.msg': module for name, module in packages.items()}
     found |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
     return {'rospy': absent, **found}

@@ -6,7 +6,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from relays import CALLBACK, CLASS, FUNCTION, ROS_1, ROS_2
+from relays import (
+    CALLBACK,
+    CLASS,
+    COMBINED,
+    COMBINED_ARROWS,
+    COMBINED_STEPS,
+    FUNCTION,
+    KEY_TOPICS,
+    ROS_1,
+    ROS_2,
+)
 from user_files import CONTROLLER, MODEL, LocalCode, load_folder
 
 import barc_sim.lab
@@ -29,6 +39,7 @@ class Work(NamedTuple):
     lab: float
     strict: float
     sentence: str  #: in the message of its first criterion that is not met
+    still_open: tuple[float, float] = (0.0, 0.0)  #: points of `lab` and `strict`
 
 
 def replaced(text: str, old: str, new: str) -> str:
@@ -54,18 +65,45 @@ WORKS = {
     ),
     'mixed up': Work(
         replaced(FUNCTION, '[2.0 * linear_x, 0.3 * angular_z]', '[angular_z, linear_x]'),
-        10, 11, 'up does not change the motor: it comes as linear.x',
+        6, 8, 'up does not change the motor: it comes as linear.x',
     ),
-    'that subscribes to another topic': Work(
-        replaced(ROS_1, 'turtle1/cmd_vel', 'keyboard/keyup'), 0, 0,
-        "it subscribes to 'keyboard/keyup'; expected cmd_vel, the topic of the keyboard's Twists",
+    "that gets the Twists on the handout's other topic": Work(
+        replaced(ROS_1, 'turtle1/cmd_vel', 'keyboard/keyup'), 20, 18, 'still commands +2 m/s²'
+    ),
+    'that gets keys from topics': Work(
+        KEY_TOPICS, 20, 18, 'still commands +2 m/s²: a car whose driver is gone', (0, 2)
+    ),
+    'keyboard and relay in one node': Work(COMBINED, 20, 20, ''),
+    'one node, which a key changes until the next': Work(
+        COMBINED_STEPS, 17, 17, 'a terminal sends no release: judge it by eye', (3, 3)
+    ),
+    'one node, with the arrows': Work(COMBINED_ARROWS, 20, 18, 'judge it by eye', (0, 2)),
+    'one node, with a wrong sign': Work(
+        replaced(COMBINED, "'j': (0.0, 0.3), 'l': (0.0, -0.3)", "'j': (0.0, -1), 'l': (0.0, 1)"),
+        11, 12, 'left commands a servo of -1 rad: left is positive',
+    ),
+    'one node, with keys that nobody guesses': Work(
+        replaced(COMBINED, "'i'", "'p'").replace("','", "'o'").replace("'j'", "'y'")
+        .replace("'l'", "'u'"), 0, 0, 'none of these keys changes what it publishes on ecu',
+        (20, 20),
+    ),
+    'one node, with a thread for the keys': Work(
+        'from threading import Thread\n' + replaced(COMBINED, 'try:', 'Thread().start()\ntry:'),
+        0, 0, "raised RuntimeError: can't start new thread; it reads the terminal: judge it by eye",
+        (20, 20),
+    ),
+    'one node, of curses': Work(
+        'import curses\nimport rospy\nimport sys\nscreen = curses.initscr()\n'
+        'rospy.init_node("c")\nspeed = 1.0 * screen.getch()\n', 0, 0,
+        'curses reads keys, and no keys are typed for it; it uses curses: judge it by eye',
+        (20, 20),
     ),
     'degrees': Work(
-        replaced(FUNCTION, '0.3 *', '25 *'), 18, 17.5,
-        'servo reaches 25 rad, which is 1432°: is it in degrees (25° are 0.436 rad)',
+        replaced(FUNCTION, '0.3 *', '25 *'), 16, 16,
+        'turn by about 0.5 rad. Is it in degrees (25° are 0.436 rad), or does it grow',
     ),
     'whole radian': Work(
-        replaced(FUNCTION, '0.3 *', '1.0 *'), 20, 19, 'servo reaches 1 rad: the wheels turn by 0.5'
+        replaced(FUNCTION, '0.3 *', '1.0 *'), 16, 16, 'servo reaches 1 rad, which is 57°: the '
     ),
     'throttle that stays': Work(
         'class Relay:\n    m = 0.0\n    def relay(self, x, z):\n        self.m += 0.1 * x\n'
@@ -117,8 +155,12 @@ def test_points_and_sentence_of_check_and_grade(work: tuple[Work, Path]) -> None
     faults = [each.message for each in found.values() if not each.passed]
     assert expected.sentence in (faults or [''])[0]
     assert bool(faults) == bool(expected.sentence)
-    for name, points in (('lab', expected.lab), ('strict', expected.strict)):
+    for name, points, still_open in zip(
+        ('lab', 'strict'), expected[1:3], expected.still_open, strict=True
+    ):
         rubric = load(name)
+        worth = [rubric.points.get(each.criterion, 0.0) for each in found.values() if each.open]
+        assert sum(worth) == still_open
         mine = {n: rubric.points_for(each) for n, each in found.items() if n in rubric.points}
         assert sum(mine.values()) == pytest.approx(points)
     graded = grade(read(folder), load('strict'), Limits(), sandbox=True)

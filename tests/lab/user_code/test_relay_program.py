@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
-from relays import CLASS, FUNCTION, ROS_1, ROS_2
+from relays import (
+    CLASS,
+    COMBINED,
+    COMBINED_ARROWS,
+    COMBINED_STEPS,
+    FUNCTION,
+    KEY_TOPICS,
+    ROS_1,
+    ROS_2,
+)
 from user_files import LocalCode, load_folder
 
 from barc_sim.lab.user_code.calls import Command, TimedTwist, UserFunction
@@ -23,7 +34,7 @@ HELD = [TimedTwist(1.0 + 0.05 * k, 1.0, 1.0) for k in range(20)] + [TimedTwist(2
 ENDLESS_LOOP = ROS_1.replace('while not rospy.is_shutdown()', 'while True').replace(
     'self.rate.sleep()', 'pass'
 )
-ENDLESS = '4 s of the relay took longer than'
+ENDLESS = '1 s of the relay took longer than'
 
 
 Load = Callable[[str], UserCode]
@@ -168,6 +179,40 @@ def test_program_of_ros_1_can_be_driven_step_by_step(load: Load) -> None:
     relay = load(ROS_1).new_relay()
     assert relay(1.0, 1.0, dt=0.05) == pytest.approx((2.0, 0.3))
     assert [relay(0.0, -1.0, dt=0.05) for _ in range(3)][-1] == pytest.approx((0.0, -0.3))
+
+
+@pytest.mark.parametrize('text', [COMBINED, COMBINED_STEPS, COMBINED_ARROWS, KEY_TOPICS])
+def test_program_that_reads_keys_itself_can_be_driven_step_by_step(load: Load, text: str) -> None:
+    loaded = load(text)
+    loaded.new_relay()(1.0, 0.0, dt=0.05)
+    relay = loaded.new_relay()  # as after a reset
+    held = [relay(1.0, 0.0, dt=0.05) for _ in range(6)][-1]
+    released = [relay(0.0, 0.0, dt=0.05) for _ in range(6)][-1]
+    turned = [relay(0.0, 1.0, dt=0.05) for _ in range(6)][-1]
+    assert held[0] > 0.5
+    assert held[1] == 0.0
+    assert released[0] == 0.0 or text is COMBINED_STEPS
+    assert turned[1] > 0.1
+    loaded.relay.stop()  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ('line', 'question'), [('pass', 'is there an endless loop'), ('wait()', 'something else')]
+)
+def test_program_that_does_not_return_is_asked_what_it_does(
+    load: Load, line: str, question: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('barc_sim.lab.user_code.relay_program._PATIENCE', 0.5)
+    never = threading.Event()
+    monkeypatch.setattr(math, 'never', never, raising=False)
+    text = ROS_1.replace('motor = 2', f'while not never.is_set(): never.{line}\n\tmotor = 2')
+    text = text.replace('never.pass', 'pass').replace(
+        'import rospy', 'import rospy\nfrom math import never', 1
+    )
+    driven = load(text).new_relay()
+    with pytest.raises(UserCodeError, match=rf'relay.py, line \d+: .* within 0.5 s: .*{question}'):
+        _ = [driven(1.0, 0.0, dt=0.05) for _ in range(3)]
+    never.set()
 
 
 def test_program_that_ends_or_fails_while_it_drives_is_a_sentence(load: Load) -> None:
