@@ -6,6 +6,7 @@ Each is far beyond what a run records. What exceeds one is named in a UserError.
 from __future__ import annotations
 
 import json
+from math import inf
 from time import thread_time
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -52,14 +53,14 @@ class Budget:
     a thousandth at most.
     """
 
-    def __init__(self, files: Sequence[Path]) -> None:
-        """Begin the reading of a bag's files, which takes time from now on."""
+    def __init__(self, files: Sequence[Path], *, timed: bool = True) -> None:
+        """Begin the reading of a bag's files, which takes time from now on if it is `timed`."""
         size = sum(file.stat().st_size for file in files)
         self.file = files[0]
         self._bytes = 4 * MAX_RECORD + 1000 * size
         self._records = 10_000 + size // 8
         self._seconds = max(8.0, size / (3 << 20))
-        self._end = thread_time() + self._seconds
+        self._end = thread_time() + self._seconds if timed else inf
 
     def charge(self, size: int = 0) -> None:
         """Charge a record that unpacks to `size` bytes before the work; UserError: all is spent."""

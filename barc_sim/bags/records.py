@@ -10,7 +10,9 @@ import logging
 import os
 import re
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import lru_cache
 from io import BytesIO
 from struct import Struct
 from typing import TYPE_CHECKING, Any
@@ -19,17 +21,21 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema, Statistics
 
 from barc_sim.bags.bounds import (
     MAX_ATTACHED,
     MAX_METADATA,
+    MAX_QOS,
     MAX_RECORD,
     MAX_TOPICS,
     Budget,
+    check_topics,
+    from_yaml,
     refuse,
 )
 from barc_sim.bags.file import CHUNK_SIZE, MAGIC
+from barc_sim.bags.recording import Topic
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
@@ -52,6 +58,7 @@ _PARSED: dict[int, Any] = {
     Opcode.CHUNK: Chunk,
     Opcode.ATTACHMENT: Attachment,
     Opcode.METADATA: Metadata,
+    Opcode.STATISTICS: Statistics,
 }
 _logger = logging.getLogger(__name__)
 
@@ -68,6 +75,40 @@ class Damage:
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
         return self.unfinished or self.unreadable_chunks > 0
+
+
+class Channels(dict[int, Topic]):
+    """The topics of a file, by the ID of their channel."""
+
+    def __init__(self, file: Path) -> None:
+        """Begin with none; `file` is named in errors."""
+        self._file = file
+        self._schemas: dict[int, Schema] = {}
+        self._definitions = 0  # bytes
+
+    def add(self, record: McapRecord) -> None:
+        """Add a schema or a channel; other records are ignored."""
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+            self._definitions += len(record.data)
+            check_topics(self._file, len(self._schemas), self._definitions)
+        elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
+            self[record.id] = Topic(
+                name=record.topic,
+                type=schema.name,
+                definition=schema.data.decode(errors='replace'),
+                type_hash=record.metadata.get('topic_type_hash', ''),
+                offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
+            )
+            check_topics(self._file, len(self))
+
+
+@lru_cache(maxsize=16)
+def _offered_qos(text: str) -> list[dict[str, Any]]:
+    qos: Any = None
+    with suppress(ValueError):
+        qos = from_yaml(text) if len(text) <= MAX_QOS else None
+    return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
 
 
 def files(path: Path) -> list[Path]:
@@ -87,11 +128,11 @@ def files(path: Path) -> list[Path]:
     return sorted(found, key=order)
 
 
-def budget_of(found: list[Path]) -> Budget:
+def budget_of(found: list[Path], *, timed: bool = True) -> Budget:
     """Return the budget for reading these files."""
     for file in found:
         _opened(file).close()
-    return Budget(found)
+    return Budget(found, timed=timed)
 
 
 def _opened(file: Path) -> BinaryIO:

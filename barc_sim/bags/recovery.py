@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
 from barc_sim.bags import bounds
 from barc_sim.bags.file import BagFile, is_being_written
 from barc_sim.bags.recording import METADATA_NAME, Span, Topic, information, write_metadata
-from barc_sim.bags.records import Damage, budget_of, files, records
+from barc_sim.bags.records import Channels, Damage, budget_of, files, records
 from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
 
@@ -105,18 +103,12 @@ class _Copy:
     def __init__(self, file: BagFile, found: Recovered) -> None:
         self.file = file
         self._found = found
-        self._schemas: dict[int, Schema] = {}
-        self._definitions = 0  # bytes
-        self._topics: dict[int, Topic] = {}
+        self._topics = Channels(file.path)
 
     def add(self, record: McapRecord) -> None:
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-            self._definitions += len(record.data)
-            bounds.check_topics(self.file.path, len(self._schemas), self._definitions)
-        elif isinstance(record, Channel) and record.schema_id in self._schemas:
-            self._topics[record.id] = _topic(record, self._schemas[record.schema_id])
-            bounds.check_topics(self.file.path, max(len(self._topics), len(self.file.topics)))
+        self._topics.add(record)
+        if isinstance(record, Channel):
+            bounds.check_topics(self.file.path, len(self.file.topics))
         elif isinstance(record, Metadata) and record.name == METADATA_NAME:
             self._found.metadata.update(record.metadata)
             bounds.check_entries(self.file.path, self._found.metadata)
@@ -131,24 +123,6 @@ class _Copy:
                 topic, record.data, record.log_time, record.publish_time, record.sequence
             ):
                 self.file.commit()
-
-
-def _topic(channel: Channel, schema: Schema) -> Topic:
-    return Topic(
-        name=channel.topic,
-        type=schema.name,
-        definition=schema.data.decode(errors='replace'),
-        type_hash=channel.metadata.get('topic_type_hash', ''),
-        offered_qos=_offered_qos(channel.metadata.get('offered_qos_profiles', '')),
-    )
-
-
-@lru_cache(maxsize=16)
-def _offered_qos(text: str) -> list[dict[str, Any]]:
-    qos: Any = None
-    with suppress(ValueError):
-        qos = bounds.from_yaml(text) if len(text) <= bounds.MAX_QOS else None
-    return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
 
 
 def _information(found: Recovered) -> Mapping[str, Any]:

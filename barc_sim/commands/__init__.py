@@ -36,6 +36,7 @@ GROUPS = {
     },
     'bags': {
         'record': 'record any ROS 2 system',
+        'info': 'print what is in a bag: time, topics, losses, damage and metadata',
         'recover': 'repair the bag of a run that was killed',
     },
     'ROS': {

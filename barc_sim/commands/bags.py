@@ -79,6 +79,25 @@ def _recorded(recorder: BagRecorder) -> str:
     return '\n'.join([*lines, losses, *(f'bag {path}' for path in recorder.paths)])
 
 
+def add_arguments_info(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = 'Print what is in a bag of any ROS 2 recorder, as `ros2 bag info` does.'
+    parser.epilog = 'It reads every message, so that it counts what can be read.'
+    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    parser.add_argument('--json', action='store_true', help='print JSON')
+
+
+def run_info(options: Namespace) -> None:
+    """Read the bag, and print what is in it."""
+    import json  # noqa: PLC0415 (not for --help)
+
+    from barc_sim.bags.info import describe, lines  # noqa: PLC0415
+
+    found = describe(options.bag)
+    for line in [json.dumps(found, indent=2)] if options.json else lines(found):
+        print(escaped(line))  # noqa: T201
+
+
 def add_arguments_recover(parser: Parser) -> None:
     """Describe the command."""
     parser.description = 'Rebuild index, summary and metadata.yaml of a bag whose run was killed.'

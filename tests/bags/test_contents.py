@@ -1,0 +1,91 @@
+"""Bags of any recorder: their messages, in order, and what `barc info` prints of them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from command_line import printed, refused
+from rosbags.convert.converter import convert
+
+from barc_sim.bags.contents import Contents
+from barc_sim.bags.messages import topic
+from barc_sim.bags.writer import BagWriter
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+COUNTS = {'/a': 400, '/b': 40}
+
+
+@pytest.fixture(scope='module')
+def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a bag of two topics and two files, whose messages lie out of order."""
+    directory = tmp_path_factory.mktemp('bags') / 'ours'
+    directory.mkdir()
+    writer = BagWriter(directory, metadata={'command': 'test', 'lost_messages': '2'})
+    topics = [topic(f'/{name}', 'std_msgs/msg/Header') for name in 'ab']
+    for k in range(400):
+        later = k ^ 1  # each second message before the first
+        for each in topics[: 1 + (k % 10 == 0)]:
+            data = bytes([0, 1, 0, 0, *later.to_bytes(4, 'little'), *bytes(4), 1, 0, 0, 0, 0])
+            writer.write(each, data, received=10**9 + 10**7 * later, published=0, sequence=k)
+        if k == 200:
+            writer.split()
+    writer.close()
+    return directory
+
+
+@pytest.fixture(params=['ours', 'sqlite3', 'file', 'message', 'killed', 'one file'])
+def path(request: pytest.FixtureRequest, ours: Path, tmp_path: Path) -> Path:
+    """Return the same bag, of each recorder."""
+    if request.param == 'ours':
+        return ours
+    mode = request.param if request.param in {'file', 'message'} else ''
+    storage = 'mcap' if mode == 'message' else 'sqlite3'
+    made = tmp_path / 'made'
+    compression = 'zstd' if mode else None
+    convert([ours], made, storage, 9, compression, mode, None, None, (), (), (), ())
+    if request.param == 'killed':
+        (made / 'metadata.yaml').unlink()
+    return made / 'made.db3' if request.param == 'one file' else made
+
+
+def test_the_messages_of_any_recorder_are_read_in_order(path: Path) -> None:
+    contents = Contents(path)
+    contents.outline()
+    assert (contents.span.start, contents.span.end) == (10**9, 10**9 + 10**7 * 399)
+    assert {each.type for each in contents.topics.values()} == {'std_msgs/msg/Header'}
+    read = [*contents.in_order()]
+    assert contents.counts == COUNTS
+    stamps = [each.received for each in read if each.topic.name == '/a']
+    assert stamps == [10**9 + 10**7 * k for k in range(400)]
+    assert all(
+        each.data[4:8] == (each.received // 10**7 - 100).to_bytes(4, 'little') for each in read
+    )
+
+
+def test_info_prints_what_is_in_it(path: Path) -> None:
+    found = json.loads(printed('info', str(path), '--json'))
+    assert (found['messages'], found['duration'], found['damages']) == (440, 3.99, {})
+    assert {each['name']: each['messages'] for each in found['topics']} == COUNTS
+    out = printed('info', str(path)).splitlines()
+    assert '      400 /a [std_msgs/msg/Header]' in out
+    assert 'Duration:  3.990000000 s' in out
+
+
+def test_info_of_a_damaged_bag_counts_what_can_be_read(ours: Path, tmp_path: Path) -> None:
+    whole = (ours / 'ours_0.mcap').read_bytes()
+    file = tmp_path / 'cut.mcap'
+    file.write_bytes(whole[: len(whole) * 9 // 10])
+    out = printed('info', str(file)).splitlines()
+    assert 'Messages:  222' in out  # the first file's; its summary is gone
+    assert any(line.startswith('cut.mcap is damaged: 0 chunks and ') for line in out)
+    assert {'lost_messages: 2', 'command: test'} <= {*out}
+
+
+def test_info_of_what_is_no_bag_is_one_sentence(tmp_path: Path) -> None:
+    assert refused('info', str(tmp_path)).endswith('name the directory of a bag')
+    (tmp_path / 'bag.db3').write_text('no database, though it is long enough')
+    assert refused('info', str(tmp_path)).endswith('name another bag')
