@@ -14,7 +14,7 @@ from math import atan2, cos, hypot, isfinite, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType
@@ -27,7 +27,7 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
 from barc_sim.nodes.diagnosis import Facts, diagnose
-from barc_sim.ros.node_helpers import declare, to_header, to_nanoseconds
+from barc_sim.ros.node_helpers import declare, frames, to_header, to_nanoseconds
 from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.road import Road
@@ -76,8 +76,8 @@ class MirrorNode(Node):
 
     They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
     distance along its surface in `z_vhcl`, and the one on the map here. The wheels are steered as
-    commanded. Frames are called `odom` and `base_link`; in the namespace `/car2`, `car2/odom` and
-    `car2/base_link`. A mirror whose parameter is false has no publisher.
+    commanded. Frames are called `odom`, which is where `map` is, and `base_link`; in the namespace
+    `/car2`, `car2/odom` and `car2/base_link`. A mirror whose parameter is false has no publisher.
 
     Examples
     --------
@@ -119,8 +119,8 @@ class MirrorNode(Node):
         values = declare(self, PARAMETERS)
         self._road = road or Road.named(values['road'])
         self._vehicle = Vehicle(l_f=values['l_f'], l_r=values['l_r'])
-        prefix = f'{self.get_namespace().strip("/")}/'.lstrip('/')
-        self._odom, self._base_link = f'{prefix}odom', f'{prefix}base_link'
+        self._map, self._base_link = frames(self)
+        self._odom = self._base_link.replace('base_link', 'odom')
         self._servo = 0.0
         self._last: ZDynBkMdl | None = None
         self._poses: list[PoseStamped] = []
@@ -173,7 +173,9 @@ class MirrorNode(Node):
             there = pose.position
             transform.transform.translation = Vector3(x=there.x, y=there.y, z=there.z)
             transform.transform.rotation = pose.orientation
-            pub.publish(TFMessage(transforms=[transform]))
+            origin = Header(stamp=state.header.stamp, frame_id=self._map)
+            to_map = TransformStamped(header=origin, child_frame_id=self._odom)
+            pub.publish(TFMessage(transforms=[to_map, transform]))
         now = time.monotonic()
         if (pub := self._pubs.get('markers')) and now >= self._next_picture:
             self._next_picture = now + _PICTURE_PERIOD
@@ -209,24 +211,12 @@ class MirrorNode(Node):
         if self._command_received is not None:
             age = (time.time_ns() - self._command_received) / NANOSECONDS
         factor = _ratio(self._last_state, self._state)
-        diagnoses = diagnose(facts, self._last_facts, factor, age)
+        statuses = diagnose(facts, self._last_facts, factor, age)
         self._last_facts, self._last_state = facts, self._state
-        source = self.get_fully_qualified_name()
-        self._pubs['diagnostics'].publish(
-            DiagnosticArray(
-                header=Header(stamp=self.get_clock().now().to_msg()),
-                status=[
-                    DiagnosticStatus(
-                        level=bytes([each.level]),
-                        name=f'{source}: {each.name}',
-                        message=each.message,
-                        hardware_id='barc_sim',
-                        values=[KeyValue(key=k, value=v) for k, v in each.values.items()],
-                    )
-                    for each in diagnoses
-                ],
-            )
-        )
+        for status in statuses:
+            status.name = f'{self.get_fully_qualified_name()}: {status.name}'
+        header = Header(stamp=self.get_clock().now().to_msg())
+        self._pubs['diagnostics'].publish(DiagnosticArray(header=header, status=statuses))
 
 
 def to_pose(state: ZDynBkMdl, road: Road) -> Pose:
