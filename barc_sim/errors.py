@@ -39,7 +39,7 @@ def not_between(value: object, low: float, high: float) -> str:
     kind = Integral if whole else Real
     if isinstance(value, kind) and not isinstance(value, bool) and low <= value <= high:  # type: ignore[operator]
         return ''
-    shown = f'{value:g}' if isinstance(value, float) else repr(value)
+    shown = f'{value:g}' if isinstance(value, float) and not whole else repr(value)
     span = f'from {low:g} to {high:g}'
     if whole:
         span = f'of at least {low}' if high == inf else f'from {low} to {high}'

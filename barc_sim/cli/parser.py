@@ -35,9 +35,33 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *arguments: Any, **options: Any) -> None:  # noqa: ANN401
         """Take what ArgumentParser takes; `-1e-3` is a number, as it is from Python 3.14 on."""
         super().__init__(*arguments, **options)
+        self._usual: frozenset[str] = frozenset()
         self._negative_number_matcher = re.compile(
             r'-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$', re.IGNORECASE
         )
+
+    def shorten_help(self, *usual: str) -> None:
+        """Let `--help` show the `usual` options alone, and `--help-all` show every option."""
+        self._usual = frozenset({'--help', '--help-all', *usual})
+        self.add_argument('--help-all', action=_HelpAll, nargs=0, help='show every option')
+
+    def format_help(self) -> str:
+        """Return the help: of the usual options, where there are many."""
+        if not self._usual:
+            return super().format_help()
+        rare = {
+            each: each.help for each in self._actions if not self._usual & {*each.option_strings}
+        }
+        usage, self.usage = self.usage, '%(prog)s [OPTION...]'
+        epilog, self.epilog = self.epilog, None
+        try:
+            for action in rare:
+                action.help = argparse.SUPPRESS
+            return super().format_help()
+        finally:
+            for action, text in rare.items():
+                action.help = text
+            self.usage, self.epilog = usage, epilog
 
     def parse_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
@@ -54,6 +78,14 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print `message` on stderr in one line and exit with code 2."""
         self.exit(USAGE_ERROR, f'{error_line(self.prog, message)} (see --help)\n')
+
+
+class _HelpAll(argparse.Action):
+    """Prints the help of every option, and exits."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(argparse.ArgumentParser.format_help(parser), end='')  # noqa: T201
+        parser.exit()
 
 
 def accept_ros_args(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +117,7 @@ def whole(low: float, high: float = inf) -> Callable[[str], int]:
 def _between(text: str, low: float, high: float) -> float | str:
     """Return the number in `text`, in the limits."""
     value: float | str = text
-    if text.isdecimal() and len(text) <= _MAX_DIGITS:
+    if text.removeprefix('-').isdecimal() and len(text) <= _MAX_DIGITS:
         value = int(text)
     else:
         with suppress(ValueError):

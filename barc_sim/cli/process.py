@@ -26,7 +26,7 @@ except ImportError:  # on Windows
     resource = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
@@ -133,6 +133,12 @@ def _check_memory(what: str, minimum: int) -> None:
             f'this shell allows {memory >> 20} MiB of memory, and {what} needs {minimum >> 20}: '
             'raise the limit with ulimit -v'
         )
+
+
+def is_at_desktop(environment: Mapping[str, str] = os.environ) -> bool:
+    """Return whether the user sits at a screen of this machine."""
+    screen = environment.get('DISPLAY') or environment.get('WAYLAND_DISPLAY')
+    return bool(screen) and not environment.get('SSH_CONNECTION')
 
 
 def has_ros() -> bool:

@@ -6,10 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from barc_sim.cli.files import saving, target
 from barc_sim.cli.parser import number
 from barc_sim.control.cruise_control import LIMIT
@@ -19,6 +15,9 @@ from barc_sim.errors import UserError, one_line
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterable, Sequence
+
+    from rich.console import Console
+    from rich.text import Text
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.check.code import Finding
@@ -144,6 +143,8 @@ def _draw(report: Report, path: Path, title: str, settings: str) -> None:
 
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
     """Print the findings in a terminal, or a line for each in a pipe."""
+    from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
+
     from barc_sim.lab.hills.loop import Comparison  # noqa: PLC0415
 
     console = console or Console(highlight=False)
@@ -176,6 +177,8 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
 
 def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, ...]]:
     """Yield the cells of each finding; a repeated message refers to its first criterion."""
+    from rich.text import Text  # noqa: PLC0415
+
     first = {each.message: each.criterion for each in reversed(findings) if not each.passed}
     for each in findings:
         colour = 'dim' if each.skipped or each.open else 'green' if each.passed else 'red'
@@ -187,6 +190,8 @@ def _rows(findings: Sequence[Finding], rubric: Rubric) -> Iterable[tuple[Text, .
 
 
 def _cells(stretch: Stretch) -> tuple[Text, ...]:
+    from rich.text import Text  # noqa: PLC0415
+
     return (
         Text(f'{stretch.start:.0f} m'),
         Text(f'{stretch.theta_deg:g}°'),
@@ -198,6 +203,8 @@ def _cells(stretch: Stretch) -> tuple[Text, ...]:
 
 def _print_table(console: Console, header: Sequence[str], rows: Iterable[tuple[Text, ...]]) -> None:
     """Print a table; the first and the last column are text, the others numbers."""
+    from rich.table import Table  # noqa: PLC0415
+
     table = Table(*header, box=None, pad_edge=False, show_header=console.is_terminal)
     for column in table.columns[:-1]:
         column.no_wrap = True
@@ -224,4 +231,6 @@ def _print_output(printed: str, console: Console) -> None:
 
 def _plain(console: Console, text: str) -> None:
     """Print `text` without markup."""
+    from rich.text import Text  # noqa: PLC0415
+
     console.print(Text(text), soft_wrap=not console.is_terminal)

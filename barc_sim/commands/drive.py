@@ -31,7 +31,7 @@ def add_arguments_acc(parser: Parser) -> None:
         '--speed',
         type=number(*SPEED.between),
         metavar='M/S',
-        help=f'speed to hold ({SPEED_REFERENCE:g})',
+        help=f'speed to hold ({SPEED_REFERENCE:g} m/s)',
     )
     parser.add_argument(
         '--reference',
@@ -44,13 +44,16 @@ def add_arguments_acc(parser: Parser) -> None:
     )
     for name, gain in PID.gains.items():
         parser.add_argument(
-            f'--{name}', type=number(*gain.between), metavar='GAIN', help=f'({gain.default:g})'
+            f'--{name}',
+            type=number(*gain.between),
+            metavar='GAIN',
+            help=f'{gain.meaning} ({gain.default:g} {gain.unit})'.replace(' -)', ')'),
         )
     parser.add_argument(
         '--acceleration-limit',
         type=number(*LIMIT.between),
         metavar='M/S²',
-        help=f"of the controller's output ({ACCELERATION_LIMIT:g}; user code: none)",
+        help=f"of the controller's output ({ACCELERATION_LIMIT:g} m/s²; user code: none)",
     )
     parser.add_argument(
         '--gain',
@@ -64,13 +67,13 @@ def add_arguments_acc(parser: Parser) -> None:
         '--distance',
         type=number(*DISTANCE.between),
         metavar='M',
-        help='a lap ends here; 0: only at Ctrl-C (180)',
+        help='a lap ends here; 0: only at Ctrl-C (180 m)',
     )
     parser.add_argument(
         '--laps',
         type=whole(*LAPS.between),
         metavar='N',
-        help='number of laps, each from standstill; 0: until Ctrl-C (1)',
+        help='number of laps from standstill; 0: until Ctrl-C (1)',
     )
     parser.add_argument(
         '--cars',
@@ -84,8 +87,11 @@ def add_arguments_acc(parser: Parser) -> None:
         action='store_true',
         help="start no controller of barc_sim's, and wait for another that publishes ecu",
     )
-    run_options.add_arguments(parser, 'model', 'controller', road='lab', view='none')
+    run_options.add_arguments(parser, 'model', 'controller', road='lab', view='offer')
     accept_ros_args(parser)
+    gains = (f'--{name}' for name in PID.gains)
+    own = ('--speed', *gains, '--acceleration-limit', '--distance', '--laps')
+    parser.shorten_help(*own, *run_options.USUAL)
 
 
 def run_acc(options: Namespace) -> int:
@@ -114,6 +120,7 @@ def add_arguments_teleop(parser: Parser) -> None:
     )
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
+    parser.shorten_help('--input', *run_options.USUAL)
 
 
 def run_teleop(options: Namespace) -> int:

@@ -26,7 +26,7 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from barc_sim.cli.files import read_regular
-from barc_sim.cli.process import warn
+from barc_sim.cli.process import is_at_desktop, warn
 from barc_sim.errors import UserError
 from barc_sim.figures.style import style_sheet
 from barc_sim.page.protocol import RequestError, encode, parse
@@ -386,10 +386,7 @@ def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:
 
     `BARC_SIM_NO_BROWSER` in the environment keeps it from opening.
     """
-    if environment.get(NO_BROWSER):
-        return False
-    screen = environment.get('DISPLAY') or environment.get('WAYLAND_DISPLAY')
-    if not screen or environment.get('SSH_CONNECTION'):  # the user sits at another screen
+    if environment.get(NO_BROWSER) or not is_at_desktop(environment):
         return False
     Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()
     return True

@@ -29,7 +29,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
-from barc_sim.runs.options import recording, wanted_mirrors, wants_page
+from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_page
 from barc_sim.runs.program import Program
 from barc_sim.runs.terminal.user_output import UserOutput
 from barc_sim.vehicle.road import Road
@@ -256,7 +256,8 @@ class Run:
         )
         self._views.append(view)
         self._print(f'live page  {view.url}')
-        open_page(view.url)
+        if opens_page(options):
+            open_page(view.url)
 
     def _print(self, text: str) -> None:
         if not self.options.quiet:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from argparse import ArgumentTypeError
 from dataclasses import fields
 from math import inf
@@ -11,12 +12,16 @@ from pathlib import Path
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, number, whole
+from barc_sim.cli.process import is_at_desktop
 from barc_sim.lab.handout import FILES
 from barc_sim.nodes import MIRRORS
 from barc_sim.runs.carrier import add_engine_option
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
+#: Those that `--help` shows; `--help-all` shows the others, too.
+USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--bag-dir', '--no-bag', '--quiet')
+_PAGES = {'web': 'web', 'none': 'none', 'offer': 'at a desktop, the link to a page'}
 _MAX_SIZE = 2.0**60  #: [B]
 _MAX_DURATION = 1e9  #: [s]
 
@@ -33,21 +38,21 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     road
         The road without `--road`.
     view
-        What `--view auto` stands for: `web` or `none`.
+        What `--view auto` stands for: `web`, `none`, or `offer`, a page that does not open itself.
     """
     parser.add_argument(
         '--road',
         metavar='ROAD',
-        help=f"'lab', 'flat', or a CSV file with the columns start_m,grade_deg ({road})",
+        help=f'lab, flat, or a CSV file: start_m,grade_deg ({road})',
     )
     parser.add_argument(
         '--realtime-factor',
         type=_factor,
         metavar='FACTOR',
-        help="simulated seconds per second, from 0.001; 'max', for acc: as fast as possible (1)",
+        help='simulated seconds per second; max: at full speed (1)',
     )
     _add_user_code(parser, *parts)
-    add_view_options(parser, on=view == 'web')
+    add_view_options(parser, auto=view)
     bag = parser.add_mutually_exclusive_group()
     bag.add_argument(
         '--bag-dir',
@@ -65,9 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     )
     parser.add_argument('--integrator', choices=tuple(INTEGRATORS), help='of each step (euler)')
     parser.add_argument('--dynamics', choices=tuple(DYNAMICS), help='bicycle (kinematic)')
-    parser.add_argument(
-        '-q', '--quiet', action='store_true', help="print the bag's path, and nothing else"
-    )
+    parser.add_argument('-q', '--quiet', action='store_true', help="print the bag's path alone")
     parser.add_argument(
         '--network',
         action='store_true',
@@ -91,7 +94,7 @@ def _add_user_code(parser: argparse.ArgumentParser, *parts: str) -> None:
         '--lab',
         type=Path,
         metavar='DIR',
-        help=f"use the {files} of this folder; missing files fall back to barc_sim's own",
+        help=f'a folder with {files}',
     )
     for part in parts:
         parser.add_argument(
@@ -113,25 +116,24 @@ def _factor(text: str) -> float:
         raise ArgumentTypeError(f"{error}, nor 'max'") from None
 
 
-def add_view_options(parser: argparse.ArgumentParser, *, on: bool) -> None:
-    """Add `--view`, `--view-port` and `--view-host`; `on` is the meaning of `auto`.
+def add_view_options(parser: argparse.ArgumentParser, *, auto: str) -> None:
+    """Add `--view`, `--view-port` and `--view-host`; `auto` is the meaning of `--view auto`.
 
     Examples
     --------
     >>> parser = argparse.ArgumentParser()
-    >>> add_view_options(parser, on=True)
+    >>> add_view_options(parser, auto='web')
     >>> parser.parse_args(['--view-port', '8000']).view_port
     8000
     """
-    default = 'web' if on else 'none'
     parser.add_argument(
         '--view',
         choices=('auto', 'web', 'none'),
         default='auto',
-        help=f'the live picture: a web page, or none (auto: {default})',
+        help=f'the live page (auto: {_PAGES[auto]})',
     )
     add_address_options(parser)
-    parser.set_defaults(view_auto=default)
+    parser.set_defaults(view_auto=auto)
 
 
 def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') -> None:
@@ -148,7 +150,7 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
         default='127.0.0.1',
         metavar='ADDRESS',
         help='address to serve the page at; 0.0.0.0 for a phone in the same network; the '
-        f'whole address gives the right to {can} (127.0.0.1)',
+        f'whoever has the link can {can} (127.0.0.1)',
     )
 
 
@@ -158,12 +160,27 @@ def wants_page(options: argparse.Namespace) -> bool:
     Examples
     --------
     >>> parser = argparse.ArgumentParser()
-    >>> add_view_options(parser, on=True)
+    >>> add_view_options(parser, auto='web')
     >>> wants_page(parser.parse_args([])), wants_page(parser.parse_args(['--view', 'none']))
     (True, False)
     """
+    return opens_page(options) or (
+        _view(options) == 'offer'
+        and not options.quiet
+        and options.realtime_factor != 0.0
+        and sys.stdout.isatty()
+        and is_at_desktop()
+    )
+
+
+def opens_page(options: argparse.Namespace) -> bool:
+    """Return whether the live page opens itself, not only where a person opens its link."""
+    return _view(options) == 'web'
+
+
+def _view(options: argparse.Namespace) -> str:
     choice = getattr(options, 'view', 'none')
-    return bool((options.view_auto if choice == 'auto' else choice) == 'web')
+    return str(options.view_auto if choice == 'auto' else choice)
 
 
 def add_mirror_options(parser: argparse.ArgumentParser) -> None:
@@ -248,7 +265,7 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
         type=number(0, _MAX_SIZE / 2**20),
         default=Recording.min_free_space,
         metavar='MIB',
-        help=f'space to leave free on the disk ({Recording.min_free_space:g})',
+        help=f'space to leave free on the disk ({Recording.min_free_space:g} MiB)',
     )
 
 

@@ -41,6 +41,18 @@ def test_every_command_is_listed_in_its_group(argv: list[str]) -> None:
         assert listed == list(commands)
 
 
+@pytest.mark.parametrize('name', ['acc', 'teleop'])
+def test_help_of_a_run_fits_on_one_screen_and_all_is_in_help_all(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('COLUMNS', '80')
+    shown = barc(name, '--help').stdout
+    assert len(shown.splitlines()) <= 24
+    assert '--mirrors' not in shown
+    everything = barc(name, '--help-all').stdout
+    assert {'--mirrors', '--max-bag-size', '--ros-args'} <= {*everything.split()}
+
+
 def test_every_command_has_a_module_and_every_module_a_command() -> None:
     modules = {path.stem for path in (PACKAGE / 'commands').glob('*.py')} - {'__init__'}
     used = {Path(functions(name)[1].__code__.co_filename).stem for name in COMMANDS}

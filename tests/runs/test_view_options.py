@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,30 +12,61 @@ from barc_sim.nodes import MIRRORS
 from barc_sim.runs.options import (
     add_mirror_options,
     add_view_options,
+    opens_page,
     wanted_mirrors,
     wants_page,
 )
 
 
-def parse(*argv: str, on: bool = True) -> Namespace:
+def parse(*argv: str, auto: str = 'web') -> Namespace:
     parser = Parser(prog='prog')
-    add_view_options(parser, on=on)
+    add_view_options(parser, auto=auto)
     add_mirror_options(parser)
     return parser.parse_args(argv)
 
 
 @pytest.mark.parametrize(
-    ('argv', 'on', 'expected'),
+    ('argv', 'auto', 'expected'),
     [
-        ([], True, True),
-        ([], False, False),
-        (['--view', 'auto'], True, True),
-        (['--view', 'web'], False, True),
-        (['--view', 'none'], True, False),
+        ([], 'web', True),
+        ([], 'none', False),
+        (['--view', 'auto'], 'web', True),
+        (['--view', 'web'], 'none', True),
+        (['--view', 'none'], 'web', False),
     ],
 )
-def test_auto_depends_on_the_mode(argv: list[str], on: bool, expected: bool) -> None:
-    assert wants_page(parse(*argv, on=on)) is expected
+def test_auto_depends_on_the_mode(argv: list[str], auto: str, expected: bool) -> None:
+    assert wants_page(parse(*argv, auto=auto)) is expected
+
+
+@pytest.mark.parametrize(
+    ('screen', 'terminal', 'given', 'expected'),
+    [
+        ({'DISPLAY': ':0'}, True, {}, True),
+        ({'WAYLAND_DISPLAY': 'wayland-0'}, True, {}, True),
+        ({}, True, {}, False),
+        ({'DISPLAY': ':0', 'SSH_CONNECTION': '10.0.0.1'}, True, {}, False),
+        ({'DISPLAY': ':0'}, False, {}, False),
+        ({'DISPLAY': ':0'}, True, {'quiet': True}, False),
+        ({'DISPLAY': ':0'}, True, {'realtime_factor': 0.0}, False),
+    ],
+)
+def test_a_page_is_offered_at_a_desktop_and_does_not_open_itself(
+    monkeypatch: pytest.MonkeyPatch,
+    screen: dict[str, str],
+    terminal: bool,
+    given: dict[str, object],
+    expected: bool,
+) -> None:
+    for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'SSH_CONNECTION'):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in screen.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr('sys.stdout', SimpleNamespace(isatty=lambda: terminal))
+    options = parse(auto='offer')
+    vars(options).update({'quiet': False, 'realtime_factor': None} | given)
+    assert wants_page(options) is expected
+    assert not opens_page(options)
 
 
 @pytest.mark.parametrize(
