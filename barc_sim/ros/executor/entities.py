@@ -53,6 +53,8 @@ class Entry:
     begin: Callable[[], bool]  #: claims its callback group, where that allows another callback
     end: Callable[[], None]  #: gives the group back
     pending: int = 0  #: takes that may find something
+    ahead: int = 0  #: those that were tried before their arrival was counted
+    tries: int = 0  #: so often it is tried before epoll is asked
     queued: bool = False
     found: float = 0.0  #: [s] when it was queued
     executed: float = 0.0  #: [s] when it was taken last
@@ -132,8 +134,9 @@ def _take_subscription(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     if entry.destroyed:
         raise InvalidHandle
     message_only = subscription._callback_type is _MESSAGE_ONLY
-    if message_only and not subscription.raw:
-        take_message = entry.kept = entry.kept or message_taker(subscription)
+    if message_only and (entry.kept or not subscription.raw):
+        take_message = entry.kept or message_taker(subscription)
+        entry.kept = take_message
         if (message := take_message()) is not None:
             return subscription.callback, (message,)
     elif taken := entry.handle.take_message(subscription.msg_type, subscription.raw):

@@ -55,6 +55,8 @@ _CHECK_PERIOD = 0.1
 _SHARING = (Subscription, Service, EventHandler)
 _SHARED = 32
 _IDLE_USES = 8
+#: [s] While callbacks are executed without a pause, epoll is asked so seldom.
+_POLL_PERIOD = 0.25e-3
 _ANY_JUMP = JumpThreshold(
     min_forward=Duration(nanoseconds=1), min_backward=Duration(nanoseconds=-1)
 )
@@ -73,6 +75,8 @@ class Events:
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
         self.ready: deque[Entry] = deque()  #: entries with something pending, in turn
+        self.recent: dict[Entry, None] = {}  #: what is tried before epoll is asked
+        self.poll_due = 0.0  #: [s] when epoll is asked, even if something is ready
         self.now = 0.0  #: [s] when it was polled last
         self.stale = True  #: whether the nodes are to be looked at again
         self.woken = True  #: whether `wake` was called, or it is time for a check
@@ -111,8 +115,17 @@ class Events:
             self.ready.append(entry)
 
     def poll(self, deadline: float) -> float:
-        """Wait until something arrives, `wake` is called or the deadline [s]; return the time."""
+        """Wait until something arrives, `wake` is called or the deadline [s]; return the time.
+
+        Subscriptions with a message lately are tried first: an empty take is cheaper than epoll.
+        A deadline of 0 means that something is ready to be executed.
+        """
         self.now = now = time.monotonic()
+        if self._try_recent() or not deadline:
+            if now < self.poll_due and now < self._next_due:
+                return now
+            deadline = 0.0
+        self.poll_due = now + _POLL_PERIOD
         descriptors = self._descriptors.ready()
         if not descriptors and now < deadline and now < self._next_due:
             soonest = min(deadline, self._next_due, now + _CHECK_PERIOD)
@@ -122,13 +135,7 @@ class Events:
             if descriptor == self._wakeup:
                 self._on_wake()
             else:
-                count = self._descriptors.take_count(descriptor)
-                for entry in self._counted[descriptor]:
-                    entry.pending += count  # as in `queue`, which costs a call
-                    if not entry.queued:
-                        entry.queued = True
-                        entry.found = now
-                        self.ready.append(entry)
+                self._queue_counted(descriptor)
         if expired := now >= self._next_due:
             self._schedule([each for each, due in self._due.items() if due <= now])
         if (descriptors or expired) and len(self.ready) > 1:
@@ -137,6 +144,32 @@ class Events:
             self._next_check = now + _CHECK_PERIOD
             self._check()
         return now
+
+    def _try_recent(self) -> bool:
+        """Queue what had a message lately; return whether there is any."""
+        tried = False
+        for entry in self.recent:
+            if entry.tries and not entry.queued:
+                entry.tries -= 1
+                entry.ahead += 1
+                entry.pending = 1
+                entry.queued = tried = True
+                entry.found = self.now
+                self.ready.append(entry)
+        if not tried:
+            self.recent.clear()
+        return tried
+
+    def _queue_counted(self, descriptor: int) -> None:
+        """Queue what has arrived for the entities that share a descriptor."""
+        count = self._descriptors.take_count(descriptor)
+        for entry in self._counted[descriptor]:
+            entry.pending = max(1, entry.pending + count - entry.ahead)
+            entry.ahead = max(0, entry.ahead - count)
+            if not entry.queued:
+                entry.queued = True
+                entry.found = self.now
+                self.ready.append(entry)
 
     def _check(self) -> None:
         """Have the context be checked, and find the actions whose results have expired."""
@@ -303,6 +336,7 @@ class Events:
             entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
         elif entry.on_taken:
             self._waiter.remove(entry)
+        self.recent.pop(entry, None)
         with suppress(ValueError):  # it waits for nothing
             self.ready.remove(entry)
         entry.pending = 0

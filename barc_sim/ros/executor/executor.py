@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 _CHECK_PERIOD = 0.1  # s
 #: [s] A thread that has stood by while nothing spun ends after this time.
 _LINGER = 0.05
+_TRIES = 2
 
 
 @dataclass(eq=False, slots=True)
@@ -324,6 +325,7 @@ class QuickExecutor(MultiThreadedExecutor):
         events = self._events
         ready = events.ready
         events.woken = True
+        events.poll_due = 0.0
         deadline = inf
         executed: bool | None = True
         try:
@@ -398,6 +400,7 @@ class QuickExecutor(MultiThreadedExecutor):
                 raise
         finally:
             if call is None:
+                entry.ahead = max(0, entry.ahead - 1)
                 entry.end()
             elif entry.idle_uses:
                 self._events.note_use(entry)
@@ -408,6 +411,9 @@ class QuickExecutor(MultiThreadedExecutor):
                 self._events.ready.append(entry)
             else:
                 entry.queued = False
+                if call is not None and entry.kind == 'subscriptions' and not entry.idle_uses:
+                    self._events.recent[entry] = None
+                    entry.tries = _TRIES
         return call
 
     def _run(self, entry: Entry | None, call: Call) -> bool:
