@@ -425,7 +425,7 @@ class QuickExecutor(MultiThreadedExecutor):
         claimed = entry
         if self._any_once:
             self._begin_once()
-        lent = self._leadership.lend(lasting=entry is not None and entry.lasting)
+        lent = self._leadership.lend(entry is not None and entry.lasting)
         try:
             result = callback(*args)
             if result is not None and entry and iscoroutinefunction(callback):
@@ -437,14 +437,14 @@ class QuickExecutor(MultiThreadedExecutor):
         finally:
             if claimed:  # after the failure, which ends spins before another of its group begins
                 claimed.end()
-        if self._tasks:  # one may wait for this
-            self._events.woken = True
         leads = self._leadership.take_back(lent)
-        if entry:
-            self._stepper.change = lent
-            entry.lasting = not leads and time.monotonic() - lent > LASTING
+        self._stepper.change = lent  # a coroutine in another thread may wait for this, and be no task yet
+        if self._tasks:
+            self._events.woken = True
         if not leads:
             self._events.wake()  # its group is free
+        if entry and (entry.lasting or not leads):
+            entry.lasting = not leads and time.monotonic() - lent > LASTING
         return leads
 
     def _begin_once(self) -> None:

@@ -41,7 +41,7 @@ class Leadership:
             return False
         return True
 
-    def lend(self, *, lasting: bool) -> float:
+    def lend(self, lasting: bool) -> float:
         """Let others take it while this thread calls a callback; return the time [s].
 
         If the callback is expected to be `lasting`, the thread that stands by takes it at once.
