@@ -15,17 +15,19 @@ from dataclasses import dataclass, field
 from inspect import iscoroutinefunction
 from math import inf
 from threading import Condition, Event, current_thread, get_ident
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor, TimeoutObject
+from rclpy.task import Task
 
 from barc_sim.ros.executor.events import Events
 from barc_sim.ros.executor.leadership import LASTING, Leadership
 from barc_sim.ros.executor.rclpy_private import notify_of_triggers
-from barc_sim.ros.executor.tasks import TaskStepper
 
 if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
     from rclpy.context import Context
     from rclpy.task import Future
 
@@ -83,12 +85,13 @@ class QuickExecutor(MultiThreadedExecutor):
         self._joined: set[int] = set()  # those of them that are not the pool's
         self._events = Events(self.context, self._fail)
         self._leadership = Leadership()
-        self._stepper = TaskStepper(self, self._events.wake)
+        self._stepped: set[Task] = set()  # tasks that run now
+        self._change: object = object()  # another one when a coroutine's wait may have ended
         notify_of_triggers(self._guard, self._on_change)
 
     def __del__(self) -> None:
         """Release the entities of an executor that was never shut down."""
-        if hasattr(self, '_stepper'):
+        if hasattr(self, '_change'):
             self._close()
         super().__del__()
 
@@ -98,7 +101,9 @@ class QuickExecutor(MultiThreadedExecutor):
         self._events.close()
         self._leadership.release()
         self._leadership.close()
-        self._stepper.cancel_coroutines()
+        for task, entity, _ in self._tasks:
+            if entity is not None:  # a callback's coroutine, which gives its group back
+                task.cancel()
 
     def _fail(self, error: BaseException) -> None:
         self._failures.append(error)
@@ -106,7 +111,7 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _on_change(self) -> None:
         """Look at the nodes again; a thread that polls does it by itself."""
-        self._stepper.change = object()
+        self._change = object()
         self._events.stale = True
         self._events.wake()
         while self._events.stale and not self._is_shutdown and self._leadership.take():
@@ -175,14 +180,16 @@ class QuickExecutor(MultiThreadedExecutor):
         if future:
             future.add_done_callback(end)
         self._spins.append(spin)
+        inside = self._is_inside()
+        spin.here = inside or (once and deadline == inf and not future and self._begin_work())
         try:
             self._look_at_spins()
-            if self._is_inside():
-                self._spin_within(spin)
-            elif once and deadline == inf and not future and self._begin_work():
-                self._spin_here(spin)
-            else:
+            if not spin.here:
                 self._wait_for(spin)
+            elif inside:
+                self._lead_here(spin)
+            else:
+                self._join(spin)
         finally:
             spin.over.set()
             self._spins.remove(spin)
@@ -210,20 +217,18 @@ class QuickExecutor(MultiThreadedExecutor):
                 leading = self._standing_by or not self._leadership.is_free
             self._end_spins(expired=-inf if leading else time.monotonic())
 
-    def _spin_here(self, spin: Spin) -> None:
+    def _join(self, spin: Spin) -> None:
         """Spin in this thread, as if it was one of the pool."""
-        spin.here = True
         self._joined.add(get_ident())
         try:
             self._start_stand_by()
-            self._spin_within(spin)
+            self._lead_here(spin)
         finally:
             self._joined.discard(get_ident())
             self._end_work()
 
-    def _spin_within(self, spin: Spin) -> None:
-        """Spin in a callback: lead, where no other thread does."""
-        spin.here = True
+    def _lead_here(self, spin: Spin) -> None:
+        """Spin in a thread that may call callbacks: lead, where no other thread does."""
         while not (spin.over.is_set() or spin.begun):
             if self._leadership.take():
                 if self._lead(spin):
@@ -357,12 +362,43 @@ class QuickExecutor(MultiThreadedExecutor):
 
     def _step_tasks(self) -> bool:
         """Step each task that may go on; return whether this thread still leads."""
-        for task in self._stepper.due():
-            if not self._run(None, (self._stepper.step, (task,))):
+        for task in self._due_tasks() if self._tasks else ():
+            if not self._run(None, (self._step, (task,))):
                 return False
             if self._any_once:
                 break
         return True
+
+    def _due_tasks(self) -> list[Task]:
+        """Return the tasks that are new or may go on, the newest first, as in rclpy."""
+        nodes = (None, *self.get_nodes())
+        with self._tasks_lock:
+            self._tasks[:] = [
+                each for each in self._tasks if not (each[0].done() or each[0].cancelled())
+            ]
+            return [
+                task
+                for task, _, node in reversed(self._tasks)
+                if task not in self._stepped
+                and node in nodes
+                and getattr(task, 'seen', None) is not self._change
+            ]
+
+    def _step(self, task: Task, entry: Entry | None = None) -> None:
+        """Run a task, or a callback's coroutine for the first time, until it has to wait."""
+        self._stepped.add(task)
+        task.seen = self._change
+        try:
+            task()
+        finally:
+            self._stepped.discard(task)
+        if task.done():
+            self._change = object()
+            task.result()  # raises
+        elif entry:
+            with self._tasks_lock:
+                self._tasks.append((task, entry.entity, entry.node))
+            self._events.wake()
 
     def _execute_ready(self) -> bool | None:
         """Execute each entry that is ready once.
@@ -430,7 +466,7 @@ class QuickExecutor(MultiThreadedExecutor):
             result = callback(*args)
             if result is not None and entry and iscoroutinefunction(callback):
                 claimed = None
-                self._stepper.start(entry, result)
+                self._step(Task(_finish(entry, result), executor=self), entry)
         except BaseException as error:  # noqa: BLE001 - warned of, or the spinning thread raises it
             if not (entry and entry.warns_of(error)):
                 self._fail(error)
@@ -438,7 +474,8 @@ class QuickExecutor(MultiThreadedExecutor):
             if claimed:  # after the failure, which ends spins before another of its group begins
                 claimed.end()
         leads = self._leadership.take_back(lent)
-        self._stepper.change = lent  # a coroutine in another thread may wait for this, and be no task yet
+        if entry:
+            self._change = lent  # a coroutine in another thread may wait for this, but be no task
         if self._tasks:
             self._events.woken = True
         if not leads:
@@ -452,3 +489,14 @@ class QuickExecutor(MultiThreadedExecutor):
         for spin in list(self._spins):
             spin.begun = spin.once
         self._events.woken = True
+
+
+async def _finish(entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:
+    """Await a callback's coroutine, and give its group back."""
+    try:
+        await coroutine
+    except Exception as error:
+        if not entry.warns_of(error):
+            raise
+    finally:
+        entry.end()

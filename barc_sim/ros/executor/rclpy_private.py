@@ -90,25 +90,24 @@ select: epoll
 
 def private_names() -> list[tuple[str, str]]:
     """Return each private name with its module and class, `'module:class'`."""
-    lines = [line.split() for line in _NAMES.splitlines()]
-    return [(path, name) for path, *names in filter(None, lines) for name in names]
+    lines = [line.split() for line in _NAMES.strip().splitlines()]
+    return [(path, name) for path, *names in lines for name in names]
 
 
 def missing() -> list[str]:
     """Return what this rclpy, rcl or machine lacks, or has with another behaviour."""
-    lacking = [(path, name) for path, name in private_names() if _lacks(path, name)]
-    names = [f'{path.partition(":")[2] or path.rstrip(":")}.{name}' for path, name in lacking]
-    try:
-        for name in (name for _, names in LISTENERS.values() for name in names):
-            _setter(name)
-    except (OSError, AttributeError) as error:
-        names.append(str(error))
+    lacking = [
+        f'{path.partition(":")[2] or path.rstrip(":")}.{name}'
+        for path, name in private_names()
+        if _lacks(path, name)
+    ]
     checks = {
         'eventfd, epoll or timerfd': _counts,
+        'listeners': _listens,
         '_take_guard_condition': _takes,
         '_CONVERT_TO_PY': _converts,
     }
-    return names or [f'{name} as in Jazzy' for name, check in checks.items() if not _holds(check)]
+    return lacking or [f'{name} as in Jazzy' for name, check in checks.items() if not _holds(check)]
 
 
 def _lacks(path: str, name: str) -> bool:
@@ -136,7 +135,7 @@ def handle_of(entity: Any) -> Any:  # noqa: ANN401 (a class of pybind11)
     """Return the handle of an entity: the entity itself for other packages' waitables."""
     kind = next((each for each in LISTENERS if isinstance(entity, each)), None)
     if isinstance(entity, GuardCondition):
-        return getattr(entity.handle, 'handle', entity.handle)
+        return getattr(entity.handle, 'instead_of', entity.handle)
     if kind is None:
         return entity
     return getattr(entity, LISTENERS[kind][0])
@@ -210,21 +209,23 @@ def _kept_message(message_type: Any) -> tuple[c_void_p, Callable[[c_void_p], Any
     return kept, convert
 
 
-class _NotifyingHandle:
-    """The handle of a guard condition, which calls a function at each trigger instead."""
+class StandIn:
+    """Stands for an object, and has the given attributes in place of the object's own."""
 
-    def __init__(self, handle: Any, notify: Callable[[], None]) -> None:  # noqa: ANN401
-        self.handle = handle
-        self.trigger_guard_condition = notify
+    def __init__(self, instead_of: Any, **attributes: object) -> None:  # noqa: ANN401
+        vars(self).update(attributes, instead_of=instead_of)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401
-        return getattr(self.handle, name)
+        """Return an attribute of the object."""
+        return getattr(self.instead_of, name)
 
     def __enter__(self) -> None:
-        self.handle.__enter__()
+        """Have the object in use."""
+        self.instead_of.__enter__()
 
     def __exit__(self, *error: object) -> None:
-        self.handle.__exit__(*error)
+        """Have it in use no longer."""
+        self.instead_of.__exit__(*error)
 
 
 def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None) -> None:
@@ -235,7 +236,8 @@ def notify_of_triggers(guard: GuardCondition, notify: Callable[[], None] | None)
     former, handle = guard.handle, handle_of(guard)
     if former is not handle:
         former.trigger_guard_condition = handle.trigger_guard_condition  # others may have kept it
-    guard._GuardCondition__gc = _NotifyingHandle(handle, notify) if notify else handle
+    listening = notify and StandIn(handle, trigger_guard_condition=notify)
+    guard._GuardCondition__gc = listening or handle
 
 
 def note_destruction(entity: Any, note: Callable[[], None] | None) -> None:  # noqa: ANN401
@@ -280,18 +282,21 @@ def counting_listener() -> c_void_p:
 
 def _counts() -> bool:
     """Return whether a listener counts in an eventfd, and epoll and timerfd are there."""
-    libc = ctypes.CDLL(None)
     listener = ctypes.CFUNCTYPE(None, c_void_p, ctypes.c_size_t)(counting_listener().value or 0)
-    counter, timer = os.eventfd(0, os.EFD_NONBLOCK), libc.timerfd_create(1, 0)
+    counter = os.eventfd(0, os.EFD_NONBLOCK)
+    os.close(ctypes.CDLL(None).timerfd_create(1, 0))
     try:
         with select.epoll() as poll:
             poll.register(counter, select.EPOLLIN)
-            poll.register(timer, select.EPOLLIN)
             listener(counter, 3)
             return poll.poll(0) == [(counter, 1)] and os.eventfd_read(counter) == 3  # noqa: PLR2004
     finally:
         os.close(counter)
-        os.close(timer)
+
+
+def _listens() -> bool:
+    """Return whether rcl has all functions that set listeners."""
+    return all(_setter(name) for _, names in LISTENERS.values() for name in names)
 
 
 def _takes() -> bool:

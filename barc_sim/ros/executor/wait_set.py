@@ -1,18 +1,17 @@
 """Waits for what has no listener in a thread of its own, with rclpy's own wait set."""
 
-# ruff: noqa: SLF001 - `rclpy_private` checks rclpy's private names.
-
 from __future__ import annotations
 
 from contextlib import suppress
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 
 from barc_sim.ros.executor.entities import KINDS
+from barc_sim.ros.executor.rclpy_private import StandIn
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,24 +19,6 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
     from barc_sim.ros.executor.entities import Entry
-
-
-class _Waited:
-    """An entity to wait for, also while its own callback group is claimed."""
-
-    def __init__(self, entry: Entry) -> None:
-        self.entry = entry
-        self.callback_group = ReentrantCallbackGroup()
-        self._executor_event = False  # rclpy's: True from ready to taken
-
-    def __getattr__(self, name: str) -> Any:  # noqa: ANN401
-        return getattr(self.entry.entity, name)
-
-    def __enter__(self) -> None:
-        self.entry.handle.__enter__()
-
-    def __exit__(self, *error: object) -> None:
-        self.entry.handle.__exit__(*error)
 
 
 class WaitSetThread(SingleThreadedExecutor):
@@ -56,23 +37,24 @@ class WaitSetThread(SingleThreadedExecutor):
         super().__init__(context=context)
         self._is_ready = is_ready
         self._on_failure = on_failure
-        self._waited: dict[Entry, _Waited] = {}
-        self._thread: Thread | None = None
+        self._waited: dict[Entry, StandIn] = {}
+        self._thread = Thread(target=self._run, name='wait set', daemon=True)
         for kind in KINDS:  # it is waited for as if they were a node's
             setattr(self, kind, [])
 
     def add(self, entry: Entry) -> None:
-        """Wait for an entry, too."""
-        waited = self._waited[entry] = _Waited(entry)
+        """Wait for an entry, too, also while its callback group is claimed."""
+        group = ReentrantCallbackGroup()
+        waited = StandIn(entry.entity, entry=entry, callback_group=group, _executor_event=False)
+        self._waited[entry] = waited
         getattr(self, entry.kind).append(waited)
         self.wake()
-        if not self._thread:
-            self._thread = Thread(target=self._run, name='wait set', daemon=True)
+        if not self._thread.ident:
             self._thread.start()
 
     def resume(self, entry: Entry) -> None:
         """Wait for an entry again, as what was ready is taken."""
-        self._waited[entry]._executor_event = False
+        vars(self._waited[entry])['_executor_event'] = False  # rclpy's: True from ready to taken
         self.wake()
 
     def remove(self, entry: Entry) -> None:
@@ -84,7 +66,7 @@ class WaitSetThread(SingleThreadedExecutor):
         """End the thread."""
         self._is_shutdown = True
         self.wake()
-        if self._thread:
+        if self._thread.ident:
             self._thread.join()
         with suppress(InvalidHandle):  # destroyed already, at the interpreter's end
             self.shutdown()
