@@ -127,7 +127,7 @@ a list of errors | 100 90.67 91.55 | I has no dt
     self.int_error = 0 -> self.int_error = []
     self.int_error = self.int_error + error -> self.int_error.append(error)
     self.ki * self.int_error -> self.ki * sum(self.int_error)
-a window of 20 errors | 92 82.67 88.58 | I adds up the last 20 errors only
+a window of 20 errors | 96 88 92.75 | I adds up the last 20 errors only
     self.int_error = 0 -> self.int_error = []
     self.int_error + error -> (self.int_error + [error])[-20:]
     self.ki * self.int_error -> self.ki * sum(self.int_error)
@@ -136,7 +136,7 @@ P only | 84 74.67 73.58 | I is always 0: is ki used, and is each error added to 
     PID(kp=10, ki=0.5, kd=0.4) -> PID(kp=20, ki=0, kd=0)
 PI | 92 82.67 84.55 | D is always 0
     error + I + D -> error + I
-a derivative that forgets | 92 82.67 84.55 | D does not store the error of the last call
+a derivative that forgets | 96 90 89.23 | D is kd * e: is the sum differentiated, or the error of
     self.previous = error -> pass
 a derivative after its error is stored | 92 82.67 84.55 | replaced only after D has used it?
     self.previous = error -> pass
@@ -145,9 +145,9 @@ gains without self | 50 50 49.25 | NameError: name 'kp' is not defined: did you 
     = self.kp * error -> = kp * error
 brackets without a product | 50 50 49.25 | self.kp is 0.5: is a * missing before the bracket?
     = self.kp * error -> = self.kp(error)
-the wrong sign | 50 50 53.25 | P has the wrong sign
+the wrong sign | 94.85 93.38 93.6 | the error has the wrong sign
     speed_reference - speed_current -> speed_current - speed_reference
-I with the wrong sign | 66 68.67 68.58 | I has the wrong sign
+I with the wrong sign | 94.84 87.38 90.12 | I has the wrong sign
     error + I -> error - I
 other names of the gains | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4
     kp=1, ki=1, kd=1 -> P=2.0, I=0.0, D=1.0, Derivator=0, Integrator=0
@@ -164,7 +164,7 @@ gains as defaults | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py,
 gains as constants | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py, line
     v_x = 0 -> v_x = 0; KP, KI, KD = 10, 0.5, 0.4
     PID(kp=10, ki=0.5, kd=0.4) -> PID(KP, KI, KD)
-gains that are ignored | 76 64 69.22 | the gains that PID gets have no effect
+gains that are ignored | 88 82 84.25 | the gains that PID gets have no effect
     = kp -> = 10
     = ki -> = 0.5
     = kd -> = 0.4
@@ -176,7 +176,7 @@ NumPy scalars | 100 90.67 91.55 | D has no dt
     from numpy import pi -> import numpy as np
     return acc -> return np.array([acc])
     self.int_error = 0 -> self.int_error = np.zeros(1)
-whole numbers | 76 64 69.2 | the outputs are whole numbers
+whole numbers | 96.01 94.01 94.18 | the outputs are whole numbers
     return acc -> return int(acc)
 an own limit | 81.62 80.77 79.91 | I has no dt
     return acc -> return max(-8, min(8, acc))
@@ -194,19 +194,19 @@ a missing colon | 50 50 49.25 | syntax error: expected ':'
     class PID(): -> class PID()
 a shadowed sin | 50 40.67 42.3 | sin is 1 here
     g = 9.8 -> g = 9.8; sin = 1
-theta in degrees | 88.8 79.47 82.09 | is it converted from degrees once more?
+theta in degrees | 94.54 85.21 87.78 | is it converted from degrees once more?
     sin(theta) -> sin(theta*3.141592653589793/180)
 friction by sign | 100 90.67 92.3 | right in all
     a0*v**2 - Ff -> (a0*v**2 + Ff)*sign(v)
-no hills | 88.8 79.47 82.09 | gravity is missing
+no hills | 94.44 85.11 87.69 | gravity is missing
     -m*g*sin(theta) - a0 -> -a0
 the lab's template | 50 40.67 42.3 | is not written yet (TODO)
     l_f = 1.5 -> l_f = TODO
-gravity on the flat | 78 68.67 73.3 | gravity acts on the flat, too: it is -m * g * sin(theta)
+gravity on the flat | 82.5 73.17 76.3 | gravity acts on the flat, too: it is -m * g * sin(theta)
     -m*g*sin(theta) - a0*v**2 - Ff -> m*g + a0*v**2 + Ff
-gravity without m | 78.01 68.68 73.3 | m and sin(theta) are missing in gravity: the force is -m * g
+gravity without m | 89.5 80.17 83.75 | m and sin(theta) are missing in gravity: the force is -m * g
     -m*g*sin(theta) - a0*v**2 - Ff -> -g - a0*v**2 - Ff
-Ff as the whole force | 78 68.67 73.3 | in place of v_next = v + ts * rate; and F_ext is Ff alone
+Ff as the whole force | 82.5 73.17 76.3 | in place of v_next = v + ts * rate; and F_ext is Ff alone
     -m*g*sin(theta) - a0*v**2 - Ff -> Ff
     v_next = v + ts*(a + F_ext/m) -> v_next = a + F_ext/m
 """)

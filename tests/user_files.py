@@ -62,6 +62,9 @@ class PID:
         if (wanted - output) * increment <= 0.0:
             self.integral += increment
         return output
+
+
+pid = PID(30, 200, 0.1)
 """
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import wraps
 from itertools import count
@@ -70,6 +71,7 @@ class JudgedCode:
         self._reasons: dict[str, str] = {}
         self._printed = b''
         self._numbers = count()
+        self._gains: ChosenGains | None = None
 
     def __enter__(self) -> Self:
         """Return the code; its process ends with the block."""
@@ -112,13 +114,13 @@ class JudgedCode:
         return [Command(*row) for row in _rows('relay', found, rows, len(Command._fields))]
 
     def chosen_gains(self) -> ChosenGains | None:
-        """Return the gains that `controller.py` chooses; None if it has none."""
-        try:
+        """Return the gains that `controller.py`, once loaded, chooses; None if it has none."""
+        with suppress(KeyError, TypeError, ValueError, OverflowError):
             kp, ki, kd, origin = self._notes()['gains']
             gains = ChosenGains(float(kp), float(ki), float(kd), one_line(str(origin), 100))
-        except (KeyError, TypeError, ValueError, OverflowError):
-            return None
-        return gains if all(map(isfinite, gains[:3])) else None
+            if all(map(isfinite, gains[:3])):
+                self._gains = gains  # a process that has ended tells no more of them
+        return self._gains
 
     def tolerated(self) -> tuple[str, ...]:
         """Return what was tolerated in the files that are loaded, a phrase each."""
@@ -129,6 +131,23 @@ class JudgedCode:
     def relay_keys(self) -> str:
         """Return the keys that were pressed for a relay that reads them itself, or nothing."""
         return one_line(str(self._notes().get('keys', '')), 20)
+
+    def line_of(
+        self, do: str, arguments: Sequence[Any], values: Iterable[float], others: Iterable[float]
+    ) -> str:
+        """Return the file and line that first gives one of the `values` to a name in a request.
+
+        Values that are among the `others` do not count. Where no line does, it is the one that
+        returns; empty if that is not known.
+        """
+        try:
+            lines = [(str(at), float(value)) for at, value in self.call('lines', do, *arguments)]
+        except (UserCodeError, TypeError, ValueError):
+            return ''
+        usual = np.array([0.0, 1.0, *others])
+        wrong = np.array([v for v in values if not np.isclose(v, usual, 1e-12, 0.0).any()])
+        near = (at for at, value in lines if np.isclose(value, wrong, 1e-9, 0.0).any())
+        return one_line(next(near, lines[-1][0] if lines else ''), 100)
 
     def _notes(self) -> dict[str, Any]:
         try:
@@ -194,7 +213,7 @@ class JudgedController:
 
     def __init__(self, code: JudgedCode, number: int) -> None:
         """Refer to the controller `number` of `code`."""
-        self._code, self._number = code, number
+        self._code, self.number = code, number
 
     def acc_calculate(self, reference: float, current: float, dt: float, /) -> float:
         """Return the commanded acceleration [m/s²]."""
@@ -202,12 +221,12 @@ class JudgedController:
 
     def acc_sequence(self, rows: Sequence[Sample], /) -> list[float]:
         """Return the results of `acc_calculate` for one sample after the other."""
-        found = self._code.call('steps', self._number, rows)
+        found = self._code.call('steps', self.number, rows)
         return _numbers('PID', found, len(rows))
 
     def reset(self) -> bool:
         """Call the user's `reset()`; return False if the class has none."""
-        return self._code.call('reset', self._number) is True
+        return self._code.call('reset', self.number) is True
 
 
 def _relay_calls(twists: Sequence[TimedTwist], duration: float) -> list[TimedTwist]:

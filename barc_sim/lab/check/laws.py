@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Range = tuple[float, float]  #: uniform between the two
 
-_NUMPY = ('abs', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
+_NUMPY = ('abs', 'arctan2', 'clip', 'cos', 'degrees', 'maximum', 'radians', 'sign', 'sin', 'tan')
 _FUNCTIONS = {'atan': np.arctan, **{name: getattr(np, name) for name in _NUMPY}}
 _SAMPLE = 100  #: inputs with which pairs of mistakes are tried first
 
@@ -45,6 +45,34 @@ class Mistake(NamedTuple):
     topic: str
     sentence: str  #: what to check, as the user reads it
     formulas: dict[str, str]  #: the wrong ones, by quantity
+    kind: str  #: the sentence as the file has it: one mistake, made in several results
+
+    @property
+    def is_general(self) -> bool:
+        """Whether it is any mistake in a quantity, whose value follows from what was returned."""
+        return any('_got' in formula for formula in self.formulas.values())
+
+
+class Cause(NamedTuple):
+    """What explains a wrong result: a mistake, or two."""
+
+    mistakes: tuple[Mistake, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What to check."""
+        few = 'two mistakes: ' if self.mistakes[1:] else ''
+        return few + '; and '.join(each.sentence for each in self.mistakes)
+
+    @property
+    def kind(self) -> str:
+        """The same for each result that the same mistakes make wrong."""
+        return '; '.join(each.kind for each in self.mistakes)
+
+    @property
+    def formulas(self) -> Formulas:
+        """The wrong formulas, by quantity."""
+        return {name: text for each in self.mistakes for name, text in each.formulas.items()}
 
 
 class Situation(NamedTuple):
@@ -76,6 +104,11 @@ class Law:
         """Return all quantities; `changes` replace formulas, and inputs before they are used."""
         return Quantities(inputs, {**self.formulas, **(changes or {})}, self.functions)
 
+    def everything(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, float]:
+        """Return the value of each formula for one input."""
+        made = self.compute(inputs, changes)
+        return {name: float(made[name]) for name in {**self.formulas, **(changes or {})}}
+
     def right(self, inputs: Inputs, name: str, mistakes: Formulas | None = None) -> list[Floats]:
         """Return the values of the result `name` by each right form of it, with `mistakes`."""
         mistakes = mistakes or {}
@@ -90,8 +123,8 @@ class Law:
     @np.errstate(all='ignore')
     def explain(
         self, inputs: Inputs, results: Mapping[str, Floats], wrong: Iterable[str], agree: Agree
-    ) -> dict[str, str]:
-        """Return a sentence for each wrong result that one mistake, or two, explain.
+    ) -> dict[str, Cause]:
+        """Return the cause of each wrong result that one mistake, or two, explain.
 
         Parameters
         ----------
@@ -113,19 +146,21 @@ class Law:
             )
 
         explained = [
-            (mistake.sentence, {name for name in results if explains(name, mistake.formulas)})
+            (mistake, {name for name in results if explains(name, mistake.formulas)})
             for mistake in self.mistakes
         ]
-        found: dict[str, str] = {}
+        found: dict[str, Cause] = {}
         # The mistake that explains the most results, right ones included, comes first.
-        for sentence, names in sorted(explained, key=lambda item: -len(item[1])):
-            found |= {name: sentence for name in wrong if name in names and name not in found}
+        for mistake, names in sorted(explained, key=lambda m: (m[0].is_general, -len(m[1]))):
+            new = [name for name in wrong if name in names and name not in found]
+            if new[1:] or not mistake.is_general:
+                found |= dict.fromkeys(new, Cause((mistake,)))
         for name in (name for name in wrong if name not in found):
             few = slice(None, None, max(len(results[name]) // _SAMPLE, 1))
             for first, second in self._pairs(_sliced(inputs, few), name, agree):
                 both = first.formulas | second.formulas
                 if explains(name, both, few) and explains(name, both):
-                    found[name] = f'two mistakes: {first.sentence}; and {second.sentence}'
+                    found[name] = Cause((first, second))
                     break
         return found
 
@@ -162,7 +197,7 @@ def read(file: Path, **values: object) -> tuple[Formulas, tuple[Mistake, ...]]:
         topic, *loops = title.split('; ')
         for chosen in product(*map(_choices, loops)):
             if len({value for _, value in chosen}) == len(loops):
-                mistakes += _mistakes(topic, text.format_map({**values, **dict(chosen)}))
+                mistakes += _mistakes(topic, text, {**values, **dict(chosen)})
     return right, tuple(mistakes)
 
 
@@ -174,11 +209,13 @@ def _choices(loop: str) -> list[tuple[str, str]]:
     return [(name, value) for value in values]
 
 
-def _mistakes(topic: str, text: str) -> Iterator[Mistake]:
-    """Yield the mistakes of a section."""
+def _mistakes(topic: str, text: str, values: Mapping[str, object]) -> Iterator[Mistake]:
+    """Yield the mistakes of a section, with `values` put in."""
     for entry in re.split(r'\n(?! )', text.strip()):
-        sentence, *lines = entry.splitlines()
-        yield Mistake(topic, sentence, dict(line.strip().split(' = ', 1) for line in lines))
+        kind, *lines = entry.splitlines()
+        formulas = (line.strip().format_map(values).partition(' = ') for line in lines)
+        wrong = {name: formula for name, _, formula in formulas}
+        yield Mistake(topic, kind.format_map(values), wrong, kind)
 
 
 class Quantities(dict[str, Any]):

@@ -26,6 +26,7 @@ from functools import partial
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.util import spec_from_file_location
+from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,7 @@ _TARS: dict[str, Callable[[str], Any]] = {
     '.tar.xz': lzma.open,
 }
 ENDINGS = ('.zip', *_TARS)
+_MAX_VALUES = 5000  # of the names in a function
 
 
 class _Installed(MetaPathFinder):
@@ -126,6 +128,40 @@ class CodeServer:
     ) -> list[Command]:
         """Return what a relay commands: for `twists` a program, in these `calls` a function."""
         return self._code.relay_commands(twists, duration, calls)
+
+    def lines(self, do: str, *arguments: Any) -> list[tuple[str, float]]:  # noqa: ANN401 (JSON)
+        """Return the lines that give numbers to names in a request, with these; last, its return.
+
+        Names are local ones, and those of `self`.
+        """
+        names = {str(source.path): source.name for source in self._code.sources}
+        before: dict[FrameType, tuple[int, dict[str, Any]]] = {}
+        found: list[tuple[str, float]] = []
+
+        def trace(frame: FrameType, event: str, _: object) -> Callable[..., Any] | None:
+            file = names.get(frame.f_code.co_filename)
+            if file is None or len(found) > _MAX_VALUES:
+                return None
+            own = getattr(frame.f_locals.get('self'), '__dict__', {})
+            values = {**frame.f_locals, **{f'self.{name}': value for name, value in own.items()}}
+            line, old = before.get(frame, (0, values))
+            found.extend(
+                (f'{file}, line {line}', float(value))
+                for name, value in values.items()
+                if isinstance(value, (int, float)) and old.get(name) is not value
+            )
+            if event == 'return':
+                found.append((f'{file}, line {frame.f_lineno}', nan))
+            before[frame] = frame.f_lineno, values
+            return trace
+
+        usual = sys.gettrace()
+        sys.settrace(trace)
+        try:
+            self.call(do, *arguments)
+        finally:
+            sys.settrace(usual)
+        return found
 
     def notes(self) -> dict[str, Any]:
         """Return the chosen gains, what was tolerated, and the keys that a relay reads."""

@@ -9,6 +9,7 @@ judges it.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
@@ -18,15 +19,15 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, judges
-from barc_sim.lab.check.laws import Law, read
+from barc_sim.lab.check.laws import Cause, Law, read
 from barc_sim.lab.hills.memory import RANDOM, TOLERANCE, judge_reset, judge_windup, wandering
-from barc_sim.lab.hills.model import TS
+from barc_sim.lab.hills.model import NOT_A_CAR, TS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from barc_sim.lab.check.code import Judged, JudgedCode, Sample
-    from barc_sim.lab.check.laws import Floats
+    from barc_sim.lab.check.laws import Floats, Mistake
 
     Gains = tuple[float, float, float]  # kp, ki, kd
 
@@ -85,13 +86,14 @@ PID_LAW = Law(
         'bounded_total': _bounded_total,
     },
 )
-#: By term, the law with the mistakes in that term.
-TERM_LAWS = {
-    name: replace(
-        PID_LAW, mistakes=tuple(each for each in PID_LAW.mistakes if each.topic[0] == name)
-    )
-    for name in 'PID'
-}
+
+
+def _mistakes(*topics: str) -> tuple[Mistake, ...]:
+    return tuple(each for topic in topics for each in PID_LAW.mistakes if each.topic[0] == topic)
+
+
+#: By term, the law with the mistakes in that term, then those in the error.
+TERM_LAWS = {name: replace(PID_LAW, mistakes=_mistakes(name, 'E')) for name in 'PID'}
 LABELS = {
     'pid.proportional': 'PID: proportional term',
     'pid.integral': 'PID: integral term',
@@ -106,12 +108,11 @@ LABELS = {
 def judge_controller(code: JudgedCode, seed: int) -> Iterator[Finding]:
     """Yield a finding for each criterion `pid.…`."""
     reset = judge_reset(code, seed)
-    ignored = _ignores_gains(code, seed)
-    terms = [
-        Finding(term.criterion, 0.0, ignored) if ignored else _judge_term(code, term, seed)
-        for term in TERMS
-    ]
+    terms = _judge_terms(code, seed)
     others = (_judge_dt(terms), _judge_first_call(code, terms[-1], seed), judge_windup(code))
+    if terms[1].factor is None and not others[-1].passed:
+        # What follows from a mistake in the integral is not taken off again.
+        others = (*others[:-1], replace(others[-1], score=max(others[-1].score, terms[1].score)))
     for finding in (*terms, *others):
         # Randomness comes first in the message: it changes every other result.
         random = not finding.passed and reset.message.startswith(RANDOM)
@@ -166,6 +167,10 @@ class Trials:
         """The right outputs, by each form of the term."""
         return TERM_LAWS[self.term.name].right(self.inputs, self.term.name)
 
+    def by(self, mistake: Mistake) -> list[Floats]:
+        """Return the outputs with a mistake, by each form of the term."""
+        return TERM_LAWS[self.term.name].right(self.inputs, self.term.name, mistake.formulas)
+
     def ratio(self, got: Floats, expected: Floats) -> float:
         """Return the constant factor between outputs; 0 if there is none."""
         got, expected = (values[:, self.term.first :] for values in (got, expected))
@@ -174,9 +179,9 @@ class Trials:
         return ratio if fits else 0.0
 
     def proportional(self, got: Floats, expected: Floats) -> bool:
-        """Return whether outputs are others, up to a constant factor but 0."""
+        """Return whether outputs are others, up to a positive factor."""
         if np.any(got[:, self.term.first :]):
-            return bool(self.ratio(got, expected))
+            return self.ratio(got, expected) > 0.0
         return not np.any(expected)
 
     def factor(self) -> float:
@@ -240,40 +245,117 @@ def _outputs(code: JudgedCode, gains: Sequence[Gains], sequences: Sequence[list[
     return np.array([code.new_pid(*each).acc_sequence(sequence) for each, sequence in pairs])
 
 
+def wrong_terms(findings: Sequence[Finding]) -> str:
+    """Return the letters of the terms that are there, but wrong."""
+    scores = {each.criterion: each.score for each in findings}
+    return ''.join(term.name for term in TERMS if 0.0 < scores[term.criterion] < 1.0)
+
+
 @np.errstate(all='ignore')
-def _judge_term(code: JudgedCode, term: Term, seed: int) -> Finding:
-    """Return the finding for a term; its score is the share of right outputs, above one half."""
-    try:
-        trials = _trials(code, term, seed)
-    except UserError as error:
-        return Finding(term.criterion, 0.0, str(error))
-    if factor := trials.factor():
-        gains = ' and '.join(f'{gain:g}' for gain in term.gains)
-        message = f'right in all {trials.outputs.size} outputs, for gains of {gains}'
-        if factor != 1.0:
-            message += f'; {_remark(term.name, factor)}, or choose gains that absorb it'
-        return Finding(term.criterion, 1.0, message, factor=factor)
-    score = max(map(trials.share, _FACTORS))
-    # A smaller share is chance: outputs of a wrong term that happen to be right.
-    return Finding(term.criterion, score if score > _HALF else 0.0, _cause(code, trials, seed))
+def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
+    """Return the finding for each term.
+
+    A term that is there, with a known mistake, loses a half; the same mistake in several terms
+    counts once. Another one has the share of right outputs, above one half.
+    """
+    if ignored := ignores_gains(code, seed):
+        return [Finding(term.criterion, *ignored[term.name]) for term in TERMS]
+    tried: dict[str, Trials] = {}
+    findings: dict[str, Finding] = {}
+    for term in TERMS:
+        try:
+            tried[term.name] = trials = _trials(code, term, seed)
+        except UserError as error:
+            findings[term.name] = Finding(term.criterion, 0.0, str(error))
+            continue
+        if factor := trials.factor():
+            gains = ' and '.join(f'{gain:g}' for gain in term.gains)
+            message = f'right in all {trials.outputs.size} outputs, for gains of {gains}'
+            if factor != 1.0:
+                message += f'; {_remark(term.name, factor)}, or choose gains that absorb it'
+            findings[term.name] = Finding(term.criterion, 1.0, message, factor=factor)
+    common = _in_the_error(tried)
+    wrong = {name: trials for name, trials in tried.items() if name not in findings}
+    placed: dict[str, str] = {}  # one mistake has one line
+    causes = {name: _cause(code, each, seed, common, placed) for name, each in wrong.items()}
+    times = Counter(kind for _, kind in causes.values())
+    for name, (message, kind) in causes.items():
+        score = max(map(tried[name].share, _FACTORS))
+        # A smaller share is chance: outputs of a wrong term that happen to be right.
+        score = score if score > _HALF else 0.0
+        if kind:
+            score = 1.0 - _HALF / times[kind]
+        findings[name] = Finding(tried[name].term.criterion, score, message)
+    return [findings[term.name] for term in TERMS]
 
 
-def _cause(code: JudgedCode, trials: Trials, seed: int) -> str:
-    """Return why a term is wrong: rounding, the mistake in it, or its largest error."""
+def _in_the_error(tried: Mapping[str, Trials]) -> Cause | None:
+    """Return the mistake in the error that explains all wrong terms, but those that are absent."""
+    outputs = {name: trials.outputs for name, trials in tried.items() if trials.outputs.any()}
+    for mistake in _mistakes('E') if len(outputs) > 1 else ():
+        explained = (
+            any(tried[name].proportional(got, values) for values in tried[name].by(mistake))
+            for name, got in outputs.items()
+        )
+        if all(explained) and not all(tried[name].factor() for name in outputs):
+            return Cause((mistake,))
+    return None
+
+
+def _cause(
+    code: JudgedCode, trials: Trials, seed: int, common: Cause | None, placed: dict[str, str]
+) -> tuple[str, str]:
+    """Return why a term is wrong, and the kind of mistake; empty where the term is not there.
+
+    That is rounding, the mistake in it, or its largest error.
+    """
     term, large = trials.term, trials
     if not trials.outputs.any():
         try:
             # Only large outputs are rounded to other numbers than 0; kp can multiply the term.
             large = _trials(code, term, seed, output=100.0)
-            trials = trials if term.name == 'P' else _trials(code, term, seed, kp=2.0)
+            trials = trials if term.name == 'P' else _trials(code, term, seed, kp=3.0)
         except UserError:
             pass
-    if hint := _rounding(large.outputs):
-        return hint
-    found = TERM_LAWS[term.name].explain(
-        trials.inputs, {term.name: trials.outputs}, [term.name], trials.proportional
+    cause, hint = common if trials.outputs.any() else None, _rounding(large.outputs)
+    if not cause and not hint:
+        cause = (
+            TERM_LAWS[term.name]
+            .explain(trials.inputs, {term.name: trials.outputs}, [term.name], trials.proportional)
+            .get(term.name)
+        )
+    message = hint or (cause.sentence if cause else _largest_error(trials))
+    kind = hint or (cause.kind if cause and trials.outputs.any() else '')
+    placed[message] = placed.get(message) or _placed(code, trials, cause)
+    return placed[message] + message, kind
+
+
+def _placed(code: JudgedCode, trials: Trials, cause: Cause | None) -> str:
+    """Return the file and line that compute a wrong term, with a colon; empty if not known."""
+    inputs, got, expected = trials.inputs, trials.outputs, trials.expected[0]
+    k = (
+        int(np.argmax(np.abs(got - expected)[0, trials.term.first :] > TOLERANCE))
+        + trials.term.first
     )
-    return found.get(term.name) or _largest_error(trials)
+    reference, measured = (inputs[name][0, : k + 1].tolist() for name in ('reference', 'measured'))
+    rows = [(r, v, TS) for r, v in zip(reference, measured, strict=True)]
+    gains = [float(inputs[name].ravel()[0]) for name in ('kp', 'ki', 'kd')]
+
+    def at_k(formulas: Mapping[str, str]) -> list[float]:
+        made = PID_LAW.compute(inputs, formulas)
+        return [float(np.broadcast_to(made[each], got.shape)[0, k]) for each in PID_LAW.formulas]
+
+    try:
+        (*_, output) = code.new_pid(*gains).acc_sequence(rows)
+        pid = code.new_pid(*gains)
+        pid.acc_sequence(rows[:-1])
+    except UserError:
+        return ''
+    pairs = zip(at_k(cause.formulas), at_k({}), strict=True) if cause else ()
+    wrong = {got[0, k], output, *(value for value, right in pairs if value != right)}
+    others = [*rows[-1], output - got[0, k]]  # P, where that is added
+    place = code.line_of('steps', (pid.number, rows[-1:]), wrong, others)
+    return f'{place}: ' if place else ''
 
 
 def _rounding(outputs: Floats) -> str:
@@ -324,21 +406,31 @@ def _remark(term: str, factor: float) -> str:
 
 
 @np.errstate(all='ignore')
-def _ignores_gains(code: JudgedCode, seed: int) -> str:
-    """Return a message if the outputs are the same for all gains, else an empty string."""
-    rows = wandering(seed, 'gains', 1.0)
+def ignores_gains(code: JudgedCode, seed: int) -> dict[str, tuple[float, str]]:
+    """Return score and message of each term if outputs are the same for all gains, else nothing.
+
+    A term that is there, with a gain of its own, loses a half.
+    """
+    rows = wandering(seed, 'gains', 0.01)
     try:
         one, other = (
             code.new_pid(*gains).acc_sequence(rows) for gains in ((1.0, 0.5, 0.1), (3.0, 2.0, 0.7))
         )
     except UserError:
-        return ''
+        return {}
     if one != other or not any(one):
-        return ''
-    return (
+        return {}
+    error = np.array([[reference - measured for reference, measured, _ in rows]])
+    terms = np.concatenate([error, _total(error) * TS, (error - _before(error)) / TS]).T[1:]
+    outputs = np.array(one[1:])
+    own, *_ = np.linalg.lstsq(terms, outputs)
+    fits = np.abs(terms @ own - outputs).max() <= _RELATIVE * min(np.abs(outputs).max(), NOT_A_CAR)
+    message = (
         'the gains that PID gets have no effect: it uses numbers of its own. Store kp, ki and kd '
         'in __init__, and use these'
     )
+    there = fits & (np.abs(own) > _RELATIVE)
+    return {name: (_HALF * bool(each), message) for name, each in zip('PID', there, strict=True)}
 
 
 @judges('pid.dt')
@@ -346,19 +438,21 @@ def _judge_dt(findings: Sequence[Finding]) -> Judged:
     """Return the finding on the factors of the terms, from their findings."""
     names = {term.criterion: term.name for term in TERMS}
     wrong = {names[each.criterion]: each.factor for each in findings if each.factor != 1.0}
+    # What follows from a mistake in a term is not taken off again.
+    scores = [each.factor == 1.0 if each.factor else each.score for each in findings]
     hints = [
         _remark(name, factor) if factor else f'{name} is not right'
         for name, factor in wrong.items()
     ]
     right = 'each term has the factor of the formula, dt included'
-    return 1.0 - len(wrong) / len(findings), '; '.join(hints) or right
+    return float(np.mean(scores)), '; '.join(hints) or right
 
 
 @judges('pid.first_call')
 def _judge_first_call(code: JudgedCode, derivative: Finding, seed: int) -> Judged:
     """Return whether D is 0 at the first call, which has no error before it."""
     if derivative.factor is None:
-        return 0.0, 'D is not right: see pid.derivative'
+        return derivative.score, 'D is not right: see pid.derivative'
     term = TERMS[-1]
     gain = term.gains[0]
     pid = code.new_pid(*term.only(gain))

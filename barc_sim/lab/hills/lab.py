@@ -6,11 +6,13 @@ Tolerances are far above the differences between maths libraries, and far below 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING
 
 from barc_sim.control.pid import KD, KI, KP
+from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, JudgedCode, Part, judge_parts
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.hills import controller, loop, model, relay
@@ -20,27 +22,35 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
-_DEFAULT = ChosenGains(KP, KI, KD, "barc_sim's own, because controller.py chooses none")
 #: Of `check`, whose user waits and has written the code.
 _CHECKED = Limits(call=2.0, wait=10.0, total=45.0)
 
 
 def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     wanted, seed = settings.criteria, settings.seed
-    if any(f'model.{name}' in wanted for name in model.EQUATIONS):
-        yield from model.judge_equations(code, seed)
+    equations = model.judge_equations(code, seed)
+    yield from equations
     if 'model.trajectory' in wanted:
-        yield model.judge_trajectory(code)
+        yield model.judge_trajectory(code, equations)
     if 'model.reverse' in wanted:
-        yield model.judge_reverse(code, seed)
+        yield model.judge_reverse(code, seed, equations)
     if 'model.general' in wanted:
-        yield model.judge_general(code, seed)
+        yield model.judge_general(code, seed, equations)
 
 
 def _judge_controller(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
-    yield from controller.judge_controller(code, settings.seed)
+    with suppress(UserError):
+        code.new_pid(KP, KI, KD)
+    gains = gains_used(code.chosen_gains(), settings)
+    findings = [*controller.judge_controller(code, settings.seed)]
+    yield from findings
+    if gains is None and controller.ignores_gains(code, settings.seed):
+        gains = ChosenGains(KP, KI, KD, 'which have no effect')
     conditions = loop.Conditions(
-        gains_used(code.chosen_gains(), settings), settings.acceleration_limit, settings.thresholds
+        gains,
+        settings.acceleration_limit,
+        settings.thresholds,
+        mended=controller.wrong_terms(findings),
     )
     if 'loop.lab_road' in settings.criteria:
         yield loop.judge_lab_road(code, conditions)
@@ -77,12 +87,12 @@ def judge(code: JudgedCode, settings: Settings | None = None) -> list[Finding]:
     return judge_parts(code, PARTS, settings.criteria, settings)
 
 
-def gains_used(chosen: ChosenGains | None, settings: Settings) -> ChosenGains:
-    """Return the gains with which the code drives: the command line's, the file's or barc_sim's."""
-    chosen = chosen or _DEFAULT
+def gains_used(chosen: ChosenGains | None, settings: Settings) -> ChosenGains | None:
+    """Return the gains with which the code drives: the command line's, or those of its file."""
     options = (settings.kp, settings.ki, settings.kd)
     if options == (None, None, None):
         return chosen
+    chosen = chosen or ChosenGains(KP, KI, KD, 'barc_sim')
     kp, ki, kd = (c if g is None else g for g, c in zip(options, chosen[:3], strict=True))
     rest = '' if None not in options else f', the others from {chosen.origin}'
     return ChosenGains(kp, ki, kd, f'the command line{rest}')

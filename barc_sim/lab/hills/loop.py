@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 from math import inf, isfinite, nan
 from random import Random
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.check.code import judges
 from barc_sim.lab.hills.model import NOT_A_CAR, TS
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
-from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
+from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, closed_loop
 from barc_sim.simulation.metrics import summary
 from barc_sim.simulation.progress import Progress
 from barc_sim.vehicle.bike_model import GRAVITY
@@ -24,7 +24,7 @@ from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from barc_sim.lab.check.code import Judged, JudgedCode, JudgedController
+    from barc_sim.lab.check.code import Judged, JudgedCode
     from barc_sim.lab.check.laws import Floats
     from barc_sim.lab.user_code.source import ChosenGains
     from barc_sim.simulation.log import Log
@@ -71,14 +71,15 @@ class Thresholds:
 class Conditions:
     """How a controller drives."""
 
-    gains: ChosenGains
+    gains: ChosenGains | None  #: None: it chooses none
     limit: float = inf  #: [m/s²] of its output
     thresholds: Thresholds = field(default_factory=Thresholds)
+    mended: str = ''  #: letters of terms, whose mistakes have cost points, as in `PI`
 
     def __str__(self) -> str:
         """Return them as text."""
-        limit = f'limited to {self.limit:g} m/s²' if isfinite(self.limit) else 'without a limit'
-        return f'with {self.gains}, {limit}'
+        limit = f', limited to {self.limit:g} m/s²' if isfinite(self.limit) else ''
+        return f'with {self.gains}{limit}'
 
 
 class Stretch(NamedTuple):
@@ -102,16 +103,50 @@ class Comparison:
 
 @judges('loop.lab_road')
 def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
-    """Return the finding for the lab's road, with what the speed does on each stretch of it."""
+    """Return the finding for the lab's road, with what the speed does on each stretch of it.
+
+    Where the score is not full, a gain is named with which the user's own code did better.
+    """
     try:
         drive = _drive(code, conditions, Road.lab(), DISTANCE)
     except UserError as error:
-        if NOT_WRITTEN in str(error):
+        if NOT_WRITTEN in str(error) or not conditions.gains:
             raise
         raise UserError(f'{error} ({conditions})') from error
-    message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}'
+    message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}{_advice(code, drive)}'
     reference = _reference(conditions.limit)
     return drive.score, message, Comparison(drive.log, reference, tuple(drive.stretches))
+
+
+_TRIED = (1.5, 3.0)  #: times a gain
+_BETTER = 0.9  #: times the RMS error
+
+
+def _advice(code: JudgedCode, drive: Drive) -> str:
+    """Return the larger gain with which the same code holds the speed best; empty if none does."""
+    conditions = drive.conditions
+    if drive.score == 1.0 or drive.mended or not conditions.gains:
+        return ''
+    duration, best, advice = 2.0 * float(drive.log.t[-1]), drive, ''
+    for name, gain in zip(PID.gains, conditions.gains[:3], strict=True):
+        for factor in _TRIED if gain else ():
+            changed: Any = {name: factor * gain}
+            gains = conditions.gains._replace(**changed)
+            try:
+                other = _driven(
+                    code, replace(conditions, gains=gains), Road.lab(), DISTANCE, duration
+                )
+            except UserError:
+                continue
+            (rms, _), (best_rms, _) = other.errors, best.errors
+            arrives = other.log.distance[-1] >= DISTANCE and other.score > best.score
+            if arrives and (drive.failure or rms < _BETTER * drive.errors[0]) and rms < best_rms:
+                best = other
+                advice = (
+                    f'. With {name} {factor * gain:g} in place of {gain:g} the RMS error is '
+                    f'{rms:.3f} m/s'
+                )
+    return advice
 
 
 @cache
@@ -131,12 +166,17 @@ def judge_random_roads(code: JudgedCode, conditions: Conditions, seed: int) -> J
 
 
 class _Limited(PID):
-    """A user's controller, its output limited."""
+    """A user's controller, its output limited; terms of barc_sim's PID take the place of some."""
 
-    def __init__(self, controller: JudgedController, limit: float) -> None:
+    def __init__(self, code: JudgedCode, conditions: Conditions, mended: str) -> None:
+        assert conditions.gains  # noqa: S101 (there are some)
+        gains, limit = conditions.gains[:3], conditions.limit
         super().__init__(nan, nan, nan, output_min=-limit, output_max=limit)
         self.proportional = self.integral = self.derivative = nan
-        self._controller = controller
+        own = [0.0 if name in mended else gain for name, gain in zip('PID', gains, strict=True)]
+        added = [gain - kept for gain, kept in zip(gains, own, strict=True)]
+        self._controller = code.new_pid(*own, limit=limit)
+        self._added = PID(*added, output_min=-inf, output_max=inf)
         self.calls = 0
 
     def acc_calculate(
@@ -146,6 +186,7 @@ class _Limited(PID):
         self.calls += 1
         dt = self.dt if dt is None else dt
         requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
+        requested += self._added.acc_calculate(speed_reference, speed_current, dt)
         output = min(max(requested, self.output_min), self.output_max)
         if abs(output) > NOT_A_CAR:
             raise UserError(
@@ -157,20 +198,46 @@ class _Limited(PID):
 
 
 def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float) -> Drive:
-    """Drive over a road; an error of the code on the way names the call."""
+    """Drive over a road; what follows from a wrong term is not taken off again.
+
+    So the code drives with its wrong terms put right, too, and the better drive counts.
+    """
+    if conditions.gains is None:
+        code.new_pid(0.0, 0.0, 0.0).acc_calculate(0.0, 0.0, TS)  # its own error, if there is one
+        raise UserError(
+            'controller.py chooses no gains: write the call PID(kp=…, ki=…, kd=…) with the tuned '
+            'ones as its last line'
+        )
+    if not conditions.mended:
+        return _driven(code, conditions, road, distance)
+    mended = _driven(code, conditions, road, distance, mended=conditions.mended)
+    try:
+        own = _driven(code, conditions, road, distance)
+    except UserError:
+        return mended
+    return own if own.score >= mended.score else mended
+
+
+def _driven(
+    code: JudgedCode,
+    conditions: Conditions,
+    road: Road,
+    distance: float,
+    duration: float = MAX_DURATION,
+    mended: str = '',
+) -> Drive:
+    """Drive over a road once; an error of the code on the way names the call."""
     plant = Plant(road=road)
-    pid = _Limited(
-        code.new_pid(*conditions.gains[:3], limit=conditions.limit), limit=conditions.limit
-    )
+    pid = _Limited(code, conditions, mended)
     progress = Progress(distance)
     try:
-        log = closed_loop(plant, pid, distance=distance, progress=progress)
+        log = closed_loop(plant, pid, distance=distance, max_duration=duration, progress=progress)
     except UserError as error:
         if NOT_WRITTEN in str(error):
             raise
         time = (pid.calls - 1) * plant.ts
         raise UserError(f'call {pid.calls}, after {time:.2f} s on the road: {error}') from error
-    return Drive(log, progress.failure, conditions)
+    return Drive(log, progress.failure, conditions, mended)
 
 
 @dataclass(frozen=True)
@@ -180,12 +247,22 @@ class Drive:
     log: Log
     failure: str  #: what the car does that never arrives
     conditions: Conditions
+    mended: str = ''  #: letters of the terms that were put right
 
     @property
     def errors(self) -> tuple[float, float]:
         """The RMS and the maximum error [m/s] after the run-up."""
         result = summary(self.log)
         return round(result.rms_error_after_run_up, 6), round(result.max_error_after_run_up, 6)
+
+    @property
+    def limit(self) -> float:
+        """The limit [m/s²] of the output: the one given, or one at which it stays for long."""
+        size = np.abs(self.log.motor)
+        at_limit = np.concatenate([[0], size == size.max(), [0]])
+        times = np.diff(np.flatnonzero(np.diff(at_limit)))[::2]
+        own = float(size.max()) if times.max(initial=0) > _OWN_LIMIT and size.max() else inf
+        return min(self.conditions.limit, own)
 
     @property
     def score(self) -> float:
@@ -203,17 +280,19 @@ class Drive:
     def describe(self) -> str:
         """Return a sentence on the errors."""
         if self.failure:
-            return self.failure
+            limit = f'; its output is {self.limit:g} m/s² at most' if isfinite(self.limit) else ''
+            return f'{self.failure}{limit}'
         (rms, maximum), by = self.errors, self.conditions.thresholds
+        mended = f'with {" and ".join(self.mended)} put right: ' if self.mended else ''
         return (
-            f'RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
+            f'{mended}RMS error {rms:.3f} m/s after the first 10 m, at most {maximum:.3f} m/s '
             f'({by.full_rms:g} and {by.full_max:g} m/s are full marks)'
         )
 
     @property
     def stretches(self) -> list[Stretch]:
         """Each stretch of one grade."""
-        log, limit = self.log, self.conditions.limit
+        log, limit = self.log, self.limit
         changes = np.flatnonzero(np.diff(log.theta_deg)) + 1
         stretches: list[Stretch] = []
         for first, last in pairwise([0, *changes.tolist(), len(log)]):
@@ -243,6 +322,7 @@ _BACKWARDS = 'the car drives backwards: is the error speed_reference - speed_cur
 _HELD = 0.05  #: [m/s] An error up to this is negligible.
 _NEAR = 0.02  #: share of the reference within which it counts as reached
 _LONG_LIMIT = 0.1  #: [s] An output at its limit for a shorter time has no effect.
+_OWN_LIMIT = 25  #: calls: code that returns its largest output for longer has a limit of its own
 # Shares of the maximum error on a stretch:
 _CARRIED = 0.6  #: that the stretch starts with
 _SWINGS, _SWING = 4, 0.3  #: that a swing reaches, and how many count
@@ -273,14 +353,18 @@ def _of_stretch(log: Log, part: slice, limit: float) -> str:
     needs = f'needs {abs(change):.1f} m/s² {"more" if change > 0.0 else "less"} at once'
     if peak <= _HELD:
         return f'{needs}: held within {_HELD:g} m/s'
+    if limited := _of_output(log, part, limit):
+        return f'{needs}: {limited}'
+    if swings := _swings(error):
+        return f'{needs}: {swings}'
     if abs(float(error[0])) >= _CARRIED * peak:
         return f'starts {abs(error[0]):.2f} m/s off, from the stretch before: {_end(error)}'
-    return f'{needs}: {_of_output(log, part, limit) or _of_error(error, np.sign(change))}'
+    return f'{needs}: {_of_error(error, np.sign(change))}'
 
 
 def _of_output(log: Log, part: slice, limit: float) -> str:
     """Return how long the output was at its limit; empty if that was too short to matter."""
-    saturated = log.saturated[part]
+    saturated = np.abs(log.motor[part]) >= limit
     limited = log.motor[part][saturated]
     if _sign_changes(limited) >= _SWINGS:
         return f'the output jumps between its limits of {limit:g} m/s²'
@@ -294,12 +378,17 @@ def _of_output(log: Log, part: slice, limit: float) -> str:
     return f'the output was at its limit of {limit:g} m/s² for {time:.1f} s{counter}'
 
 
+def _swings(error: Floats) -> str:
+    """Return how often and how far the speed swings; empty if it does not."""
+    swings = _sign_changes(error[np.abs(error) > _SWING * np.abs(error).max()])
+    if swings < _SWINGS:
+        return ''
+    return f'the speed swings {swings} times, by up to {np.abs(error).max():.2f} m/s'
+
+
 def _of_error(error: Floats, sign: float) -> str:
     """Return how the error goes on; it begins with `sign`."""
     peak = float(np.abs(error).max())
-    swings = _sign_changes(error[np.abs(error) > _SWING * peak])
-    if swings >= _SWINGS:
-        return f'the speed swings {swings} times'
     rest = float(np.mean(error[-max(len(error) // 5, 1) :]))
     if abs(rest) > _STEADY * peak:
         return f'{abs(rest):.2f} m/s too {"slow" if rest > 0.0 else "fast"} at its end'

@@ -6,9 +6,10 @@ the car at a standstill; the lab's equation does not.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cache
-from math import degrees, hypot, isfinite, pi, radians, sin
+from math import degrees, hypot, inf, isfinite, pi, radians, sin
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from barc_sim.lab.check.code import Judged, JudgedCode
-    from barc_sim.lab.check.laws import Floats, Range
+    from barc_sim.lab.check.laws import Cause, Floats, Range
 
 TS = 0.02  #: [s]
 EQUATIONS = ('x', 'y', 'psi', 'v')  #: in the order of what bikeFE returns
@@ -132,6 +133,8 @@ def with_lengths(l_f: float, l_r: float) -> Situation:
 
 #: Relative to max(|expected|, 1): far above rounding errors, far below any mistake.
 _TOLERANCE = 1e-9
+_PROPORTIONAL = 1e-6  #: relative error of a change that is the right one but for a factor
+_MIN_LOSS, _FACTOR, _SIGN = 0.1, 0.4, 0.6  #: of an equation's points; see `Trial.loss`
 #: After so many failures the code is not called again: each call can use its whole time budget.
 _MAX_FAILURES = 4
 _STATES = 250  #: of each situation
@@ -167,9 +170,38 @@ class Trial:
         except UserError as error:
             self.failure = str(error)
 
-    def right(self, name: str) -> Floats:
-        """Return the states in which the equation of `name` is right, shape `(n,)`."""
-        return close(self.got[name], self.expected[name])
+    def right(self, name: str, cause: Cause | None = None) -> Floats:
+        """Return the states in which the equation of `name` is right, shape `(n,)`.
+
+        What follows from a `cause` is right, too.
+        """
+        right = close(self.got[name], self.expected[name])
+        if cause:
+            law = BIKE.compute(self.known, cause.formulas)
+            right = np.logical_or(right, close(self.got[name], law[f'{name}_next']))
+        return right
+
+    @property
+    def known(self) -> dict[str, Floats]:
+        """The inputs, and what the code returned."""
+        return self.inputs | {f'{name}_got': got for name, got in self.got.items()}
+
+    def loss(self, name: str) -> float:
+        """Return how wrong the equation of `name` is, from 0 to 1, by the change over the step.
+
+        A constant that is off by little costs little, a factor more, a sign most; what is absent,
+        or has nothing to do with the right change, costs all.
+        """
+        if self.right(name).all():
+            return 0.0
+        old = self.inputs[name]
+        got, right = self.got[name] - old, self.expected[name] - old
+        size = float(np.vdot(right, right))
+        factor = float(np.vdot(got, right)) / size if size else 0.0
+        if np.abs(got - factor * right).max() <= _PROPORTIONAL * np.abs(got).max() and factor:
+            return min(abs(factor - 1.0), _FACTOR) if factor > 0.0 else _SIGN
+        error = np.sqrt(np.vdot(got - right, got - right) / size) if size else inf
+        return float(min(error, 1.0)) if error >= 0.0 else 1.0
 
 
 def _run(code: JudgedCode, seed: int, situations: Sequence[Situation]) -> list[Trial]:
@@ -204,38 +236,56 @@ def _at_other_lengths(code: JudgedCode, seed: int) -> tuple[Situation, ...]:
 def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     """Return a finding for each of the four equations, in states of the lab's road.
 
-    An equation's score is a product. The first factor is the share of states in which it is right,
-    as a mean over the situations that test it. The second is the same share over all other
-    situations.
+    An equation loses as much as it is wrong, see `Trial.loss`: the mean over the situations that
+    test it, and that over all others; for one known mistake no more than for a sign. A mistake in
+    several equations counts once: each of them loses its share.
     """
     trials = _run(code, seed, SITUATIONS)
     if random := _randomness(code, trials):
         return [Finding(f'model.{name}', 0.0, random) for name in EQUATIONS]
-    scores = {name: _score(trials, name) for name in EQUATIONS}
-    messages = dict.fromkeys(EQUATIONS, _right(trials))
-    for trial in _own_lengths(code, seed, trials):
-        wrong = [name for name in EQUATIONS if not trial.right(name).all()]
-        for name, sentence in _named([*trials, trial], wrong).items():
-            messages[name] += f' of a car with l_f = l_r; of another one not: {sentence}'
-    messages |= _sentences(trials, [name for name in EQUATIONS if scores[name] < 1.0])
-    return [Finding(f'model.{name}', scores[name], messages[name]) for name in EQUATIONS]
+    losses = {name: _loss(trials, name) for name in EQUATIONS}
+    causes = _causes(trials, [name for name in EQUATIONS if losses[name]])
+    kinds = {name: cause.kind if cause else text for name, (cause, text) in causes.items()}
+    times = Counter(kinds.values())
+    own = _own_lengths(code, seed, trials)
+    placed: dict[str, str] = {}  # one mistake has one line
+    findings = []
+    for name in EQUATIONS:
+        message, cause, score = _right(trials), None, 1.0
+        if name in causes:
+            cause, message = causes[name]
+            score = 1.0 - losses[name]
+            if not _is_absent(trials, name):
+                one = cause and not cause.mistakes[1:]
+                score = 1.0 - min(losses[name] / times[kinds[name]], _SIGN if one else 1.0)
+            placed[message] = placed.get(message) or _placed(code, trials, name, cause)
+            message = placed[message] + message
+        for trial in own:
+            wrong = [each for each in EQUATIONS if not trial.right(each).all()]
+            for also, found in _named([*trials, trial], wrong).items():
+                if also == name:
+                    text = _placed(code, [trial], name, found) + found.sentence
+                    message += f' of a car with l_f = l_r; of another one not: {text}'
+        findings.append(Finding(f'model.{name}', score, message, cause))
+    return findings
 
 
 @judges('model.reverse')
-def judge_reverse(code: JudgedCode, seed: int) -> Judged:
+def judge_reverse(code: JudgedCode, seed: int, equations: Sequence[Finding] = ()) -> Judged:
     """Return the finding on all equations together, at negative speeds."""
-    return _judge_beyond(code, seed, _run(code, seed, REVERSE))
+    return _judge_beyond(code, seed, _run(code, seed, REVERSE), equations)
 
 
 @judges('model.general')
-def judge_general(code: JudgedCode, seed: int) -> Judged:
+def judge_general(code: JudgedCode, seed: int, equations: Sequence[Finding] = ()) -> Judged:
     """Return the finding on all equations together, with another car.
 
     Other axle distances are tried if the function takes them.
     """
     lengths = _at_other_lengths(code, seed)
     trials = _run(code, seed, (*GENERAL, *lengths))
-    return _judge_beyond(code, seed, trials + ([] if lengths else _own_lengths(code, seed, trials)))
+    trials += [] if lengths else _own_lengths(code, seed, trials)
+    return _judge_beyond(code, seed, trials, equations)
 
 
 def _own_lengths(code: JudgedCode, seed: int, trials: Sequence[Trial]) -> list[Trial]:
@@ -243,60 +293,121 @@ def _own_lengths(code: JudgedCode, seed: int, trials: Sequence[Trial]) -> list[T
 
     Other differences there are no mistake: a file may have 0.5 in place of l_r / (l_f + l_r).
     """
-    if any(_score(trials, name) < 1.0 for name in ('x', 'y', 'psi')):
+    if any(_loss(trials, name) for name in ('x', 'y', 'psi')):
         return []
     trial = Trial(with_lengths(_OTHER_L_F, _OTHER_L_R), seed)
     trial.run(code, assigned=True)
     wrong = [name for name in EQUATIONS if not trial.right(name).all()]
     named = {} if trial.failure else _named([*trials, trial], wrong)
+    named = {n: cause for n, cause in named.items() if not cause.mistakes[0].is_general}
     trial.got |= {name: trial.expected[name] for name in wrong if name not in named}
     return [trial] if named else []
 
 
-def _judge_beyond(code: JudgedCode, seed: int, trials: Sequence[Trial]) -> Judged:
-    """Judge the results in states that the lab's road has not."""
-    score = float(np.mean([trial.right(name) for trial in trials for name in EQUATIONS]))
-    wrong = [name for name in EQUATIONS if _score(trials, name) < 1.0]
-    if not wrong:
-        return score, _right(trials)
+def _judge_beyond(
+    code: JudgedCode, seed: int, trials: Sequence[Trial], equations: Sequence[Finding]
+) -> Judged:
+    """Judge the results in states that the lab's road has not.
+
+    What follows from a mistake in the `equations`, judged before, is not taken off again.
+    """
+    causes = (each.evidence if each.score else None for each in equations)
+    known = dict(zip(EQUATIONS, causes, strict=False))
+    right = {n: [trial.right(n, known.get(n)) for trial in trials] for n in EQUATIONS}
+    score = float(np.mean([*right.values()]))
+    if any(not each.passed for each in equations):
+        score = max(score, mean_score(equations))
+    if not (wrong := [name for name in EQUATIONS if not np.all(right[name])]):
+        again = any(_loss(trials, name) for name in EQUATIONS)
+        return score, 'no mistake but those above' if again else _right(trials)
     # A cause must explain the results on the lab's road, too.
-    return score, _sentences(trials, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
+    cause, message = _causes(trials, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
+    return score, _placed(code, trials, wrong[0], cause) + message
 
 
-def _score(trials: Sequence[Trial], name: str) -> float:
+def mean_score(findings: Sequence[Finding]) -> float:
+    """Return the mean score of findings."""
+    return float(np.mean([each.score for each in findings]))
+
+
+def _loss(trials: Sequence[Trial], name: str) -> float:
+    """Return how wrong the equation of `name` is, from 0 to 1."""
     tested: list[float] = []
     other: list[float] = []
     for trial in trials:
-        share = float(trial.right(name).mean())
-        (tested if name in trial.situation.concerns.split() else other).append(share)
-    return float(np.mean(tested or [1.0]) * np.mean(other or [1.0]))
+        (tested if name in trial.situation.concerns.split() else other).append(trial.loss(name))
+    loss = 1.0 - (1.0 - np.mean(tested or [0.0])) * (1.0 - np.mean(other or [0.0]))
+    return float(max(loss, _MIN_LOSS)) if loss else 0.0
+
+
+def _is_absent(trials: Sequence[Trial], name: str) -> bool:
+    """Return whether the value of `name` never changes, or is not there."""
+    return not any(
+        np.isfinite(trial.got[name]).any()
+        and not close(trial.got[name], np.zeros(1)).all()
+        and (trial.got[name] - trial.inputs[name]).any()
+        for trial in trials
+    )
 
 
 def _right(trials: Sequence[Trial]) -> str:
     return f'right in all {sum(len(trial.rows) for trial in trials):,} states'
 
 
-def _sentences(
+def _causes(
     trials: Sequence[Trial], wrong: Sequence[str], others: Sequence[Trial] = ()
-) -> dict[str, str]:
-    """Return a sentence for each wrong equation: the failure, the mistake, or the largest error."""
+) -> dict[str, tuple[Cause | None, str]]:
+    """Return for each wrong equation the mistake, if there is one, and a sentence.
+
+    That is on a failure, the mistake, or the largest error.
+    """
     if failed := [trial for trial in trials if trial.failure]:
         where = '' if len(failed) == len(trials) else f' ({failed[0].situation.name})'
-        return dict.fromkeys(wrong, f'{failed[0].failure}{where}')
+        return dict.fromkeys(wrong, (None, f'{failed[0].failure}{where}'))
     named = _named([trial for trial in (*others, *trials) if not trial.failure], wrong)
-    return {name: named.get(name) or _largest_error(trials, name) for name in wrong}
+    return {
+        name: (named[name], named[name].sentence)
+        if name in named
+        else (None, _largest_error(trials, name))
+        for name in wrong
+    }
 
 
-def _named(trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, str]:
-    """Return the sentence of the mistake in each wrong equation, if the law's file has it."""
+def _named(trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Cause]:
+    """Return the mistake in each wrong equation, if the law's file has it."""
     results = joined([trial.got for trial in trials])
     named = BIKE.explain(
-        joined([trial.inputs for trial in trials]),
+        joined([trial.known for trial in trials]),
         {f'{name}_next': got for name, got in results.items()},
         [f'{name}_next' for name in wrong],
         lambda one, other: bool(close(one, other).all()),
     )
-    return {name.removesuffix('_next'): sentence for name, sentence in named.items()}
+    return {name.removesuffix('_next'): cause for name, cause in named.items()}
+
+
+def _placed(code: JudgedCode, trials: Sequence[Trial], name: str, cause: Cause | None) -> str:
+    """Return the file and line of a wrong equation, with a colon; empty if none is known.
+
+    It is the first line that gives a value of the wrong law to a name, and where there is none the
+    one that returns.
+    """
+    # The last one is the most general.
+    trial = next((each for each in reversed(trials) if not each.right(name).all()), None)
+    if trial is None or trial.failure:
+        return ''
+    k = int(np.argmax(np.abs(trial.got[name] - trial.expected[name])))
+    inputs = {key: values[k] for key, values in trial.known.items()}
+    right = BIKE.everything(inputs)
+    wrong = BIKE.everything(inputs, cause.formulas if cause else {})
+    force = inputs['m'] * ((inputs['v_got'] - inputs['v']) / inputs['ts'] - inputs['a'])
+    values = {value for key, value in wrong.items() if value != right.get(key)}
+    place = code.line_of(
+        'model_at',
+        ([trial.rows[k]], *trial.situation.fixed.values()),
+        {*values, inputs[f'{name}_got'], *([force] if name == 'v' else [])},
+        [right[f'{each}_next'] for each in EQUATIONS],
+    )
+    return f'{place}: ' if place else ''
 
 
 def joined(parts: Sequence[dict[str, Floats]]) -> dict[str, Floats]:
@@ -357,10 +468,11 @@ _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 
 @judges('model.trajectory')
-def judge_trajectory(code: JudgedCode) -> Judged:
+def judge_trajectory(code: JudgedCode, equations: Sequence[Finding] = ()) -> Judged:
     """Return the finding on a drive over the lab's road with the commands of the reference.
 
-    The score is the share of steps near the reference.
+    The score is the share of steps near the reference. What follows from a mistake in the
+    `equations`, judged before, is not taken off again.
     """
 
     def model(*args: float, **_: float) -> list[float]:  # the lengths are the function's own
@@ -384,6 +496,8 @@ def judge_trajectory(code: JudgedCode) -> Judged:
         message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
     else:
         message = f'leaves the reference after {t[np.argmin(within)]:.2f} s{_at_the_end(off[-1])}'
+    if score < 1.0 and any(not each.passed for each in equations):
+        score = max(score, mean_score(equations))
     drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
     return score, message, drawn
 

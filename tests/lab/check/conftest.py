@@ -57,6 +57,9 @@ class PID:
             self.area = area
         self.before = e
         return max(-8.0, min(8.0, out))
+
+
+pid = PID(30, 200, 0.1)
 """
 
 

@@ -44,14 +44,24 @@ def test_without_a_mistake_each_equation_is_the_references(name: str) -> None:
     assert same(BIKE.compute(INPUTS)[name], EXPECTED[name])
 
 
-@pytest.mark.parametrize('mistake', BIKE.mistakes, ids=lambda mistake: mistake.sentence[:40])
+def sentences(got: dict[str, Any], wrong: Sequence[str]) -> dict[str, str]:
+    returned = {name.replace('next', 'got'): values for name, values in got.items()}
+    causes = BIKE.explain(INPUTS | returned, got, wrong, same)
+    return {name: cause.sentence for name, cause in causes.items()}
+
+
+#: Without those that are named by what was returned: the table of wrong programs has them.
+NAMED = [each for each in BIKE.mistakes if '_got' not in ''.join(each.formulas.values())]
+
+
+@pytest.mark.parametrize('mistake', NAMED, ids=lambda mistake: mistake.sentence[:40])
 def test_a_mistake_is_named_where_it_changes_an_equation(mistake: Mistake) -> None:
     with np.errstate(all='ignore'):
         made = BIKE.compute(INPUTS, mistake.formulas)
         got = {name: np.broadcast_to(made[name], len(STATES)) for name in NAMES}
     wrong = [name for name in NAMES if not same(got[name], EXPECTED[name])]
     assert wrong
-    assert BIKE.explain(INPUTS, got, wrong, same) == dict.fromkeys(wrong, mistake.sentence)
+    assert sentences(got, wrong) == dict.fromkeys(wrong, mistake.sentence)
 
 
 #: Of the windows of 2 to 59 calls, three.
@@ -66,12 +76,16 @@ TERM_MISTAKES = [
 class Pid:
     """A PID whose outputs are those of a law."""
 
+    number = 0
+
     def __init__(self, law: Any, formulas: dict[str, str], gains: dict[str, float]) -> None:  # noqa: ANN401
         """Compute with wrong `formulas`."""
         self._law, self._formulas, self._gains = law, formulas, gains
 
     def acc_sequence(self, rows: Sequence[tuple[float, float, float]]) -> list[float]:
         """Return the outputs for all rows."""
+        if not rows:
+            return []
         reference, measured, dt = np.array(rows).T[:, np.newaxis]
         gains = {name: np.array([[value]]) for name, value in self._gains.items()}
         limits = {'low': np.array([[-0.03]]), 'high': np.array([[0.04]])}
@@ -96,6 +110,9 @@ class Pid:
 )
 def test_a_mistake_in_a_term_is_named(term: str, mistake: Mistake) -> None:
     class Code:
+        def line_of(self, *_: object) -> str:
+            return ''
+
         def new_pid(self, kp: float, ki: float, kd: float, **_: object) -> Pid:
             return Pid(TERM_LAWS[term], mistake.formulas, {'kp': kp, 'ki': ki, 'kd': kd})
 
@@ -106,12 +123,12 @@ def test_a_mistake_in_a_term_is_named(term: str, mistake: Mistake) -> None:
 
 
 def test_of_two_mistakes_both_are_named_and_of_three_none() -> None:
-    sentences = []
+    found = []
     for names in (('drag', 'gravity'), ('drag', 'gravity', 'v_old')):
         made = BIKE.compute(INPUTS, dict.fromkeys(names, '0'))
         got = {name: made[name] for name in NAMES}
-        sentences.append(BIKE.explain(INPUTS, got, ['v_next'], same).get('v_next', ''))
-    both, none = sentences
+        found.append(sentences(got, ['v_next']).get('v_next', ''))
+    both, none = found
     assert both.startswith('two mistakes: air drag is missing')
     assert '; and gravity is missing' in both
     assert none == ''

@@ -62,6 +62,9 @@ class PID:
         if -self.limit < out < self.limit:
             self.integral += ki * e * dt
         return min(max(out, -self.limit), self.limit)
+
+
+pid = PID(30, 200, 0.1)
 """
 
 CONTROLLERS = {

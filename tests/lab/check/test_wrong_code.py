@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
     Lab = Callable[..., LocalCode]
 
-#: What is replaced, by what; the criteria that are not met then; a part of the first one's message.
+#: What is replaced, by what; the equations that are wrong on the lab's road, where none is the
+#: criterion beyond it; a part of the first message.
 MODELS = {
     'order': ('psi_next, v_next]', 'v_next, psi_next]', 'psi v', 'the order is [x_next, y_next'),
     'bracket': ('(a + F_ext / m)', 'a + F_ext / m', 'v', 'F_ext / m is not multiplied by ts'),
@@ -34,7 +35,12 @@ MODELS = {
 }
 CONTROLLERS = {
     'own kp': ('self.kp * e', '2.0 * e', 'proportional integral derivative', 'kp has no effect'),
-    'abs': ('self.kp * e', 'self.kp * abs(e)', 'proportional windup', 'do not use abs'),
+    'abs': (
+        'self.kp * e',
+        'self.kp * abs(e)',
+        'proportional windup',
+        'the error has no sign: use no abs',
+    ),
     'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
     'a window': (
         'area = self.area + e * dt',
@@ -51,7 +57,7 @@ CONTROLLERS = {
         'self.ki * area + self.kd * change / dt',
         'self.kp * (self.ki * area + self.kd * change / dt)',
         'integral derivative',
-        'kp multiplies the ki term, too',
+        'kp multiplies a term that is not its own',
     ),
     'no bounds at all': (
         'return max(-8.0, min(8.0, out))',
@@ -75,10 +81,11 @@ def test_the_mistake_in_a_model_is_named(lab: Lab, model: str, name: str) -> Non
     old, new, equations, words = MODELS[name]
     findings = judge(lab(replaced(model, (old, new))), Settings(seed=0))
     wrong = [f for f in findings[:7] if f.score < 1.0 and f.criterion != 'model.trajectory']
-    # Each mistake in an equation shows beyond the lab's road, too.
+    # A mistake in an equation is not counted again beyond the lab's road.
     of_road = [f'model.{name}' for name in equations.split()]
-    assert [f.criterion for f in wrong][: len(of_road)] == of_road
-    assert {'model.reverse', 'model.general'} & {f.criterion for f in wrong}
+    beyond = {'model.reverse', 'model.general'} & {f.criterion for f in wrong}
+    assert [f.criterion for f in wrong if f.criterion not in beyond] == of_road
+    assert bool(beyond) != bool(of_road)
     assert all(words in finding.message for finding in wrong)
 
 
@@ -113,12 +120,12 @@ def test_l_f_for_l_r_is_named_where_a_file_has_its_own_lengths(
     assert x.passed  # its numbers are right for the lab's car
     assert x.message.endswith(words)
     assert not general.passed
-    assert general.message == words
+    assert general.message.endswith(words)
 
 
 def test_what_nothing_explains_is_shown_with_its_largest_error(lab: Lab, model: str) -> None:
     *_, speed = judge_equations(lab(model.replace('sin(theta)', 'sin(theta)**3')), seed=0)
-    assert speed.message.startswith('v_next is wrong in: uphill, downhill, ')
+    assert ': v_next is wrong in: uphill, downhill, ' in speed.message
     assert 'The largest error: bikeFE(x=' in speed.message
     assert 'expected' in speed.message
 
@@ -260,7 +267,7 @@ class PID:
 )
 def test_no_state_scores_by_chance_or_warns(lab: Lab, model: str, state: str) -> None:
     text = replaced(model, ('[x_next, y_next, psi_next, v_next]', state))
-    assert all(0.0 <= finding.score < 0.2 for finding in judge(lab(text)))
+    assert all(0.0 <= finding.score < 0.4 for finding in judge(lab(text)))
 
 
 @pytest.mark.parametrize(
