@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
-from math import inf, isfinite, nan
+from math import inf, isfinite
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -170,13 +170,11 @@ class _Limited(PID):
 
     def __init__(self, code: JudgedCode, conditions: Conditions, mended: str) -> None:
         assert conditions.gains  # noqa: S101 (there are some)
-        gains, limit = conditions.gains[:3], conditions.limit
-        super().__init__(nan, nan, nan, output_min=-limit, output_max=limit)
-        self.proportional = self.integral = self.derivative = nan
-        own = [0.0 if name in mended else gain for name, gain in zip('PID', gains, strict=True)]
-        added = [gain - kept for gain, kept in zip(gains, own, strict=True)]
-        self._controller = code.new_pid(*own, limit=limit)
-        self._added = PID(*added, output_min=-inf, output_max=inf)
+        gains = dict(zip('PID', conditions.gains[:3], strict=True))
+        own = [0.0 if name in mended else gain for name, gain in gains.items()]
+        super().__init__(*(gains[name] if name in mended else 0.0 for name in gains))
+        self.limit = conditions.limit
+        self._controller = code.new_pid(*own, limit=self.limit)
         self.calls = 0
 
     def acc_calculate(
@@ -186,14 +184,14 @@ class _Limited(PID):
         self.calls += 1
         dt = self.dt if dt is None else dt
         requested = self._controller.acc_calculate(speed_reference, speed_current, dt)
-        requested += self._added.acc_calculate(speed_reference, speed_current, dt)
-        output = min(max(requested, self.output_min), self.output_max)
+        requested += super().acc_calculate(speed_reference, speed_current, dt)
+        output = min(max(requested, -self.limit), self.limit)
         if abs(output) > NOT_A_CAR:
             raise UserError(
                 f'it returned {output:.3g} m/s²: beyond {NOT_A_CAR:g} it is not a car'
                 + (f'; {_BACKWARDS}' if speed_current < -_HELD else '')
             )
-        self.saturated = abs(requested) >= self.output_max
+        self.saturated = abs(requested) >= self.limit
         return output
 
 
@@ -210,11 +208,11 @@ def _drive(code: JudgedCode, conditions: Conditions, road: Road, distance: float
         )
     if not conditions.mended:
         return _driven(code, conditions, road, distance)
-    mended = _driven(code, conditions, road, distance, mended=conditions.mended)
     try:
         own = _driven(code, conditions, road, distance)
     except UserError:
-        return mended
+        return _driven(code, conditions, road, distance, mended=conditions.mended)
+    mended = _driven(code, conditions, road, distance, mended=conditions.mended)
     return own if own.score >= mended.score else mended
 
 
