@@ -354,7 +354,7 @@ def join(samples: Mapping[str, Samples]) -> Log:
 
     Topics are joined on the stamp of the state that each message belongs to. A state's deadline is
     the publication of the next state. Where several commands answer a state, the first counts.
-    Where the latest command by the deadline bears no stamp, it is what held, and nothing was
+    Where the latest command by the deadline has no stamp, it is what held, and nothing was
     missed.
     """
     of_states = samples[STATE]

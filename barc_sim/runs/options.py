@@ -149,8 +149,8 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
         '--view-host',
         default='127.0.0.1',
         metavar='ADDRESS',
-        help='address to serve the page at; 0.0.0.0 for a phone in the same network; the '
-        f'whoever has the link can {can} (127.0.0.1)',
+        help='address to serve the page at; 0.0.0.0 for a phone in the same network; '
+        f'anyone with the link can {can} (127.0.0.1)',
     )
 
 

@@ -64,7 +64,7 @@ PARAMETERS = [
         'command_timeout',
         0.0,
         'where no command has arrived for so long [s, by the wall clock], the car brakes to a '
-        'standstill, and commands are not due state by state until one bears a stamp; 0: never',
+        'standstill, and commands are not due state by state until one has a stamp; 0: never',
         (0.0, 3600.0),
     ),
     Parameter('timeout_braking', 8.0, 'deceleration after command_timeout [m/s²]', (0.0, 100.0)),

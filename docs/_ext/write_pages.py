@@ -1,62 +1,218 @@
-"""Writes the pages that have one section for each command and one page for each room."""
+"""Writes the parts of the reference that follow from the program, into the Markdown pages.
+
+`python docs/_ext/write_pages.py` renews the text between `<!-- generated: NAME -->` and
+`<!-- end -->`; a test compares. So the pages read well where they are not built, too.
+"""
 
 from __future__ import annotations
 
+import argparse
+import inspect
+import re
+import sys
 from importlib import import_module
+from itertools import groupby
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.commands import GROUPS
+import messages
+
+import barc_sim
+from barc_sim.cli.parser import Parser
+from barc_sim.commands import GROUPS, functions
+from barc_sim.lab.hills.controller import PID_LAW
+from barc_sim.lab.hills.model import BIKE
+from barc_sim.simulation.log import COLUMNS
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
+DOCS = Path(__file__).parents[1]
 #: In the order in which they import one another.
 ROOMS = (
     'errors', 'cli', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'page', 'lab',
     'ros', 'nodes', 'runs', 'commands',
 )  # fmt: skip
+_PART = re.compile(r'(<!-- generated: (\w+) -->\n).*?(<!-- end -->)', re.DOTALL)
 
 
-def commands() -> str:
-    """Return the text of the page of commands."""
-    lines = ['Commands', '========', '']
-    lines += [
-        'Every command is a word behind ``barc``. The value in parentheses is the default.',
-        '',
-    ]
-    for group, names in GROUPS.items():
-        lines += [group[:1].upper() + group[1:], '-' * len(group), '']
-        for name in names:
-            lines += [f'.. _command-{name}:', '', f'barc {name}', '~' * (5 + len(name)), '']
-            lines += [f'.. barc-options:: {name}', '']
-    return '\n'.join(lines)
+def code(text: str) -> str:
+    """Return `text` as literal."""
+    return f'`{text}`' if text else ''
 
 
-def room(name: str) -> str:
-    """Return the text of the page of a room."""
-    title = f'barc_sim.{name}'
-    return '\n'.join([title, '=' * len(title), '', f'.. barc-room:: {name}', ''])
-
-
-def rooms() -> str:
-    """Return the text of the table of rooms, each with the first line of its docstring."""
-    rows = []
-    for name in ROOMS:
-        about = (import_module(f'barc_sim.{name}').__doc__ or '').partition('\n\n')[0]
-        rows += [f'   * - :doc:`{name} <{name}>`', f'     - {" ".join(about.split())}']
-    return '\n'.join(
-        ['.. list-table::', '   :widths: 20 80', '', *rows, '', '.. toctree::', '   :hidden:', '']
-        + [f'   {name}' for name in ROOMS]
-        + ['']
+def plain(text: str) -> str:
+    """Return `text` with Markdown's marks as they are, and options as literals."""
+    text = re.sub(r'([*_<|\[$])', r'\\\1', ' '.join(text.replace('%%', '%').split()))
+    return re.sub(
+        r'(?<![\w`-])(--[a-z][\w\\-]*)', lambda found: code(found[0].replace('\\', '')), text
     )
 
 
-def write(folder: Path) -> None:
-    """Write them where they have changed, so that Sphinx reads again only those."""
-    pages = {'reference/commands.rst': commands(), 'reference/api/rooms.inc': rooms()}
-    pages |= {f'reference/api/{name}.rst': room(name) for name in ROOMS}
-    for path, text in pages.items():
-        target = folder / path
-        target.parent.mkdir(parents=True, exist_ok=True)
+def table(heading: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield the lines of a table; the cells are Markdown."""
+    yield from ('', f'| {" | ".join(heading)} |', '|---' * len(heading) + '|')
+    for row in rows:
+        yield f'| {" | ".join(row)} |'
+    yield ''
+
+
+def commands() -> Iterator[str]:
+    """Yield a section for each command, from its parser."""
+    for group, names in GROUPS.items():
+        yield from (f'## {group[:1].upper()}{group[1:]}', '')
+        for name in names:
+            parser = Parser(prog=f'barc {name}')
+            add_arguments, _ = functions(name)
+            add_arguments(parser)
+            yield from (f'### barc {name}', '', plain(parser.description or ''))
+            yield from _options(parser)
+            for action in parser._actions:  # noqa: SLF001 (argparse has no other way)
+                if isinstance(action, argparse._SubParsersAction):  # noqa: SLF001
+                    for verb, sub in action.choices.items():
+                        yield from (f'#### barc {name} {verb}', '', plain(sub.description or ''))
+                        yield from _options(sub)
+            if parser.epilog:
+                yield from (plain(parser.epilog), '')
+
+
+def _options(parser: argparse.ArgumentParser) -> Iterator[str]:
+    helps = (argparse._HelpAction, argparse._SubParsersAction)  # noqa: SLF001
+    rows = []
+    for action in parser._actions:  # noqa: SLF001
+        if action.help == argparse.SUPPRESS or isinstance(action, helps):
+            continue
+        value = str(action.metavar or (action.dest.upper() if action.nargs != 0 else ''))
+        if action.choices and not action.metavar:
+            value = '\\|'.join(str(choice) for choice in action.choices)
+        names = ', '.join(action.option_strings)
+        shown = f'{names} {"" if action.nargs == 0 else value}' if names else value
+        text = (action.help or '').replace('%(default)s', str(action.default))
+        rows.append((code(shown.strip()), plain(f'{text[:1].upper()}{text[1:]}.')))
+    return table(('option', 'meaning; default'), rows) if rows else iter([''])
+
+
+def fields() -> Iterator[str]:
+    """Yield a section for each message of barc_interfaces, from its .msg file."""
+    for path in sorted(messages.MESSAGES.glob('*.msg')):
+        about, found = messages.message(path.read_text(encoding='utf-8'))
+        yield from (f'## {path.stem}', '', plain(about))
+        rows = ((code(name), code(kind), plain(text)) for kind, name, text in found)
+        yield from table(('field', 'type', 'meaning'), rows)
+
+
+def _kind(kind: str) -> str:
+    package, name = kind.split('/')
+    return f'[{name}](messages.md#{name.lower()})' if package == 'barc_interfaces' else code(kind)
+
+
+def topics() -> Iterator[str]:
+    """Yield a table of the topics, from the nodes' endpoints."""
+    import observed_nodes  # noqa: PLC0415 (needs ROS)
+
+    meanings = observed_nodes.meanings()
+    rows = []
+    for topic, (kind, publishers, subscribers) in observed_nodes.topics().items():
+        path = messages.MESSAGES / f'{kind.split("/")[1]}.msg'
+        about = messages.message(path.read_text(encoding='utf-8'))[0] if path.is_file() else ''
+        ends = (', '.join(ends) or 'any' for ends in (publishers, subscribers))
+        rows.append((code(topic), _kind(kind), plain(meanings.get(topic) or about), *ends))
+    return table(('topic', 'type', 'meaning', 'from', 'to'), rows)
+
+
+def services() -> Iterator[str]:
+    """Yield a table of the services, from the nodes."""
+    import observed_nodes  # noqa: PLC0415
+
+    meanings = observed_nodes.meanings()
+    found = observed_nodes.services().items()
+    rows = ((code(name), _kind(kind), plain(meanings.get(name, ''))) for name, kind in found)
+    return table(('service', 'type', 'meaning'), rows)
+
+
+def parameters() -> Iterator[str]:
+    """Yield a table for each node, from its parameters."""
+    import observed_nodes  # noqa: PLC0415
+
+    for node, found in observed_nodes.parameters().items():
+        yield from (f'## {node}', '')
+        rows = (
+            (code(name), code(default), plain(text), f'{between}{fixed}')
+            for name, default, between, fixed, text in found
+        )
+        yield from table(('parameter', 'default', 'meaning', 'range'), rows)
+
+
+def columns() -> Iterator[str]:
+    """Yield a table of the columns of a log."""
+    rows = (
+        (code(name), plain(column.unit), code(column.topic), plain(column.meaning))
+        for name, column in COLUMNS.items()
+    )
+    return table(('column', 'unit', 'topic', 'meaning'), rows)
+
+
+def mistakes() -> Iterator[str]:
+    """Yield every sentence of the tables of mistakes, by what it is about."""
+    for title, group in groupby((*BIKE.mistakes, *PID_LAW.mistakes), key=lambda each: each.topic):
+        yield from (f'## {title}', '')
+        sentences = (re.sub(r'(last|over) \d+', r'\1 n', each.sentence) for each in group)
+        yield from (f'- {plain(sentence)}' for sentence in dict.fromkeys(sentences))
+        yield ''
+
+
+def exports() -> Iterator[str]:
+    """Yield a table of what `import barc_sim` offers, by the first line of each docstring."""
+    rows = ((code(name), plain(_about(getattr(barc_sim, name)))) for name in barc_sim.__all__)
+    return table(('name', 'what'), rows)
+
+
+def rooms() -> Iterator[str]:
+    """Yield a table of the rooms."""
+    names = (f'barc_sim.{name}' for name in ROOMS)
+    return table(
+        ('room', 'what'), ((code(name), plain(_about(import_module(name)))) for name in names)
+    )
+
+
+def _about(thing: object) -> str:
+    return (inspect.getdoc(thing) or '').partition('\n\n')[0]
+
+
+_WRITERS = (commands, fields, topics, services, parameters, columns, mistakes, exports, rooms)
+PARTS: dict[str, Callable[[], Iterator[str]]] = {each.__name__: each for each in _WRITERS}
+
+
+def pages() -> Iterator[Path]:
+    """Yield the pages with generated parts."""
+    for path in sorted(DOCS.rglob('*.md')):
+        if '_build' not in path.parts and '<!-- generated: ' in path.read_text(encoding='utf-8'):
+            yield path
+
+
+def filled(text: str) -> str:
+    """Return the text of a page with its generated parts as they have to be."""
+
+    def part(found: re.Match[str]) -> str:
+        lines = '\n'.join(PARTS[found[2]]()).strip('\n')
+        lines = re.sub(r'\n{3,}', '\n\n', lines)
+        return f'{found[1]}\n{lines}\n\n{found[3]}'
+
+    return _PART.sub(part, text)
+
+
+def write_rooms(folder: Path) -> None:
+    """Write the pages of the rooms and of the exports for autodoc, where they have changed."""
+    texts = {'names': ('What import barc_sim offers', '.. barc-exports::')}
+    texts |= {name: (f'barc_sim.{name}', f'.. barc-room:: {name}') for name in ROOMS}
+    for name, (title, directive) in texts.items():
+        target = folder / 'reference' / 'api' / f'{name}.rst'
+        text = f'{title}\n{"=" * len(title)}\n\n{directive}\n'
         if not target.is_file() or target.read_text(encoding='utf-8') != text:
             target.write_text(text, encoding='utf-8')
+
+
+if __name__ == '__main__':
+    for page in pages():
+        page.write_text(filled(page.read_text(encoding='utf-8')), encoding='utf-8')
+        sys.stdout.write(f'{page}\n')

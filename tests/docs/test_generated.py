@@ -42,3 +42,20 @@ def test_every_message_has_its_fields_with_units() -> None:
         assert all(comment for _, _, comment in fields), path
         numbers = [comment for kind, _, comment in fields if kind.startswith('float64')]
         assert all(comment.startswith('[') for comment in numbers), path
+
+
+@pytest.mark.parametrize('page', ['reference', 'instructors'])
+def test_the_generated_parts_of_the_pages_are_fresh(
+    page: str, ros_domain: int, monkeypatch: MonkeyPatch
+) -> None:
+    """`python docs/_ext/write_pages.py` renews them."""
+    pytest.importorskip('rclpy')
+    import write_pages  # noqa: PLC0415
+
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF')
+    assert ros_domain
+    found = [path for path in write_pages.pages() if page in path.parts]
+    assert found
+    for path in found:
+        text = path.read_text(encoding='utf-8')
+        assert write_pages.filled(text) == text, f'{path}: run python docs/_ext/write_pages.py'
