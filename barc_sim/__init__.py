@@ -79,7 +79,7 @@ _EXPORTS = {
     'Log': ('simulation.log', 'Log'),
     'PID': ('control.pid', 'PID'),
     'Road': ('vehicle.road', 'Road'),
-    'Vehicle': ('vehicle.bike_model', 'Vehicle'),
+    'Vehicle': ('vehicle.limits', 'Vehicle'),
     'plot': ('figures.run_figures', 'plot'),
     'read_bag': ('bags.reader', 'read'),
     'simulate': ('simulation.closed_loop', 'simulate'),

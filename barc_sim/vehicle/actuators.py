@@ -7,7 +7,7 @@ from math import copysign, expm1, inf
 from typing import Annotated, NamedTuple
 
 from barc_sim.vehicle.bike_model import Command
-from barc_sim.vehicle.limits import Limits, limited
+from barc_sim.vehicle.limits import limited
 
 #: Share of a step within which a delay counts as whole steps.
 _WHOLE = 1e-6
@@ -24,10 +24,10 @@ class Actuator(NamedTuple):
     The unit is the command's: [m/s²] for the motor, [rad] for the servo.
     """
 
-    delay: Annotated[float, Limits('time from a command to its effect [s]', 0.0, 10.0)] = 0.0
-    lag: Annotated[float, Limits('time constant [s]', 0.0, 100.0)] = 0.0
-    rate: Annotated[float, Limits('maximum change [unit/s]', 1e-300, inf)] = inf
-    limit: Annotated[float, Limits('maximum either way [unit]', 0.0, inf)] = inf
+    delay: Annotated[float, 'time from a command to its effect [s]', 0.0, 10.0] = 0.0
+    lag: Annotated[float, 'time constant [s]', 0.0, 100.0] = 0.0
+    rate: Annotated[float, 'maximum change [unit/s]', 1e-300, inf] = inf
+    limit: Annotated[float, 'maximum either way [unit]', 0.0, inf] = inf
 
     def respond(self, value: float, target: float, t: float) -> tuple[float, float]:
         """Return where `t` > 0 seconds of a held `target` take `value`, and the mean meanwhile.

@@ -41,7 +41,7 @@ from barc_sim.vehicle.bike_model import (
     slip_angle,
     step,
 )
-from barc_sim.vehicle.limits import Limits, limited
+from barc_sim.vehicle.limits import limited
 
 #: Distance along the road [m] to incline [rad].
 Grade = Callable[[float], float]
@@ -97,16 +97,14 @@ INTEGRATORS = {'euler': Integrator(euler, 1), 'rk4': Integrator(rk4, 4)}
 class LateralParameters(NamedTuple):
     """Parameters of the dynamic bicycle beyond `Vehicle`; the defaults understeer mildly."""
 
-    yaw_inertia: Annotated[float, Limits('I_z of the dynamic one [kg m²]', 1.0, 1e7)] = 4000.0
-    front_stiffness: Annotated[float, Limits("C_f, front axle's tyres [N/rad]", 1.0, 1e8)] = 120e3
-    rear_stiffness: Annotated[float, Limits("C_r, rear axle's tyres [N/rad]", 1.0, 1e8)] = 160e3
+    yaw_inertia: Annotated[float, 'I_z of the dynamic one [kg m²]', 1.0, 1e7] = 4000.0
+    front_stiffness: Annotated[float, "C_f, front axle's tyres [N/rad]", 1.0, 1e8] = 120e3
+    rear_stiffness: Annotated[float, "C_r, rear axle's tyres [N/rad]", 1.0, 1e8] = 160e3
     dynamic_above: Annotated[
         float,
-        Limits(
-            'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
-            0.1,
-            100.0,
-        ),
+        'slower than this [m/s], and in reverse, the dynamic bicycle is the kinematic one',
+        0.1,
+        100.0,
     ] = 3.0
 
 

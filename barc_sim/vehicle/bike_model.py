@@ -15,8 +15,6 @@ from collections.abc import Callable, Sequence
 from math import atan, cos, sin, tan
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from barc_sim.vehicle.limits import Limits, limited
-
 if TYPE_CHECKING:
     from barc_sim.vehicle.road import RoadPoint
 
@@ -32,9 +30,10 @@ WHEEL_WIDTH = 0.26  #: [m]
 Model = Callable[..., Sequence[float]]
 
 
-@limited
 class Vehicle(NamedTuple):
     """The vehicle's parameters; the defaults are the lab's.
+
+    Each has its meaning and its limits, which `vehicle/limits.py` checks.
 
     Examples
     --------
@@ -42,12 +41,12 @@ class Vehicle(NamedTuple):
     1200.0
     """
 
-    mass: Annotated[float, Limits('m, the mass [kg]', 1.0, 1e6)] = 2000.0
-    air_drag_coeff: Annotated[float, Limits('a_0, air drag [N s²/m²]', 0.0, 1e3)] = 0.01308
-    friction: Annotated[float, Limits('F_f, rolling resistance [N]', 0.0, 1e6)] = 0.01711
-    l_f: Annotated[float, Limits('centre of mass to front axle [m]', 0.01, 100.0)] = L_F
-    l_r: Annotated[float, Limits('centre of mass to rear axle [m]', 0.01, 100.0)] = L_R
-    gravity: Annotated[float, Limits('g [m/s²]', 0.0, 100.0)] = GRAVITY
+    mass: Annotated[float, 'm, the mass [kg]', 1.0, 1e6] = 2000.0
+    air_drag_coeff: Annotated[float, 'a_0, air drag [N s²/m²]', 0.0, 1e3] = 0.01308
+    friction: Annotated[float, 'F_f, rolling resistance [N]', 0.0, 1e6] = 0.01711
+    l_f: Annotated[float, 'centre of mass to front axle [m]', 0.01, 100.0] = L_F
+    l_r: Annotated[float, 'centre of mass to rear axle [m]', 0.01, 100.0] = L_R
+    gravity: Annotated[float, 'g [m/s²]', 0.0, 100.0] = GRAVITY
 
 
 class State(NamedTuple):

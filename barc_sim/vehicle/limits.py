@@ -1,8 +1,8 @@
 """The one table of limits: what a number of the simulation may be, at its declaration.
 
-A record declares its fields with `Limits`, and a node its parameters with `Parameter`.
-Constructors, `simulate`, nodes and options of commands check values against them, with the
-sentence of `not_between`.
+A record declares its fields as `Annotated[float, description, low, high]`, and a node its
+parameters with `Parameter`. Constructors, `simulate`, nodes and options of commands check values
+against them, with the sentence of `not_between`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from math import inf
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 from barc_sim.errors import UserError, not_between
+from barc_sim.vehicle.bike_model import Vehicle
 
 #: Of a text or a flag.
 ANY = (-inf, inf)
@@ -32,21 +33,13 @@ class Parameter(NamedTuple):
             raise UserError(f'{name or self.name}: {why}')
 
 
-class Limits(NamedTuple):
-    """What a number of a record is, with its unit, and what it may be, ends included."""
-
-    description: str
-    low: float
-    high: float
-
-
 def parameters_of(record: type[tuple[Any, ...]]) -> list[Parameter]:
     """Return a parameter for each field of a record that declares limits."""
     defaults = record()
     return [
-        Parameter(name, getattr(defaults, name), limits.description, limits[1:])
+        Parameter(name, getattr(defaults, name), description, (low, high))
         for name, hint in get_type_hints(record, include_extras=True).items()
-        for limits in getattr(hint, '__metadata__', ())
+        for description, low, high in [hint.__metadata__]
     ]
 
 
@@ -68,3 +61,6 @@ def limited(record: type[_Record]) -> type[_Record]:
     new.__wrapped__ = make  # type: ignore[attr-defined]
     record.__new__ = new  # type: ignore[assignment]
     return record
+
+
+limited(Vehicle)  # here, as a model that is handed in imports nothing of ours

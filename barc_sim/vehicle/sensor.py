@@ -7,7 +7,7 @@ from random import Random
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from barc_sim.vehicle.actuators import in_steps
-from barc_sim.vehicle.limits import Limits, limited
+from barc_sim.vehicle.limits import limited
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 class NoiseLevels(NamedTuple):
     """The standard deviation of each measured signal, in the vehicle's true frame."""
 
-    s: Annotated[float, Limits('standard deviation of position along [m]', 0.0, 1e3)] = 0.0
-    ey: Annotated[float, Limits('standard deviation of position across [m]', 0.0, 1e3)] = 0.0
-    epsi: Annotated[float, Limits('standard deviation of heading [rad]', 0.0, 1e3)] = 0.0
-    v_x: Annotated[float, Limits('standard deviation of v_x [m/s]', 0.0, 1e3)] = 0.0
-    v_y: Annotated[float, Limits('standard deviation of v_y [m/s]', 0.0, 1e3)] = 0.0
-    psi_dot: Annotated[float, Limits('standard deviation of yaw rate [rad/s]', 0.0, 1e3)] = 0.0
+    s: Annotated[float, 'standard deviation of position along [m]', 0.0, 1e3] = 0.0
+    ey: Annotated[float, 'standard deviation of position across [m]', 0.0, 1e3] = 0.0
+    epsi: Annotated[float, 'standard deviation of heading [rad]', 0.0, 1e3] = 0.0
+    v_x: Annotated[float, 'standard deviation of v_x [m/s]', 0.0, 1e3] = 0.0
+    v_y: Annotated[float, 'standard deviation of v_y [m/s]', 0.0, 1e3] = 0.0
+    psi_dot: Annotated[float, 'standard deviation of yaw rate [rad/s]', 0.0, 1e3] = 0.0
 
 
 class MeasurementError(NamedTuple):

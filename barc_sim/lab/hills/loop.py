@@ -172,7 +172,8 @@ class _Limited(PID):
         assert conditions.gains  # noqa: S101 (there are some)
         gains = dict(zip('PID', conditions.gains[:3], strict=True))
         own = [0.0 if name in mended else gain for name, gain in gains.items()]
-        super().__init__(*(gains[name] if name in mended else 0.0 for name in gains))
+        super().__init__()  # a user's gains have no limits
+        self.kp, self.ki, self.kd = (gains[name] if name in mended else 0.0 for name in gains)
         self.limit = conditions.limit
         self._controller = code.new_pid(*own, limit=self.limit)
         self.calls = 0
