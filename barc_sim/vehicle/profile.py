@@ -11,8 +11,8 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
+from barc_sim.vehicle.road import read_lines, read_pairs
 
 if TYPE_CHECKING:
     from barc_sim.vehicle.limits import Parameter
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 #: Of time since the start [s] and place along the road [m].
 Signal = Callable[[float, float], float]
 _OVER = ('time_s', 'distance_m')
-_MAX_SIZE = 1 << 24  #: [B] of a file
 
 
 @dataclass(frozen=True)
@@ -88,32 +87,3 @@ def signal(given: object, row: Parameter, column: str) -> Signal:
         if not left <= right:
             raise UserError(f'file {name!r}: {right:g} must not lie before {left:g}')
     return Profile(header.partition(',')[0], points, values)
-
-
-def read_lines(path: Path) -> list[str]:
-    """Return the lines of a text file; spreadsheets on Windows begin it with a byte order mark."""
-    return read_regular(path, _MAX_SIZE).decode('utf-8-sig').splitlines()
-
-
-def read_pairs(lines: list[str], *headers: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
-    """Return the header of a CSV file, one of `headers`, and its two columns of numbers.
-
-    Blank lines and lines beginning with `#` are passed over.
-    """
-    content = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
-    first, *rows = [*csv.reader(content)] or [[]]
-    header = ','.join(column.strip() for column in first)
-    if header not in headers:
-        raise ValueError(f'its header is {header!r}, not {" or ".join(map(repr, headers))}')
-    if not rows:
-        raise ValueError('it has no numbers below its header')
-    left, right = zip(*(_numbers(row, header) for row in rows), strict=True)
-    return header, left, right
-
-
-def _numbers(row: list[str], header: str) -> tuple[float, float]:
-    try:
-        left, right = (float(cell) for cell in row)
-    except ValueError:
-        raise ValueError(f'{",".join(row)!r} must be two numbers, {header}') from None
-    return left, right

@@ -10,8 +10,8 @@ from math import cos, isfinite, radians, sin
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError
-from barc_sim.vehicle.profile import read_lines, read_pairs
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Places = TypeVar('Places', float, Floats)
 
 STEEPEST_DEG = 90.0
+_MAX_SIZE = 1 << 24  #: [B] of a file
 
 
 class RoadPoint(NamedTuple):
@@ -179,3 +180,32 @@ class Road:
 
         i = np.maximum(np.searchsorted(self.starts, s, side='right') - 1, 0)
         return [np.array(column)[i] for column in columns]
+
+
+def read_lines(path: Path) -> list[str]:
+    """Return the lines of a text file; spreadsheets on Windows begin it with a byte order mark."""
+    return read_regular(path, _MAX_SIZE).decode('utf-8-sig').splitlines()
+
+
+def read_pairs(lines: list[str], *headers: str) -> tuple[str, tuple[float, ...], tuple[float, ...]]:
+    """Return the header of a CSV file, one of `headers`, and its two columns of numbers.
+
+    Blank lines and lines beginning with `#` are passed over.
+    """
+    content = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
+    first, *rows = [*csv.reader(content)] or [[]]
+    header = ','.join(column.strip() for column in first)
+    if header not in headers:
+        raise ValueError(f'its header is {header!r}, not {" or ".join(map(repr, headers))}')
+    if not rows:
+        raise ValueError('it has no numbers below its header')
+    left, right = zip(*(_numbers(row, header) for row in rows), strict=True)
+    return header, left, right
+
+
+def _numbers(row: list[str], header: str) -> tuple[float, float]:
+    try:
+        left, right = (float(cell) for cell in row)
+    except ValueError:
+        raise ValueError(f'{",".join(row)!r} must be two numbers, {header}') from None
+    return left, right
