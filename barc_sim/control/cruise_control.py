@@ -60,6 +60,7 @@ class Answer(NamedTuple):
     reference: float  #: [m/s]
     speed: float  #: [m/s] that the controller received
     acceleration: float  #: [m/s²]
+    stamp: int  #: [ns] of the state
 
 
 class CruiseControl:
@@ -69,8 +70,7 @@ class CruiseControl:
         self,
         controller: Controller | None,
         declare: Callable[[list[Parameter]], dict[str, Any]],
-        acceleration_limit: float = ACCELERATION_LIMIT,
-        *,
+        acceleration_limit: float,
         refuse: Warn,
         warn: Warn,
     ) -> None:
@@ -176,7 +176,7 @@ class CruiseControl:
         self._previous = stamp
         reference = self.reference((stamp - self._start) / _NANOSECONDS, x)
         acceleration = float(self.controller.acc_calculate(reference, speed, dt))
-        return Answer(reference, speed, acceleration)
+        return Answer(reference, speed, acceleration, stamp)
 
     def computed(self, answer: Answer) -> dict[str, Any]:
         """Return what the controller computed for the latest `answer`: the fields of its message.

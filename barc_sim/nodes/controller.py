@@ -11,10 +11,10 @@ from std_msgs.msg import Float64, Header
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
-from barc_sim.control.cruise_control import CruiseControl
+from barc_sim.control.cruise_control import Answer, CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.ros.node_helpers import (
-    RateLimitedWarning,
+    Heard,
     RefusedInput,
     declare,
     frames,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
 
     from barc_sim.control.controller import Controller
-    from barc_sim.control.cruise_control import Answer
 
 
 class CruiseController(Node):
@@ -71,25 +70,21 @@ class CruiseController(Node):
             where a parameter is out of range, or `controller` cannot work with them.
         """
         super().__init__('controller', **options)
-        self.refused = RefusedInput(self)
+        self._heard, self.refused = Heard(self), RefusedInput(self)
+        refused = self.refused
         self._control = CruiseControl(
-            controller,
-            partial(declare, self),
-            acceleration_limit,
-            refuse=self.refused.add,
-            warn=RateLimitedWarning(self).warn,
+            controller, partial(declare, self), acceleration_limit, refused.add, refused.warn
         )
         self.values = self._control.values
         self.reference = self._control.reference
         self.add_post_set_parameters_callback(self._on_parameters)
 
         topic = names.PID_STATE if self._control.is_pid else names.CONTROLLER_STATE
-        # To make new messages would cost more.
-        self._header = Header(frame_id=frames(self)[1])
-        self._ecu = ECU(header=self._header)
         computed = PidState if self._control.is_pid else ControllerState
-        self._computed = computed(header=self._header)
-        self._computed_pub = self.create_publisher(type(self._computed), topic, names.QOS)
+        # To make new messages would cost more.
+        self._header = header = Header(frame_id=frames(self)[1])
+        self._ecu, self._computed = ECU(header=header), computed(header=header)
+        self._computed_pub = self.create_publisher(computed, topic, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)
         self.create_subscription(ZDynBkMdl, names.STATE, self._on_state, names.QOS)
         self.create_subscription(Float64, names.SPEED_REFERENCE, self._on_speed, names.QOS_NEWEST)
@@ -127,7 +122,7 @@ class CruiseController(Node):
             return
         self._header.stamp, self._ecu.motor = stamp, answer.acceleration
         self._ecu_pub.publish(self._ecu)
-        if self._computed_pub.get_subscription_count():
+        if self._computed_pub in self._heard.at(answer.stamp):
             for name, value in self._control.computed(answer).items():
                 setattr(self._computed, name, value)
             self._computed_pub.publish(self._computed)

@@ -19,6 +19,7 @@ from barc_sim.bags import names
 from barc_sim.bags.messages import split_time
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
+    Heard,
     RefusedInput,
     declare,
     fill,
@@ -109,11 +110,12 @@ class VehicleSimulator(Node):
         self._on_step = on_step
 
         # One stamp for all messages of a state; to make new messages would cost more.
+        self._heard = Heard(self)
         self._stamp = stamp = Time()
         place, car = (Header(stamp=stamp, frame_id=name) for name in frames(self))
         self._time, self._environment = ClockMessage(clock=stamp), Environment(header=place)
         self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
-        self._may_keep_clock, self.keeps_clock = keeps_clock, False
+        self._may_keep_clock, self.clock_pub = keeps_clock, None
         if values['clock'] or values['realtime_factor'] != 1.0:
             self.begin_clock()
         self._error_pub = self.create_publisher(EZDynBkMdl, names.STATE_ERROR, names.QOS)
@@ -142,12 +144,13 @@ class VehicleSimulator(Node):
 
     def publish_state(self, t: float, seen: Observation, stamp_ns: int) -> None:
         """Publish what was observed at `t` [s], stamped `stamp_ns` [ns]; `z_vhcl` comes last."""
-        self._seen = seen
+        self._seen, heard = seen, self._heard.at(stamp_ns)
         self._stamp.sec, self._stamp.nanosec = split_time(stamp_ns)
-        self._publish_clock()
-        if self._environment_pub.get_subscription_count():
+        if self.clock_pub in heard:
+            self._publish_clock()
+        if self._environment_pub in heard:
             self._environment_pub.publish(fill(self._environment, seen.surroundings))
-        self._publish_state()
+        self._publish_state(with_error=self._error_pub in heard)
         if self._on_step:
             self._on_step(t, seen)
 
@@ -175,17 +178,16 @@ class VehicleSimulator(Node):
 
     def begin_clock(self) -> bool:
         """Publish `/clock` with each state from now on; return whether this node may do so."""
-        if self._may_keep_clock and not self.keeps_clock:
-            self._clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
-            self.keeps_clock = True
-        return self.keeps_clock
+        if self._may_keep_clock and not self.clock_pub:
+            self.clock_pub = self.create_publisher(ClockMessage, names.CLOCK, names.QOS)
+        return self.clock_pub is not None
 
     def _publish_clock(self) -> None:
-        if self.keeps_clock and self._clock_pub.get_subscription_count():
-            self._clock_pub.publish(self._time)
+        if self.clock_pub:
+            self.clock_pub.publish(self._time)
 
-    def _publish_state(self) -> None:
-        if self._error_pub.get_subscription_count():
+    def _publish_state(self, *, with_error: bool = True) -> None:
+        if with_error:
             self._error_pub.publish(fill(self._error, self._seen.error))
         self._state_pub.publish(fill(self._state, self._seen.measured))
 

@@ -23,10 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rclpy.node import Node
+    from rclpy.publisher import Publisher
 
     from barc_sim.vehicle.limits import Parameter
 
 Message = TypeVar('Message')
+_RECOUNT_NS = 100_000_000
 #: [m] No road leads farther.
 _FAR = 1e6
 #: Tolerance of the squared norm of a quaternion that is a rotation.
@@ -95,7 +97,8 @@ def to_header(stamp_ns: int, frame_id: str = '') -> Header:
 
 def to_nanoseconds(stamp: Time) -> int:
     """Return `stamp` in nanoseconds."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    nanoseconds: int = stamp.sec * NANOSECONDS + stamp.nanosec
+    return nanoseconds
 
 
 def to_state_at_rest(pose: Pose) -> State | None:
@@ -119,6 +122,25 @@ def to_twist(request: DriverInput) -> Twist:
     )
 
 
+class Heard:
+    """Which publishers of a node have subscriptions: a message without one need not be made.
+
+    To ask a publisher at each state would be a twentieth of a step in lock-step.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Ask the publishers of `node`."""
+        self._node, self._window = node, -1
+        self._found: set[Publisher] = set()
+
+    def at(self, stamp_ns: int) -> set[Publisher]:
+        """Return the publishers with subscriptions, asked anew each 0.1 s of the stamps."""
+        if stamp_ns // _RECOUNT_NS != self._window:
+            self._window = stamp_ns // _RECOUNT_NS
+            self._found = {pub for pub in self._node.publishers if pub.get_subscription_count()}
+        return self._found
+
+
 class RateLimitedWarning:
     """Warns at most once in a period.
 
@@ -140,12 +162,16 @@ class RateLimitedWarning:
 
 
 class RefusedInput:
-    """Counts the invalid messages that a node refuses, and warns at most once a second."""
+    """Counts the invalid messages that a node refuses, and warns at most once a second.
+
+    `warn` warns as often of what is odd, and not refused.
+    """
 
     def __init__(self, node: Node) -> None:
         """Warn with the logger of `node`."""
         self.count = 0
         self._warning = RateLimitedWarning(node)
+        self.warn = RateLimitedWarning(node).warn
 
     def add(self, describe: Callable[[], str]) -> None:
         """Count a message; `describe` is called only where a warning is logged."""

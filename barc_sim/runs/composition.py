@@ -198,7 +198,7 @@ class Run:
         self.inputs.output.show_with(display.print_line)
         self._print(f'engine     {_ENGINES[options.engine]}')
         if self.recorder:
-            self.recorder.use_sim_time = any(each.keeps_clock for each in self.simulators)
+            self.recorder.use_sim_time = any(each.clock_pub for each in self.simulators)
         self._add_mirrors()
         if wants_page(options):
             for number in range(len(self.simulators)):

@@ -9,7 +9,7 @@ import pytest
 
 from barc_sim.control.cruise_control import CruiseControl
 from barc_sim.control.lqr import LQR
-from barc_sim.control.pid import PID
+from barc_sim.control.pid import ACCELERATION_LIMIT, PID
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +32,7 @@ def cruise(refused: list[str]) -> CruiseControl:
     def refuse(sentence: Callable[[], str]) -> None:
         refused.append(sentence())
 
-    return CruiseControl(None, defaults, refuse=refuse, warn=refuse)
+    return CruiseControl(None, defaults, ACCELERATION_LIMIT, refuse, refuse)
 
 
 @pytest.mark.parametrize('speed', [1e6, -1e6, 0.0])
@@ -95,7 +95,7 @@ def test_a_reference_over_time_begins_with_the_first_state_and_ends_with_a_speed
     def values(table: list[Parameter]) -> dict[str, Any]:
         return {row.name: row.default for row in table} | {'reference': str(file)}
 
-    cruise = CruiseControl(PID(), values, refuse=lambda _: None, warn=lambda _: None)
+    cruise = CruiseControl(PID(), values, ACCELERATION_LIMIT, lambda _: None, lambda _: None)
 
     def held(seconds: float) -> float:
         answer = cruise.take_state(round((1000.0 + seconds) * 1e9), 5.0)
