@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from barc_interfaces.msg import ECU, Environment, EZDynBkMdl, ZDynBkMdl
@@ -28,9 +27,8 @@ from barc_sim.ros.node_helpers import (
     to_state_at_rest,
 )
 from barc_sim.ros.peers import claim
-from barc_sim.simulation.stepper import Settings, Stepper, parameters
+from barc_sim.simulation.stepper import Stepper, parameters
 from barc_sim.vehicle.bike_model import Command, bikeFE
-from barc_sim.vehicle.parameters import disturbance_of, plant, retune
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
@@ -101,11 +99,10 @@ class VehicleSimulator(Node):
         super().__init__('vehicle_simulator', **options)
         self.values = values = declare(self, parameters(distance))
         self.road = road or Road.named(values['road'])
-        new_plant = partial(plant, values, model, self.road, disturbance_of(values))
-        self.stepper = Stepper(new_plant, self, Settings.of_parameters(values))
+        self.stepper = Stepper.of_parameters(values, self, model, self.road)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
-        self.finished = Future()
+        self.finished, self.warn = Future(), self.get_logger().warning
         self.refused = RefusedInput(self)
         self._on_step = on_step
 
@@ -172,10 +169,6 @@ class VehicleSimulator(Node):
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
 
-    def warn(self, sentence: str) -> None:
-        """Warn."""
-        self.get_logger().warning(sentence)
-
     def begin_clock(self) -> bool:
         """Publish `/clock` with each state from now on; return whether this node may do so."""
         if self._may_keep_clock and not self.clock_pub:
@@ -198,7 +191,7 @@ class VehicleSimulator(Node):
 
     def _on_parameters(self, changed: list[Parameter]) -> None:
         self.values.update({parameter.name: parameter.value for parameter in changed})
-        self.stepper.change(partial(retune, self.values))
+        self.stepper.retune(self.values)
 
     def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = message.pose.pose

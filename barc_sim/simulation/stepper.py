@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from enum import Enum
+from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
@@ -16,13 +17,21 @@ from barc_sim.simulation.commands import Commands, out_of_order
 from barc_sim.simulation.pacing import TOLERATED, Pace
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.limits import Parameter
-from barc_sim.vehicle.parameters import LIVE, PARAMETERS, REALTIME_FACTORS
+from barc_sim.vehicle.parameters import (
+    LIVE,
+    PARAMETERS,
+    REALTIME_FACTORS,
+    disturbance_of,
+    plant,
+    retune,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from barc_sim.vehicle.bike_model import State
+    from barc_sim.vehicle.bike_model import Model, State
     from barc_sim.vehicle.plant import Observation, Plant
+    from barc_sim.vehicle.road import Road
 
 RESET = 'reset: the car is back at the start'
 DISTANCE = Parameter(
@@ -202,7 +211,15 @@ class Stepper:
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
         self._place: State | None = None
         self._ends = False
-        self._change: Callable[[Plant], None] | None = None
+        self._values: Mapping[str, Any] | None = None  # for the plant
+
+    @classmethod
+    def of_parameters(
+        cls, values: Mapping[str, Any], outputs: Outputs, model: Model, road: Road
+    ) -> Stepper:
+        """Return a stepper of the values of `parameters`; UserError: they do not go together."""
+        new_plant = partial(plant, values, model, road, disturbance_of(values))
+        return cls(new_plant, outputs, Settings.of_parameters(values))
 
     @property
     def slipped(self) -> int:
@@ -310,9 +327,9 @@ class Stepper:
         if self.phase is Phase.PAUSED:
             self._step_when_answered()
 
-    def change(self, change: Callable[[Plant], None]) -> None:
-        """Call `change` with the plant before the next step; may be called from any thread."""
-        self._change = change
+    def retune(self, values: Mapping[str, Any]) -> None:
+        """Give the plant the `LIVE` values before the next step; may be called from any thread."""
+        self._values = values
 
     def reset(self) -> bool:
         """Put the car back to the start as soon as the present state is answered; return if now."""
@@ -348,9 +365,9 @@ class Stepper:
         if self._place is None and (self._ends or plant.state.x >= settings.distance):
             self._end_lap()
             return
-        if self._change:
-            change, self._change = self._change, None
-            change(plant)
+        if self._values:
+            values, self._values = self._values, None
+            retune(values, plant)
         if self._place is not None:
             plant.place(self._place)
             self._place, self._ends = None, False

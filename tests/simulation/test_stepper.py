@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from barc_sim.simulation.stepper import Phase, Settings, Stepper
-from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.bike_model import Command, State
+from barc_sim.vehicle.parameters import PARAMETERS
 from barc_sim.vehicle.plant import Observation, Plant
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 START = 10**18  #: [ns]
 PERIOD = 20_000_000  #: [ns]
@@ -337,8 +336,8 @@ def test_laps_go_on_until_the_run_is_stopped_and_a_reset_of_an_ended_run_counts_
 
 def test_change_of_the_plant_takes_effect_with_the_next_step() -> None:
     engine = lock_step()
-    delay = Actuator(delay=2 * PERIOD / 1e9)
-    engine.stepper.change(lambda plant: plant.retune(NoiseLevels(), delay, Actuator()))
+    values = {parameter.name: parameter.default for parameter in PARAMETERS}
+    engine.stepper.retune(values | {'motor_delay': 2 * PERIOD / 1e9})
     for _ in range(4):
         engine.answer(5.0)
     speeds = [seen.true.v_x for _, seen, _ in engine.published]
