@@ -53,6 +53,7 @@ NODES = {
     'relay': "turns the driver's input, `cmd_vel`, into commands, `ecu`, at 20 Hz",
     'keyboard': "publishes the driver's input from the terminal's keys, as `cmd_vel`",
     'bag_recorder': 'records every wanted topic into a bag',
+    'bag_player': 'publishes the messages of a bag on their topics',
     'view': 'serves the live page, and passes its requests to the other nodes',
     'mirror': "repeats the simulator's states in the messages of ROS's own tools",
     'foxglove': 'serves every topic to the Foxglove app',

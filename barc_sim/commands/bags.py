@@ -2,81 +2,17 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import accept_ros_args
 from barc_sim.errors import escaped
-from barc_sim.runs.options import add_recording_options, recording
 
 if TYPE_CHECKING:
     from argparse import Namespace
     from collections.abc import Iterator
 
-    from rclpy.node import Node
-
     from barc_sim.bags.recovery import Recovered
     from barc_sim.cli.parser import Parser
-    from barc_sim.nodes.recorder import BagRecorder
-
-_EPILOG = (
-    'Services bag_recorder/pause, resume, is_paused, split_bagfile, stop and record, all of '
-    'std_srvs/srv/Trigger.'
-)
-
-
-def add_arguments_record(parser: Parser) -> None:
-    """Describe the command."""
-    parser.description = 'Record every topic that a node publishes or subscribes to, until Ctrl-C.'
-    parser.epilog = _EPILOG
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=Path,
-        metavar='DIR',
-        help='directory of the new bag (bags/<date>_<time>)',
-    )
-    parser.add_argument(
-        '--use-sim-time',
-        action='store_true',
-        help='stamp received messages with the time on /clock, as soon as there is one',
-    )
-    add_recording_options(parser)
-    accept_ros_args(parser)
-
-
-def run_record(options: Namespace) -> int:
-    """Record until a signal or a service stops it; return the exit code."""
-    from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.ros.process import spin  # noqa: PLC0415
-
-    made: list[BagRecorder] = []
-
-    def create() -> Node:
-        made.append(
-            BagRecorder(
-                None,
-                recording(options),
-                path=options.output,
-                metadata={'command': shlex.join(['barc', *options.argv])},
-            )
-        )
-        return made[0]
-
-    code = spin(create, options.ros_args)
-    print(_recorded(made[0]))  # noqa: T201
-    return code
-
-
-def _recorded(recorder: BagRecorder) -> str:
-    """Return the messages recorded by topic, those lost, and the path of the bag."""
-    from barc_sim.bags.recording import summary  # noqa: PLC0415
-
-    counts = recorder.counts
-    lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
-    losses = summary(counts, recorder.lost, recorder.left_out)
-    return '\n'.join([*lines, losses, *(f'bag {path}' for path in recorder.paths)])
 
 
 def add_arguments_info(parser: Parser) -> None:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from rclpy.duration import Duration
 from rclpy.qos import (
     DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
     QoSCompatibility,
     QoSProfile,
     ReliabilityPolicy,
@@ -21,11 +24,17 @@ from barc_sim.errors import UserError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from rclpy.duration import Duration
     from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 _RESPONSE_TIMEOUT = 5.0  #: [s]
+_DEPTH = 1000  #: of a queue where none is recorded, as DDS tells no one else
+_POLICIES: Mapping[str, Any] = {
+    'history': HistoryPolicy,
+    'reliability': ReliabilityPolicy,
+    'durability': DurabilityPolicy,
+    'liveliness': LivelinessPolicy,
+}
 
 
 def message_class(type_name: str) -> type[Any]:
@@ -52,6 +61,48 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
+
+
+def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
+    """Return the QoS of a publisher in place of the recorded ones, in rosbag2's terms.
+
+    Where these differ, it reaches every subscription that one of them reached.
+    """
+    if not recorded:
+        return QoSProfile(depth=_DEPTH)
+    profiles = [profile(each) for each in recorded]
+    if all(each == profiles[0] for each in profiles):
+        return profiles[0]
+    reliable = any(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+    latched = any(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+    return QoSProfile(
+        depth=_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def profile(values: Mapping[str, Any]) -> QoSProfile:
+    """Return a QoS in rosbag2's terms, of which any may be absent; UserError: it is none."""
+    made = QoSProfile(depth=_DEPTH)
+    try:
+        for name, value in values.items():
+            if policies := _POLICIES.get(name):  # by number in older bags
+                member = policies(value) if isinstance(value, int) else policies[value.upper()]
+                if member.name != 'UNKNOWN':
+                    setattr(made, name, member)
+            elif name == 'depth':
+                made.depth = value or _DEPTH
+            elif isinstance(value, dict):
+                setattr(made, name, Duration(seconds=value['sec'], nanoseconds=value['nsec']))
+            else:
+                made.avoid_ros_namespace_conventions = bool(value)
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise UserError(
+            f'{dict(values)!r} is no quality of service ({error!r}): write it as rosbag2 does, as '
+            'in {reliability: best_effort, depth: 10}'
+        ) from None
+    return made
 
 
 def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:

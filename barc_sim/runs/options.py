@@ -227,12 +227,12 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('recording')
     group.add_argument(
         '--topics',
-        type=_pattern,
+        type=pattern,
         metavar='REGEX',
         help='record only topics whose name contains it',
     )
     group.add_argument(
-        '--exclude', type=_pattern, metavar='REGEX', help='record no topic whose name contains it'
+        '--exclude', type=pattern, metavar='REGEX', help='record no topic whose name contains it'
     )
     group.add_argument(
         '--include-hidden-topics',
@@ -285,7 +285,8 @@ def recording(options: argparse.Namespace) -> Recording:
     return Recording(**{name: value for name, value in given.items() if name in names})
 
 
-def _pattern(text: str) -> re.Pattern[str]:
+def pattern(text: str) -> re.Pattern[str]:
+    """Return a regular expression of the command line."""
     try:
         return re.compile(text)
     except re.error as error:

@@ -1,0 +1,176 @@
+"""The node `bag_player`: publishes the messages of a bag on their topics."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from barc_sim.bags.contents import Contents
+from barc_sim.bags.playback import Playback, PlaybackClock
+from barc_sim.errors import UserError
+from barc_sim.ros.node_helpers import to_header
+from barc_sim.ros.peers import others_here
+from barc_sim.ros.topics import message_class, offer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from rclpy.publisher import Publisher
+
+    from barc_sim.control.keyboard import KeyEvent
+
+_SHOW_PERIOD = 0.1  #: [s]
+#: [s] in which publishers and the subscriptions that are there find each other.
+_MATCHING = 0.6
+_MAX_MATCHING = 5.0
+_ACKNOWLEDGED = 3.0  #: [s] to wait until the last messages are
+
+
+class BagPlayer(Node):
+    """Publishes a bag's messages as they were sent: serialized, with their QoS and spacing.
+
+    A thread of its own publishes; `finished` is done at the end. A topic whose type is not
+    installed is left out, with a warning.
+
+    Parameters
+    ----------
+    path
+        The bag, of any recorder.
+    playback
+        What to play, and how.
+    show
+        Is called with the line of progress, 10 times a second.
+    options
+        Those of `rclpy.node.Node`.
+
+    Raises
+    ------
+    UserError
+        There is no bag, or nothing of it can be played.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        playback: Playback | None = None,
+        show: Callable[[str], object] = str,
+        **options: Any,  # noqa: ANN401 (Node's own)
+    ) -> None:
+        self._playback = playback or Playback()
+        self._contents = Contents(path)
+        self._contents.outline()
+        span, offset = self._contents.span, int(self._playback.start_offset * 1e9)
+        self._first, self._last = (span.start or 0) + offset, span.end
+        if self._first > self._last:
+            raise UserError(
+                f'{str(path)!r} has {(span.end - (span.start or 0)) / 1e9:.3f} s of messages: give '
+                'a shorter --start-offset'
+            )
+        super().__init__('bag_player', **options)
+        self.failure: str | None = None  #: why not all was played, in a sentence
+        self.finished: Future = Future()
+        self.played = 0  #: messages
+        self.clock_of_bag = PlaybackClock(self._playback.rate, paused=self._playback.start_paused)
+        self.clock_of_bag.set(self._first)
+        names = self._playback.selected([*self._contents.topics])
+        self._topic_publishers = {name: made for name in names if (made := self._publisher(name))}
+        if not self._topic_publishers:
+            self.destroy_node()
+            raise UserError(f'{str(path)!r} has no topic that can be played: name other --topics')
+        clock = self.create_publisher(ClockMessage, '/clock', 10) if self._playback.clock else None
+        self._clock_publisher = clock
+        self._show = show
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_SHOW_PERIOD, lambda: show(self.progress), clock=steady)
+        self._thread = threading.Thread(target=self._run, name='player', daemon=True)
+        self._thread.start()
+
+    def _publisher(self, name: str) -> Publisher | None:
+        topic = self._contents.topics[name]
+        try:
+            kind = message_class(topic.type)
+        except UserError as error:
+            self.get_logger().warning(f'{name} is not played: {error}')
+            return None
+        return self.create_publisher(kind, name, offer(topic.offered_qos))
+
+    @property
+    def progress(self) -> str:
+        """The line of progress."""
+        start, clock = self._contents.span.start or 0, self.clock_of_bag
+        now = min(max(clock.now, self._first), self._last)
+        return (
+            f'{(now - start) / 1e9:7.1f} / {(self._last - start) / 1e9:.1f} s  '
+            f'{self.played} messages  {"paused" if clock.paused else f"x{self._playback.rate:g}"}'
+        )
+
+    def on_key(self, event: KeyEvent) -> None:
+        """Pause or go on at space, step at the right arrow, and end at `q`."""
+        if event.released:
+            return
+        if event.key == 'space':
+            self.clock_of_bag.toggle()
+        elif event.key == 'right':
+            self.clock_of_bag.step()
+        elif event.key == 'quit':
+            self.clock_of_bag.close()
+
+    def _run(self) -> None:
+        try:
+            self._wait_for_subscriptions()
+            while (ended := self._play()) and self._playback.loop:
+                pass
+            end = time.monotonic() + _ACKNOWLEDGED
+            for publisher in self._topic_publishers.values() if ended else ():
+                publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
+        except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
+            self.failure = f'{str(self._contents.path)!r} was not played to its end: {error}'
+            self.get_logger().error(self.failure)
+        finally:
+            self.finished.set_result(None)
+
+    def _wait_for_subscriptions(self) -> None:
+        """Wait until those that are there match, as messages before that would be lost."""
+        begin = changed = time.monotonic()
+        alone = not others_here(self.context.get_domain_id())
+        seen: list[int] = []
+        while (now := time.monotonic()) < changed + _MATCHING and now < begin + _MAX_MATCHING:
+            publishers = self._topic_publishers.values()
+            found = [each.get_subscription_count() for each in publishers]
+            if found != seen or not (alone or len(self.get_node_names()) > 1):
+                seen, changed = found, now
+            time.sleep(0.02)
+
+    def _play(self) -> bool:
+        """Play the bag once; return whether it came to its end."""
+        clock, tick = self.clock_of_bag, self._first
+        clock.set(self._first)
+        for message in self._contents.in_order():
+            publisher = self._topic_publishers.get(message.topic.name)
+            if not publisher or message.received < self._first:
+                continue
+            while self._clock_publisher and self._playback.clock and tick <= message.received:
+                if not clock.wait_until(tick, is_message=False):
+                    return False
+                self._clock_publisher.publish(ClockMessage(clock=to_header(tick).stamp))
+                tick += max(1, int(1e9 * self._playback.rate / self._playback.clock))
+            if not clock.wait_until(message.received):
+                return False
+            publisher.publish(message.data)
+            self.played += 1
+        return True
+
+    def destroy_node(self) -> None:
+        """End the playback and destroy the node."""
+        self.clock_of_bag.close()
+        if (thread := getattr(self, '_thread', None)) and thread is not threading.current_thread():
+            thread.join()
+        super().destroy_node()

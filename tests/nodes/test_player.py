@@ -1,0 +1,195 @@
+"""The player: what it publishes of a bag, when, and with which QoS."""
+
+from __future__ import annotations
+
+import re
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from command_line import started
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+
+from barc_sim.bags.messages import topic
+from barc_sim.bags.playback import Playback
+from barc_sim.bags.recording import Topic
+from barc_sim.bags.writer import BagWriter
+from barc_sim.control.keyboard import KeyEvent
+from barc_sim.errors import UserError
+from barc_sim.nodes.player import BagPlayer
+from barc_sim.ros.executor import QuickExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from rclpy.context import Context
+
+SECOND = 10**9
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    """Return a bag with ten messages on /a and /b in 0.9 s, and one of a type that nobody has."""
+    (tmp_path / 'bag').mkdir()
+    writer = BagWriter(tmp_path / 'bag')
+    topics = [topic(name, 'std_msgs/msg/Header') for name in ('/a', '/b')]
+    for k in range(10):
+        data = bytes([0, 1, 0, 0, k, *bytes(7), 1, 0, 0, 0, 0])
+        for each in topics:
+            received = 5 * SECOND + SECOND // 10 * k
+            writer.write(each, data, received=received, published=received, sequence=k)
+    foreign = Topic(name='/c', type='nobody/msg/X', definition='', type_hash='', offered_qos=[])
+    writer.write(foreign, bytes(8), received=5 * SECOND, published=0, sequence=1)
+    writer.close()
+    return tmp_path / 'bag'
+
+
+class Played:
+    """A player with a listener that keeps what arrives on each topic."""
+
+    def __init__(self, ros: Context, bag: Path, **settings: Any) -> None:  # noqa: ANN401
+        self.arrived: dict[str, list[int]] = {}
+        self.times: list[float] = []
+        self.listener = Node('listener', context=ros)
+        for name in ('a', 'b', 'moved'):
+            self.listen(name)
+        self.listener.create_subscription(Clock, '/clock', self.on_clock, 100)
+        self.clocks: list[int] = []
+        self.player = BagPlayer(bag, Playback(**settings), context=ros)
+        self.executor = QuickExecutor(2, context=ros)
+        for node in (self.listener, self.player):
+            self.executor.add_node(node)
+
+    def listen(self, name: str) -> None:
+        """Keep the seconds of what arrives on a topic."""
+
+        def keep(message: Header) -> None:
+            self.arrived.setdefault(name, []).append(message.stamp.sec)
+            self.times.append(time.monotonic())
+
+        self.listener.create_subscription(Header, name, keep, 100)
+
+    def on_clock(self, message: Clock) -> None:
+        """Keep a time [ns]."""
+        self.clocks.append(message.clock.sec * SECOND + message.clock.nanosec)
+
+    def close(self) -> None:
+        """End both nodes."""
+        self.executor.shutdown()
+        self.player.destroy_node()
+        self.listener.destroy_node()
+
+
+@pytest.fixture
+def play(
+    ros: Context, bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., Played]]:
+    """Return a function that plays the bag with the given settings."""
+    monkeypatch.setattr('barc_sim.nodes.player._MATCHING', 0.05)
+    made: list[Played] = []
+
+    def begin(**settings: Any) -> Played:  # noqa: ANN401
+        made.append(Played(ros, bag, **settings))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close()
+
+
+def test_every_message_is_published_in_order(
+    play: Callable[..., Played], spin_until: Callable[..., None]
+) -> None:
+    played = play(rate=10.0)
+    spin_until(played.executor, played.player.finished.done)
+    spin_until(played.executor, lambda: len(played.arrived.get('b', [])) == 10)
+    assert played.arrived == {'a': [*range(10)], 'b': [*range(10)]}
+    assert played.player.played == 20
+    assert played.player.failure is None
+    # The spacing is measured in quiet; here it is at least not shorter than the bag's.
+    assert played.times[-1] - played.times[0] > 0.05
+
+
+def test_topics_offset_and_clock(
+    play: Callable[..., Played], spin_until: Callable[..., None]
+) -> None:
+    settings = {'topics': [re.compile('/a')], 'start_offset': 0.45, 'clock': 100.0}
+    played = play(rate=10.0, **settings)
+    spin_until(played.executor, lambda: len(played.arrived.get('a', [])) == 5)
+    assert played.arrived == {'a': [5, 6, 7, 8, 9]}
+    assert played.clocks == [5 * SECOND + SECOND // 100 * ms for ms in range(45, 91, 10)]
+
+
+def test_excluded_topics_are_not_played_and_a_loop_begins_again(
+    play: Callable[..., Played], spin_until: Callable[..., None]
+) -> None:
+    played = play(rate=50.0, loop=True, exclude=[re.compile('a')])
+    spin_until(played.executor, lambda: len(played.arrived.get('b', [])) >= 20)
+    assert played.arrived['b'][:20] == [*range(10)] * 2
+    assert 'a' not in played.arrived
+    played.player.on_key(KeyEvent('quit'))
+    spin_until(played.executor, played.player.finished.done)
+
+
+def test_the_right_arrow_steps_one_message_and_space_goes_on(
+    play: Callable[..., Played], spin_until: Callable[..., None]
+) -> None:
+    played = play(rate=100.0, start_paused=True)
+    for count in (1, 2, 3):
+        played.player.on_key(KeyEvent('right'))
+        spin_until(played.executor, lambda count=count: len(played.times) == count)
+    assert played.player.progress.endswith('paused')
+    assert played.arrived == {'a': [0, 1], 'b': [0]}
+    played.player.on_key(KeyEvent('space'))
+    spin_until(played.executor, lambda: len(played.times) == 20)
+
+
+@pytest.mark.parametrize(
+    ('recorded', 'reliable', 'latched'),
+    [
+        ([], True, False),
+        ([{'reliability': 'best_effort', 'durability': 'volatile'}], False, False),
+        ([{'reliability': 1, 'durability': 1, 'depth': 3}], True, True),
+        ([{'reliability': 'best_effort'}, {'durability': 'transient_local'}], True, True),
+    ],
+)
+def test_a_topic_has_the_recorded_qos(
+    recorded: list[dict[str, Any]], reliable: bool, latched: bool
+) -> None:
+    from barc_sim.ros.topics import offer  # noqa: PLC0415
+
+    made: QoSProfile = offer(recorded)
+    assert (made.reliability == ReliabilityPolicy.RELIABLE) == reliable
+    assert (made.durability == DurabilityPolicy.TRANSIENT_LOCAL) == latched
+
+
+def test_what_cannot_be_played_is_one_sentence(ros: Context, bag: Path) -> None:
+    with pytest.raises(UserError, match=r'has 0\.900 s of messages: give a shorter --start-offset'):
+        BagPlayer(bag, Playback(start_offset=1.0), context=ros)
+    with pytest.raises(UserError, match='has no topic that can be played'):
+        BagPlayer(bag, Playback(topics=[re.compile('/c')]), context=ros)
+
+
+def test_the_command_plays_under_other_names_and_names_what_it_cannot_play(
+    ros: Context, bag: Path, spin_until: Callable[..., None]
+) -> None:
+    arrived: list[int] = []
+    node = Node('listener', context=ros)
+    node.create_subscription(Header, '/moved', lambda m: arrived.append(m.stamp.sec), 100)
+    executor = QuickExecutor(2, context=ros)
+    executor.add_node(node)
+    with started('play', str(bag), '--rate', '10', '--remap', '/a:=/moved') as process:
+        spin_until(executor, lambda: len(arrived) == 10)
+        out, err = process.communicate(timeout=60)
+    executor.shutdown()
+    node.destroy_node()
+    assert process.returncode == 0
+    assert '/c is not played: the type nobody/msg/X is not installed here' in err
+    assert out == 'played 0.9 / 0.9 s  20 messages  x10\n'
