@@ -76,6 +76,11 @@ def test_finished_template_is_right(judged: Callable[[str], Verdict]) -> None:
     assert right
 
 
+def test_slowly_made_nodes_are_waited_for(judged: Callable[[str], Verdict]) -> None:
+    slow = RIGHT.replace('Relay(), Key', '__import__("time").sleep(1.5) or Relay(), Key')
+    assert judged(slow).right
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('old', 'new', 'sentence'),
