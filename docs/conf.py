@@ -20,6 +20,7 @@ extensions = [
     'myst_nb',
     'sphinx.ext.autodoc',
     'sphinx.ext.napoleon',
+    'sphinx.ext.viewcode',
     'sphinx_copybutton',
     'reference',
     'mathml',
@@ -56,7 +57,7 @@ copybutton_only_copy_prompt_lines = True
 linkcheck_ignore = [r'https?://(?!127\.0\.0\.1)']
 
 html_theme = 'furo'
-html_title = 'barc_sim'
+html_title = f'barc_sim {version}'
 (HERE / '_figures').mkdir(exist_ok=True)  # drawn when the build begins
 html_static_path = ['_static', '_figures']
 html_css_files = ['pages.css']

@@ -16,6 +16,7 @@ import write_pages
 from docutils import nodes
 from docutils.parsers.rst import directives
 from docutils.statemachine import StringList
+from sphinx import addnodes
 from sphinx.util.docutils import SphinxDirective
 
 import barc_sim
@@ -130,6 +131,34 @@ def _shorten(_: Sphinx, *about: Any) -> tuple[str, str | None] | None:
     return ('(...)', returned) if signature and len(signature) > _LONGEST else None
 
 
+def _link_words(app: Sphinx, doctree: nodes.document) -> None:
+    """Link the first use of each of the glossary's words on a page, on the built pages."""
+    page = app.env.docname
+    if page.startswith(('reference/', 'notebooks/', 'changelog')):
+        return
+    glossary = (ROOT / 'docs' / 'reference' / 'glossary.md').read_text(encoding='utf-8')
+    left = set(re.findall(r'^([a-z][\w -]+)\n  ', glossary, re.MULTILINE))
+    for paragraph in doctree.findall(nodes.paragraph):
+        for text in [each for each in paragraph.children if isinstance(each, nodes.Text)]:
+            found = left and re.search(
+                rf'\b({"|".join(sorted(left, key=len, reverse=True))})\b', text
+            )
+            if not found:
+                continue
+            left.remove(found[0])
+            word = addnodes.pending_xref(
+                '',
+                nodes.inline('', found[0]),
+                refdomain='std',
+                reftype='term',
+                reftarget=found[0],
+                refdoc=page,
+                refexplicit=True,
+            )
+            around = nodes.Text(text[: found.start()]), word, nodes.Text(text[found.end() :])
+            paragraph.replace(text, list(around))
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Add the directives, and first draw the figures and write the pages that follow from lists."""
     for name, directive in {
@@ -141,4 +170,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.connect('builder-inited', _prepare)
     app.connect('autodoc-process-docstring', _clean, priority=400)  # before napoleon
     app.connect('autodoc-process-signature', _shorten)
+    app.connect('doctree-read', _link_words)
     return {'parallel_read_safe': True, 'parallel_write_safe': True}

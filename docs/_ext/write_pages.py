@@ -43,7 +43,8 @@ def code(text: str) -> str:
 
 def plain(text: str) -> str:
     """Return `text` with Markdown's marks as they are, and options as literals."""
-    text = re.sub(r'([*_<|\[$])', r'\\\1', ' '.join(text.replace('%%', '%').split()))
+    text = text.replace('%%', '%').replace(f'{DOCS.parent}/', '')  # of this checkout
+    text = re.sub(r'([*_<|\[$])', r'\\\1', ' '.join(text.split()))
     return re.sub(
         r'(?<![\w`-])(--[a-z][\w\\-]*)', lambda found: code(found[0].replace('\\', '')), text
     )
@@ -207,7 +208,8 @@ def write_rooms(folder: Path) -> None:
     texts |= {name: (f'barc_sim.{name}', f'.. barc-room:: {name}') for name in ROOMS}
     for name, (title, directive) in texts.items():
         target = folder / 'reference' / 'api' / f'{name}.rst'
-        text = f'{title}\n{"=" * len(title)}\n\n{directive}\n'
+        search = '' if name == 'names' else ':nosearch:\n\n'  # the rooms are for developers
+        text = f'{search}{title}\n{"=" * len(title)}\n\n{directive}\n'
         if not target.is_file() or target.read_text(encoding='utf-8') != text:
             target.write_text(text, encoding='utf-8')
 

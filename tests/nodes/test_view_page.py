@@ -216,7 +216,7 @@ def test_nothing_is_cut_at_any_size(ros: Context, open_: Open, mode: str) -> Non
 def test_teleop_shows_the_car_from_above(teleop: Teleop, open_: Open) -> None:
     view, car = teleop
     tab = open_(view.url)
-    for canvas in ('#scene', '#dial'):
+    for canvas in ('#scene', '#speed-chart'):
         tab.remember(canvas)
     tab.press('ArrowUp')
     tab.press('ArrowLeft')
@@ -224,7 +224,7 @@ def test_teleop_shows_the_car_from_above(teleop: Teleop, open_: Open) -> None:
     tab.release('ArrowUp')
     tab.release('ArrowLeft')
     wait_until(lambda: tab.number('#heading') > 28.0)
-    for canvas in ('#scene', '#dial'):
+    for canvas in ('#scene', '#speed-chart'):
         assert tab.changed(canvas) > 200, canvas
 
 

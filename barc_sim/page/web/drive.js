@@ -13,6 +13,11 @@ const CONTROLS = 'a, button, input, select, textarea, summary, [tabindex]';
 /** Return whether a key belongs to the control that has the focus, not to the page. */
 export const isForControl = (event) => event.target instanceof Element && event.target.closest(CONTROLS) !== null;
 
+/** Return whether a key is the focused control's: a button uses the space bar, and no arrow. */
+const isUsed = (event) => (event.code in KEYS && event.code !== 'Space'
+  ? event.target instanceof Element && event.target.closest('input, select, textarea') !== null
+  : isForControl(event));
+
 const clip = (value) => Math.min(Math.max(value, -1), 1);
 
 export class Driving {
@@ -29,6 +34,7 @@ export class Driving {
     this.sent = 0; // [ms] when a thumb's place was last sent
     this.#listen(commands);
     for (const name of Object.keys(this.pads)) this.#listenToPad(name);
+    for (const cap of document.querySelectorAll('kbd')) this.#listenToCap(cap);
     setInterval(() => this.moving && this.#update(), REPEAT);
   }
 
@@ -48,7 +54,7 @@ export class Driving {
     addEventListener('keydown', (event) => {
       if (event.ctrlKey || event.altKey || event.metaKey || !this.enabled()) return;
       if (event.code === 'Escape') document.activeElement?.blur(); // keys drive again
-      if (isForControl(event)) return;
+      if (isUsed(event)) return;
       const action = KEYS[event.code];
       if (action) {
         event.preventDefault();
@@ -109,6 +115,20 @@ export class Driving {
     });
     pad.addEventListener('pointermove', follow);
     pad.addEventListener('lostpointercapture', release);
+  }
+
+  /** Hold a key while its cap is pressed, by a finger or the mouse. */
+  #listenToCap(cap) {
+    cap.addEventListener('pointerdown', (event) => {
+      event.preventDefault();
+      if (!this.enabled()) return;
+      cap.setPointerCapture(event.pointerId);
+      this.pressed.set(cap, cap.dataset.held);
+      this.#update();
+    });
+    cap.addEventListener('lostpointercapture', () => {
+      if (this.pressed.delete(cap)) this.#update();
+    });
   }
 
   #update() {

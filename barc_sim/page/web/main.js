@@ -3,7 +3,6 @@
 import { Chart } from './chart.js';
 import { Clock } from './clock.js';
 import { Connection } from './connection.js';
-import { drawDial } from './dial.js';
 import { Driving } from './drive.js';
 import { Explorer } from './explorer.js';
 import { Goal } from './goal.js';
@@ -36,7 +35,7 @@ let received = null; // [ms] when the last state arrived, null where none is exp
 
 const stale = () => { drawn = {}; };
 const surface = (id) => new Surface(element(id), stale);
-const [scene, course, dial] = ['scene', 'course', 'dial'].map(surface);
+const [scene, course] = ['scene', 'course'].map(surface);
 const speedChart = new Chart(surface('speed-chart'), [], 1, [-150, 150]);
 const commandChart = new Chart(surface('command-chart'), [], 4, [-100, 100]);
 const speedPart = { chart: speedChart, legend: element('speed-legend') };
@@ -304,7 +303,6 @@ function drawNow(milliseconds) {
   if (charts) {
     const began = performance.now();
     if (facts.mode === 'acc') drawCourse(course, road, state);
-    else drawDial(dial, state);
     explorer.draw(state, road);
     if (state) showReadings(state);
     if (state && facts.mode === 'acc') lesson.update(state, facts);
