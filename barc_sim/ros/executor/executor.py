@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-_CHECK_PERIOD = 0.1  # s
+#: [s] So often a thread that waits for its spin's end looks whether all others are in callbacks.
+_CHECK_PERIOD = 0.5
 #: [s] A thread that has stood by while nothing spun ends after this time.
 _LINGER = 0.05
 _TRIES = 2

@@ -11,7 +11,7 @@ import pytest
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import Parameter, ParameterEvent, ParameterValue
 from rcl_interfaces.srv import ListParameters
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -22,7 +22,6 @@ from std_msgs.msg import String
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.context import Context
     from rclpy.impl._rclpy_pybind11 import WaitSet
     from rclpy.node import Node
@@ -33,18 +32,13 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.timeout(120)
 DEADLINE = 20.0
-GROUPS = pytest.mark.parametrize(
-    'group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup]
-)
 
 
-@GROUPS
 def test_messages_whose_sequences_grow_and_shrink_arrive_as_they_were(
-    node: Node, until: Until, group_type: type[CallbackGroup]
+    node: Node, until: Until
 ) -> None:
     received: list[ParameterEvent] = []
-    group = group_type()
-    node.create_subscription(ParameterEvent, 'a', received.append, 10, callback_group=group)
+    node.create_subscription(ParameterEvent, 'a', received.append, 10)
     publisher = node.create_publisher(ParameterEvent, 'a', 10)
     lengths = (0, 3, 50, 2, 0, 1)
     published = [
@@ -89,23 +83,18 @@ def test_a_destroyed_subscription_leaves_no_message_in_memory(node: Node, until:
     assert used[-1] - used[1] < 5 * size
 
 
-@GROUPS
-def test_a_subscription_gets_the_message_or_its_information_too(
-    node: Node, until: Until, group_type: type[CallbackGroup]
-) -> None:
+def test_a_subscription_gets_the_message_or_its_information_too(node: Node, until: Until) -> None:
     alone = []
     with_information = []
     raw = []
-    group = group_type()
     node.create_subscription(Time, 'a', alone.append, 10)
     node.create_subscription(
         Time,
         'a',
         lambda message, information: with_information.append((message, information)),
         10,
-        callback_group=group,
     )
-    node.create_subscription(Time, 'a', raw.append, 10, callback_group=group, raw=True)
+    node.create_subscription(Time, 'a', raw.append, 10, raw=True)
     node.create_publisher(Time, 'a', 10).publish(Time(sec=7))
 
     until(lambda: alone and with_information and raw)
@@ -117,19 +106,15 @@ def test_a_subscription_gets_the_message_or_its_information_too(
     assert deserialize_message(raw[0], Time) == Time(sec=7)
 
 
-@GROUPS
-def test_a_service_is_called_from_a_callback_of_another_group(
-    node: Node, until: Until, group_type: type[CallbackGroup]
-) -> None:
+def test_a_service_is_called_from_a_callback_of_another_group(node: Node, until: Until) -> None:
     def serve(
         request: ListParameters.Request, response: ListParameters.Response
     ) -> ListParameters.Response:
         response.result.names = request.prefixes
         return response
 
-    group = group_type()
-    node.create_service(ListParameters, 'serve', serve, callback_group=group)
-    client = node.create_client(ListParameters, 'serve', callback_group=group_type())
+    node.create_service(ListParameters, 'serve', serve)
+    client = node.create_client(ListParameters, 'serve')
     answers = []
 
     def ask() -> None:

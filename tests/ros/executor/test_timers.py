@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -14,7 +14,6 @@ from rosgraph_msgs.msg import Clock
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.node import Node
 
     from barc_sim.ros.executor import QuickExecutor
@@ -22,17 +21,11 @@ if TYPE_CHECKING:
     Until = Callable[[Callable[[], object]], None]
 
 pytestmark = pytest.mark.timeout(60)
-GROUPS = pytest.mark.parametrize(
-    'group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup]
-)
 
 
-@GROUPS
-def test_a_cancelled_timer_rests_until_it_is_reset(
-    node: Node, until: Until, group_type: type[CallbackGroup]
-) -> None:
+def test_a_cancelled_timer_rests_until_it_is_reset(node: Node, until: Until) -> None:
     calls = []
-    timer = node.create_timer(0.001, lambda: calls.append(1), callback_group=group_type())
+    timer = node.create_timer(0.001, lambda: calls.append(1))
     other = []
     node.create_timer(
         0.001, lambda: other.append(1), callback_group=MutuallyExclusiveCallbackGroup()
@@ -50,12 +43,9 @@ def test_a_cancelled_timer_rests_until_it_is_reset(
     until(lambda: len(calls) > before)
 
 
-@GROUPS
-def test_a_changed_period_holds_from_the_next_call(
-    node: Node, until: Until, group_type: type[CallbackGroup]
-) -> None:
+def test_a_changed_period_holds_from_the_next_call(node: Node, until: Until) -> None:
     calls = []
-    timer = node.create_timer(1000.0, lambda: calls.append(1), callback_group=group_type())
+    timer = node.create_timer(1000.0, lambda: calls.append(1))
     timer.timer_period_ns = 1_000_000
     timer.reset()
     until(lambda: len(calls) > 5)
@@ -104,9 +94,8 @@ def test_timers_cancelled_and_reset_by_another_thread_never_end_the_spin(
         thread.join()
 
 
-@GROUPS
 def test_timers_follow_simulated_time_forwards_and_back(
-    make_node: Callable[..., Node], until: Until, group_type: type[CallbackGroup]
+    make_node: Callable[..., Node], until: Until
 ) -> None:
     node = make_node(parameter_overrides=[Parameter('use_sim_time', value=True)])
     times = []
@@ -114,7 +103,6 @@ def test_timers_follow_simulated_time_forwards_and_back(
     node.create_timer(
         1.0,
         lambda: times.append(clock.now().nanoseconds / 1e9),
-        callback_group=group_type(),
     )
     publisher = node.create_publisher(Clock, '/clock', 10)
 
