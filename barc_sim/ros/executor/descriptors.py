@@ -16,14 +16,12 @@ import select
 from contextlib import suppress
 from functools import partial
 from struct import pack
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-Opened = TypeVar('Opened')
 
 _MOST = 64  # descriptors in one poll
 #: The length of a struct epoll_event, and the place of the descriptor in it, both in integers of
@@ -73,7 +71,7 @@ class Descriptors:
     @property
     def closed(self) -> bool:
         """Whether `close` was called."""
-        return self._epoll.closed
+        return bool(self._epoll.closed)
 
     def close(self) -> None:
         """Close the epoll descriptor; those that were added stay open."""
@@ -84,7 +82,7 @@ def counter() -> int:
     """Return an eventfd, which counts what is written to it."""
     with suppress(IndexError):
         return _spare.pop()
-    return _opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC))
+    return int(_opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)))
 
 
 def retire(descriptor: int) -> None:
@@ -114,7 +112,7 @@ def _timespec(seconds: float) -> bytes:
     return pack('ll', int(seconds), int(seconds % 1.0 * 1e9))
 
 
-def _opened(create: Callable[[], Opened]) -> Opened:
+def _opened(create: Callable[[], Any]) -> Any:  # noqa: ANN401
     """Open a descriptor."""
     with suppress(OSError):
         if (opened := create()) != -1:

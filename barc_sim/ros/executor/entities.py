@@ -61,19 +61,10 @@ class Entry:
     lasting: bool = False  #: whether its last callback lasted
     descriptor: int = -1  #: the eventfd in which arrivals are counted
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
-    destroyed: bool = False
+    destroyed: bool = False  #: by its user: nothing is taken any longer
     on_taken: Callable[[Entry], None] | None = None
     #: By its take: a QoS event's last status, an action's wait set, a subscription's message taker.
     kept: Any = None
-
-    def note_destruction(self) -> None:
-        """Take nothing for it any longer: its user has destroyed it."""
-        self.destroyed = True
-
-    @property
-    def name(self) -> str:
-        """The topic's name, or else the entity's type."""
-        return str(getattr(self.entity, 'topic', type(self.entity).__name__))
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
         """Warn where rclpy itself cannot handle what has arrived; return False for other errors.
@@ -86,8 +77,9 @@ class Entry:
             isinstance(error, Exception) and (self.kind in _WITH_MESSAGES if taking else of_rclpy)
         ):
             return False
+        name = getattr(self.entity, 'topic', type(self.entity).__name__)
         self.node.get_logger().warning(
-            f'what has arrived for {self.name!r} was dropped: {type(error).__name__}: {error}',
+            f'what has arrived for {name!r} was dropped: {type(error).__name__}: {error}',
             throttle_duration_sec=1.0,
         )
         return True

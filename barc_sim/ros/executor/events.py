@@ -152,10 +152,8 @@ class Events:
             if entry.tries and not entry.queued:
                 entry.tries -= 1
                 entry.ahead += 1
-                entry.pending = 1
-                entry.queued = tried = True
-                entry.found = self.now
-                self.ready.append(entry)
+                self.queue(entry)
+                tried = True
         if not tried:
             self.recent.clear()
         return tried
@@ -164,12 +162,8 @@ class Events:
         """Queue what has arrived for the entities that share a descriptor."""
         count = self._descriptors.take_count(descriptor)
         for entry in self._counted[descriptor]:
-            entry.pending = max(1, entry.pending + count - entry.ahead)
+            self.queue(entry, max(1 - entry.pending, count - entry.ahead))
             entry.ahead = max(0, entry.ahead - count)
-            if not entry.queued:
-                entry.queued = True
-                entry.found = self.now
-                self.ready.append(entry)
 
     def _check(self) -> None:
         """Have the context be checked, and find the actions whose results have expired."""
@@ -254,20 +248,18 @@ class Events:
             if isinstance(entity, _SHARING):
                 entry.idle_uses = _IDLE_USES
             if not self._count_arrivals(entry):
-                self._have_waited_for(entry)
+                if isinstance(entity, Waitable):
+                    entry.take = take_waitable
+                else:
+                    warnings.warn(
+                        'the middleware has no listeners: wait sets are slow', stacklevel=2
+                    )
+                entry.on_taken = self._waiter.resume
+                self._waiter.add(entry)
             if isinstance(entity, Subscription):
-                note_destruction(entity, entry.note_destruction)
+                note_destruction(entity, partial(setattr, entry, 'destroyed', True))
             if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
                 self.queue(entry, left)
-
-    def _have_waited_for(self, entry: Entry) -> None:
-        """Have an entity without a listener waited for in another thread."""
-        if isinstance(entry.entity, Waitable):
-            entry.take = take_waitable
-        else:
-            warnings.warn('the middleware has no listeners: wait sets are slow', stacklevel=2)
-        entry.on_taken = self._waiter.resume
-        self._waiter.add(entry)
 
     def _count_arrivals(self, entry: Entry) -> bool:
         """Count an entity's arrivals in a descriptor: a shared one while it is idle.
