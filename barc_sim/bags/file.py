@@ -14,6 +14,7 @@ from contextlib import suppress
 from struct import Struct
 from typing import TYPE_CHECKING, Any
 
+import lz4.frame
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -177,7 +178,8 @@ def is_being_written(path: Path) -> bool:
 class ChunkBuilder:
     """Collects the messages of a chunk, after the schemas and channels that they need."""
 
-    def __init__(self) -> None:
+    def __init__(self, compression: str) -> None:
+        self._compression = compression
         self.size = 0  #: [B] before compression
         self._records: list[bytes] = []
         #: By channel: of each message its time and its offset, one after the other.
@@ -211,9 +213,10 @@ class ChunkBuilder:
         """
         content = b''.join(self._records)
         times = [pairs[::2] for pairs in self._pairs.values()]
+        compress = {'zstd': ZstdCompressor().compress, 'lz4': lz4.frame.compress, 'none': bytes}
         chunk = Chunk(
-            compression='zstd',
-            data=ZstdCompressor().compress(content),
+            compression=self._compression.replace('none', ''),
+            data=compress[self._compression](content),
             message_start_time=min(map(min, times)),
             message_end_time=max(map(max, times)),
             uncompressed_crc=zlib.crc32(content),
@@ -264,8 +267,9 @@ class BagFile:
         The file exists or cannot be made.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, compression: str = 'zstd') -> None:
         self.path = path
+        self._compression = compression
         self.span = Span()
         self.appender = AtomicAppender(path)
         self.finished = False
@@ -274,7 +278,7 @@ class BagFile:
         self.topics: dict[int, Topic] = {}  #: by the ID of their channel
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
-        self._chunk = ChunkBuilder()
+        self._chunk = ChunkBuilder(compression)
         self._summary: defaultdict[int, bytearray] = defaultdict(bytearray)  # records by opcode
         self._listed: Counter[int] = Counter()  # records in the summary, by opcode
         self._checksum = 0
@@ -385,7 +389,7 @@ class BagFile:
             self._put(data)
             self._list(index)
             self._in_blocks += in_chunk
-            self._chunk = ChunkBuilder()
+            self._chunk = ChunkBuilder(self._compression)
 
     def commit(self) -> None:
         """Write the finished chunks, and close the file if it is finished."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ _TRIES = 10
 BAG_DIR = Parameter(
     'bag_dir', 'bags', 'folder to make the bag in, as a directory <date>_<time>', read_only=True
 )
+COMPRESSIONS = ('zstd', 'lz4', 'none')  #: of a chunk
 #: The number of a message that the middleware does not number.
 UNNUMBERED = 2**64 - 1
 
@@ -52,10 +53,21 @@ class Recording:
     on_write_error: str = 'stop'  #: or `continue`
     min_free_space: float = 64.0  #: [MiB] to leave free on the disk
     use_sim_time: bool = False  #: stamp messages with `/clock`
+    start_paused: bool = False
+    snapshot: float | None = None  #: [s] to keep in memory and write on request; None: write all
+    compression: str = 'zstd'  #: of `COMPRESSIONS`
+    nodes: Sequence[str] = ()  #: record only topics that one of these publishes or subscribes to
+    topic_types: Sequence[str] = ()  #: record only topics of these types
+    all_services: bool = False  #: also requests and responses where introspection publishes them
+    #: By topic, the QoS to request, in rosbag2's terms.
+    qos: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def wants(self, topic: str) -> bool:
-        """Return whether to record a topic, given its full name."""
-        if '/_' in topic and not self.include_hidden_topics:
+    def wants(self, topic: str, types: Sequence[str] = ()) -> bool:
+        """Return whether to record a topic, given its full name and, if known, its types."""
+        is_service = self.all_services and topic.endswith('/_service_event')
+        if '/_' in topic and not (self.include_hidden_topics or is_service):
+            return False
+        if types and self.topic_types and not {*types} & {*self.topic_types}:
             return False
         if self.exclude and self.exclude.search(topic):
             return False

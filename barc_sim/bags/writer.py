@@ -38,6 +38,8 @@ class BagWriter:
         The run's own, kept in the files and in `custom_data` of metadata.yaml.
     limits
         Those of each file.
+    compression
+        One of `COMPRESSIONS`.
 
     Raises
     ------
@@ -63,8 +65,10 @@ class BagWriter:
         *,
         metadata: Mapping[str, str] | None = None,
         limits: FileLimits | None = None,
+        compression: str = 'zstd',
     ) -> None:
         self.directory = directory
+        self._compression = compression
         self._limits = limits or FileLimits()
         self._limited = self._limits != FileLimits()
         self._files: list[BagFile] = []
@@ -150,7 +154,7 @@ class BagWriter:
 
     def _begin_file(self) -> None:
         name = f'{self.directory.absolute().name}_{len(self._files)}.mcap'
-        self._files.append(BagFile(self.directory / name))
+        self._files.append(BagFile(self.directory / name, self._compression))
 
     def flush(self) -> None:
         """Hand all data to the operating system: a kill of the process loses nothing then."""

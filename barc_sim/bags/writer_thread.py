@@ -73,6 +73,8 @@ class WriterThread:
         self._unflushed = True  # messages were written since the last flush
         self._lock = threading.Lock()
         self.paused = False
+        self.snapshot: float | None = None  #: [s] to keep until `write_snapshot`; None: write all
+        self._snapshot_due = False
         self.use_sim_time = False  #: whether messages are stamped with `/clock`, once there is one
         self._clock = SimulatedClock()
         self._late: list[Message] = []
@@ -139,20 +141,37 @@ class WriterThread:
             self._fail(error)
 
     def _drain(self) -> None:
-        if not self._waiting:
+        if not self._waiting or self.snapshot is not None:
             messages = self._take()
             if self.paused:
-                if self.use_sim_time:  # time goes on
-                    for message in messages:
-                        self._clock.time_of(message.topic.name, message.data, message.received)
+                self._drop(messages)
                 return
             self._waiting.extend(messages)
+        if self.snapshot is not None and not self._snapshot_due:
+            begin = time.time_ns() - int(self.snapshot * 1e9)
+            while self._waiting and self._waiting[0].received < begin:
+                self._drop([self._waiting.popleft()])
+            return
         while self._waiting:
             self._unflushed = True
             topic, data, received, published, number = self._waiting.popleft()
             if self.use_sim_time:
                 received = self._clock.time_of(topic.name, data, received)
             self._writer.write(topic, data, received=received, published=published, sequence=number)
+
+        self._snapshot_due = False
+
+    def _drop(self, messages: Iterable[Message]) -> None:
+        """Let simulated time go on over messages that are not written."""
+        if self.use_sim_time:
+            for message in messages:
+                self._clock.time_of(message.topic.name, message.data, message.received)
+
+    def write_snapshot(self) -> None:
+        """Write the messages of the last `snapshot` seconds."""
+        with self._lock:
+            self._snapshot_due, self._chunk_due = True, 0.0
+            self._run_once()
 
     def _take(self) -> list[Message]:
         """Return the waiting messages in order of reception, as readers expect.
@@ -241,6 +260,8 @@ class WriterThread:
         """Count the messages that were received, and that the disk has refused to the end."""
         left = Counter(self._writer.counts)
         left.subtract(self._writer.on_disk)
+        if self.snapshot is not None and not self._snapshot_due:
+            self._waiting.clear()  # nobody asked for them
         if self._stuck and not self._broken:
             self._waiting.extend((*self._late, *self._source()))
         left.update(message.topic.name for message in self._waiting)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import shlex
+from argparse import ArgumentTypeError
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.parser import accept_ros_args
+from barc_sim.bags.recording import COMPRESSIONS, summary
+from barc_sim.cli.files import read_regular
+from barc_sim.cli.parser import accept_ros_args, number
 from barc_sim.runs.options import add_recording_options, recording
 
 if TYPE_CHECKING:
@@ -18,9 +21,10 @@ if TYPE_CHECKING:
     from barc_sim.nodes.recorder import BagRecorder
 
 _EPILOG = (
-    'Services bag_recorder/pause, resume, is_paused, split_bagfile, stop and record, all of '
-    'std_srvs/srv/Trigger.'
+    'Services bag_recorder/pause, resume, is_paused, split_bagfile, snapshot, stop and record, of '
+    "rosbag2's types where it is installed, else of std_srvs/srv/Trigger."
 )
+_SNAPSHOT, _MAX_SNAPSHOT = 10.0, 3600.0  #: [s]
 
 
 def add_arguments(parser: Parser) -> None:
@@ -39,8 +43,61 @@ def add_arguments(parser: Parser) -> None:
         action='store_true',
         help='stamp received messages with the time on /clock, as soon as there is one',
     )
+    _add_more(parser)
     add_recording_options(parser)
     accept_ros_args(parser)
+
+
+def _add_more(parser: Parser) -> None:
+    """Add the options that a run does not have."""
+    parser.add_argument('--start-paused', action='store_true', help='begin paused; see resume')
+    parser.add_argument(
+        '--snapshot',
+        '--snapshot-mode',
+        type=number(0.1, _MAX_SNAPSHOT),
+        nargs='?',
+        const=_SNAPSHOT,
+        metavar='S',
+        help='keep the last seconds in memory, and write them only when bag_recorder/snapshot is '
+        f'called ({_SNAPSHOT:g})',
+    )
+    parser.add_argument(
+        '--compression', choices=COMPRESSIONS, default='zstd', help='of each chunk (zstd)'
+    )
+    for option, field, what in (
+        ('--node', 'nodes', 'that one of these nodes publishes or subscribes to'),
+        ('--topic-types', 'topic_types', 'of these types, as in sensor_msgs/msg/Imu'),
+    ):
+        parser.add_argument(
+            option, dest=field, nargs='+', default=(), metavar='NAME', help=f'only topics {what}'
+        )
+    parser.add_argument(
+        '--all-services',
+        action='store_true',
+        help='also requests and responses of services whose introspection is on',
+    )
+    parser.add_argument(
+        '--qos-profile-overrides-path',
+        dest='qos',
+        type=_qos,
+        default={},
+        metavar='FILE',
+        help='YAML with the quality of service to request, by topic, as for ros2 bag record',
+    )
+
+
+def _qos(text: str) -> dict[str, dict[str, object]]:
+    from barc_sim.bags.bounds import MAX_LONG_TEXT, from_yaml  # noqa: PLC0415 (slow: not for --help)
+
+    try:
+        found = from_yaml(read_regular(Path(text), MAX_LONG_TEXT).decode())
+    except (OSError, ValueError) as error:
+        raise ArgumentTypeError(f'{text!r} cannot be read ({error}): name a YAML file') from None
+    if not isinstance(found, dict) or not all(isinstance(each, dict) for each in found.values()):
+        raise ArgumentTypeError(
+            f'{text!r} has no quality of service by topic: write it as in /scan: {{depth: 10}}'
+        )
+    return found
 
 
 def run(options: Namespace) -> int:
@@ -62,15 +119,9 @@ def run(options: Namespace) -> int:
         return made[0]
 
     code = spin(create, options.ros_args)
-    print(_recorded(made[0]))  # noqa: T201
-    return code
-
-
-def _recorded(recorder: BagRecorder) -> str:
-    """Return the messages recorded by topic, those lost, and the path of the bag."""
-    from barc_sim.bags.recording import summary  # noqa: PLC0415
-
-    counts = recorder.counts
+    recorder, counts = made[0], made[0].counts
     lines = [f'{count:9} {topic}' for topic, count in sorted(counts.items())]
-    losses = summary(counts, recorder.lost, recorder.left_out)
-    return '\n'.join([*lines, losses, *(f'bag {path}' for path in recorder.paths)])
+    lines.append(summary(counts, recorder.lost, recorder.left_out))
+    lines += [f'bag {path}' for path in recorder.paths]
+    print('\n'.join(lines))  # noqa: T201
+    return code

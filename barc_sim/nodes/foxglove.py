@@ -137,7 +137,7 @@ class _SubscribeListener(ServerListener):
         self._callback(channel.topic)
 
 
-def is_visible(topic: str) -> bool:
+def is_visible(topic: str, _: object = ()) -> bool:
     """Return whether a topic is not hidden, by its full name."""
     return '/_' not in topic
 

@@ -45,9 +45,9 @@ class BagRecorder(Node):
     nodes' constructors on.
 
     A thread of its own writes the messages. Spinning the node finds topics, and serves rosbag2's
-    names: `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `stop` and, for another bag
-    in the folder, `record`. The types are those of rosbag2_interfaces where that is installed, else
-    Trigger.
+    names: `bag_recorder/pause`, `resume`, `is_paused`, `split_bagfile`, `snapshot`, `stop` and, for
+    another bag in the folder, `record`. The types are those of rosbag2_interfaces where that is
+    installed, else Trigger.
 
     Parameters
     ----------
@@ -120,6 +120,7 @@ class BagRecorder(Node):
             ('resume', partial(self._pause, False)),
             ('is_paused', lambda: str(self.paused).lower()),
             ('split_bagfile', self._split_bagfile),
+            ('snapshot', self._snapshot),
             ('stop', self._stop),
             ('record', self._record),
         ):
@@ -169,7 +170,10 @@ class BagRecorder(Node):
         check_space(path or self._root, reserve)
         path = make_directory(path) if path else new_directory(self._root)
         limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
-        self._writer = BagWriter(path, metadata=self._metadata, limits=limits)
+        compression = self._recording.compression
+        self._writer = BagWriter(
+            path, metadata=self._metadata, limits=limits, compression=compression
+        )
         self._writers.append(self._writer)
         arrivals = self._topics if has_dds() else None
         self._thread = WriterThread(
@@ -179,6 +183,8 @@ class BagRecorder(Node):
             self._topics.on_full = self._thread.write_now
         self._thread.attach(self._attachments)
         self._thread.use_sim_time = self.use_sim_time
+        self._thread.snapshot = self._recording.snapshot
+        self._thread.paused = self._recording.start_paused and len(self._writers) == 1
         self._graph_size = 0
         self._thread.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
@@ -342,6 +348,13 @@ class BagRecorder(Node):
         self.split()
         return str(self.path)
 
+    def _snapshot(self) -> str:
+        self._check_recording()
+        if self._recording.snapshot is None:
+            raise UserError('every message is written already: record with --snapshot to keep some')
+        self._thread.write_snapshot()
+        return str(self.path)
+
     def _stop(self) -> str:
         self.close()
         return str(self.path)
@@ -367,7 +380,9 @@ def _subscriptions(node: Node, recording: Recording) -> Any:  # noqa: ANN401 (of
     if has_dds():
         from barc_sim.ros.topic_subscriptions import TopicSubscriptions  # noqa: PLC0415
 
-        return TopicSubscriptions(node, recording.wants, recording.depth)
+        return TopicSubscriptions(
+            node, recording.wants, recording.depth, recording.nodes, recording.qos
+        )
     from barc_sim.ros.local.recording import LocalSubscriptions  # noqa: PLC0415
 
     return LocalSubscriptions(node, recording.wants, recording.depth)

@@ -16,10 +16,17 @@ from barc_sim.errors import UserError
 from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.peers import types_here
 from barc_sim.ros.polled import Arrivals, Taker, polled
-from barc_sim.ros.topics import describe, matches, message_class, request, same_strength
+from barc_sim.ros.topics import (
+    describe,
+    matches,
+    message_class,
+    profile,
+    request,
+    same_strength,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from rclpy.node import Node
     from rclpy.subscription import Subscription
@@ -88,13 +95,34 @@ class TopicSubscriptions:
     node
         The owner of the subscriptions.
     wants
-        The filter: returns whether to subscribe to a topic, given its full name.
+        The filter: returns whether to subscribe to a topic, given its full name and its types.
     depth
         Queue length of each subscription.
+    nodes
+        Those that publish or subscribe to the topics; without names, all.
+    overrides
+        By topic, the QoS to request, in rosbag2's terms.
+
+    Raises
+    ------
+    UserError
+        An override is no QoS.
     """
 
-    def __init__(self, node: Node, wants: Callable[[str], bool], depth: int = 10_000) -> None:
+    def __init__(
+        self,
+        node: Node,
+        wants: Callable[[str, Sequence[str]], bool],
+        depth: int = 10_000,
+        nodes: Sequence[str] = (),
+        overrides: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
         self._node = node
+        self._nodes = {f'/{name.lstrip("/")}' for name in nodes}
+        self._overrides = {
+            node.resolve_topic_name(name): profile({'depth': depth} | dict(values))
+            for name, values in (overrides or {}).items()
+        }
         self._wants = wants
         self._depth = depth
         self._polled = PolledCallbackGroup()
@@ -108,7 +136,7 @@ class TopicSubscriptions:
 
     def expect(self, name: str, message_type: type[Any]) -> None:
         """Subscribe, reliably, to a wanted topic before it has a publisher or subscriptions."""
-        if self._wants(name) and name not in self._topics:
+        if self._wants(name, ()) and name not in self._topics:
             self._begin(name, message_type, QoSProfile(depth=self._depth))
 
     def discover(self) -> Iterator[tuple[str, Sequence[TopicEndpointInfo]]]:
@@ -120,12 +148,12 @@ class TopicSubscriptions:
         ------
             Name and publishers of each topic that turns out to be impossible to record.
         """
-        for name, _ in self._node.get_topic_names_and_types():
+        for name, types in self._node.get_topic_names_and_types():
             recorded = self._topics.get(name)
             count = self._node.count_publishers(name)
             if name in self.unknown or (recorded and recorded.publishers == count):
                 continue
-            if self._wants(name):
+            if self._wants(name, types) and self._has_wanted_node(name):
                 publishers = self._node.get_publishers_info_by_topic(name)
                 if publishers and not self.subscribe(name, publishers):
                     yield name, publishers
@@ -133,6 +161,16 @@ class TopicSubscriptions:
                     recorded.publishers = 0
                 elif not publishers and name not in self._unexpected:
                     self._follow(name, self._node.get_subscriptions_info_by_topic(name))
+
+    def _has_wanted_node(self, name: str) -> bool:
+        if not self._nodes:
+            return True
+        ends = (
+            *self._node.get_publishers_info_by_topic(name),
+            *self._node.get_subscriptions_info_by_topic(name),
+        )
+        names = {f'{end.node_namespace.rstrip("/")}/{end.node_name}' for end in ends}
+        return bool(names & self._nodes)
 
     def _follow(self, name: str, subscribers: Sequence[TopicEndpointInfo]) -> None:
         """Subscribe to a topic as its subscribers do."""
@@ -230,7 +268,7 @@ class TopicSubscriptions:
         elif not recorded.begun:
             recorded = self._complete(recorded, publishers)
         unmatched = [each for each in publishers if not recorded.matches(each)]
-        if unmatched:
+        if unmatched and not (name in self._overrides and recorded.subscriptions):
             qos = request(unmatched, self._depth)
             subscription = self._create(name, message_class(recorded.topic.type), qos)
             with self._lock:
@@ -248,8 +286,8 @@ class TopicSubscriptions:
 
         The subscription remains, as messages may wait in it; another requests what it did not.
         """
-        topic, qos = early.topic, request(publishers, self._depth)
-        subscriptions = [*early.subscriptions]
+        topic, subscriptions = early.topic, [*early.subscriptions]
+        qos = self._overrides.get(topic.name) or request(publishers, self._depth)
         if not same_strength(qos, subscriptions[0].qos_profile):
             subscriptions.append(self._create(topic.name, message_class(topic.type), qos))
             self.wake()
@@ -265,6 +303,7 @@ class TopicSubscriptions:
         self._definitions[type_name] = definition
 
     def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
+        qos = self._overrides.get(name, qos)
         return polled(self._node, message_type, name, qos, self._polled, raw=True)
 
     def take(self) -> list[Message]:

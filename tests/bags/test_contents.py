@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import mcap_doctor
 import pytest
 from command_line import printed, refused
 from rosbags.convert.converter import convert
+from rosbags.highlevel import AnyReader
 
 from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import topic
+from barc_sim.bags.recording import COMPRESSIONS
 from barc_sim.bags.writer import BagWriter
 
 if TYPE_CHECKING:
@@ -83,6 +86,19 @@ def test_info_of_a_damaged_bag_counts_what_can_be_read(ours: Path, tmp_path: Pat
     assert 'Messages:  222' in out  # the first file's; its summary is gone
     assert any(line.startswith('cut.mcap is damaged: 0 chunks and ') for line in out)
     assert {'lost_messages: 2', 'command: test'} <= {*out}
+
+
+@pytest.mark.parametrize('compression', COMPRESSIONS)
+def test_a_bag_of_each_compression_is_read_by_others(tmp_path: Path, compression: str) -> None:
+    writer = BagWriter(tmp_path, compression=compression)
+    of_headers = topic('/a', 'std_msgs/msg/Header')
+    for k in range(100):
+        writer.write(of_headers, bytes([0, 1, *bytes(15)]), received=k, published=k, sequence=k)
+    writer.close()
+    assert sum(1 for _ in Contents(tmp_path).messages()) == 100
+    with AnyReader([tmp_path]) as reader:
+        assert sum(1 for _ in reader.messages()) == 100
+    mcap_doctor.check(writer.file)
 
 
 def test_info_of_what_is_no_bag_is_one_sentence(tmp_path: Path) -> None:

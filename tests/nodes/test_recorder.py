@@ -452,10 +452,12 @@ def test_only_wanted_topics_are_recorded(ros: Context, tmp_path: Path) -> None:
     assert set(recorder.counts) == {'/value1'}
 
 
+@pytest.mark.parametrize('hidden_too', [True, False])
 def test_hidden_topics_and_service_events_are_recorded_on_request(
-    ros: Context, tmp_path: Path
+    ros: Context, tmp_path: Path, *, hidden_too: bool
 ) -> None:
-    recorder = BagRecorder(tmp_path, Recording(include_hidden_topics=True), context=ros)
+    recording = Recording(include_hidden_topics=hidden_too, all_services=not hidden_too)
+    recorder = BagRecorder(tmp_path, recording, context=ros)
     talker = Node('talker', context=ros)
     service = talker.create_service(SetBool, 'switch', lambda _, response: response)
     client = talker.create_client(SetBool, 'switch')
@@ -469,10 +471,95 @@ def test_hidden_topics_and_service_events_are_recorded_on_request(
     recorder.destroy_node()
     talker.destroy_service(service)
     talker.destroy_node()
-    assert recorder.counts['/_value'] == 1
+    assert ('/_value' in recorder.counts) == hidden_too
     (event,) = messages(recorder.path, '/switch/_service_event')
     (request,) = deserialize_message(event.data, SetBool_Event).request
     assert request.data
+
+
+@pytest.mark.parametrize(
+    ('recording', 'expected'),
+    [
+        (Recording(nodes=['talker']), {'/value', '/color'}),
+        (Recording(nodes=['/other']), {'/value'}),
+        (Recording(topic_types=['std_msgs/msg/ColorRGBA']), {'/color'}),
+    ],
+    ids=['of a node', 'to a node', 'of a type'],
+)
+def test_topics_are_chosen_by_node_and_by_type(
+    ros: Context, tmp_path: Path, recording: Recording, expected: set[str]
+) -> None:
+    recorder = BagRecorder(tmp_path, recording, context=ros)
+    talker, other = (Node(name, context=ros) for name in ('talker', 'other'))
+    other.create_subscription(Float64, 'value', lambda _: None, 10)
+    for name, kind in (('value', Float64), ('color', ColorRGBA)):
+        talker.create_publisher(kind, name, LATCHED).publish(kind())
+    recorder.discover()
+    recorder.destroy_node()
+    talker.destroy_node()
+    other.destroy_node()
+    assert {*recorder.counts} - {'/rosout', '/parameter_events'} == expected
+
+
+def test_a_snapshot_has_the_last_seconds_and_only_on_request(ros: Context, tmp_path: Path) -> None:
+    recording = Recording(snapshot=0.3, topics=re.compile('value'))
+    recorder = BagRecorder(tmp_path, recording, context=ros)
+    talker = Node('talker', context=ros)
+    publisher = talker.create_publisher(Float64, 'value', 100)
+    recorder.discover()
+    publisher.publish(Float64(data=1.0))
+    begin = time.time_ns()
+    wait_for(lambda: time.time_ns() > begin + 500_000_000)
+    publisher.publish(Float64(data=2.0))
+    assert not recorder.counts
+    client = talker.create_client(Trigger, 'bag_recorder/snapshot')
+    executor = QuickExecutor(2, context=ros)
+    executor.add_node(recorder)
+    response = client.call_async(Trigger.Request())
+    executor.add_node(talker)
+    executor.spin_until_future_complete(response, timeout_sec=20.0)
+    assert response.result().success
+    assert recorder.counts == {'/value': 1}
+    publisher.publish(Float64(data=3.0))
+    recorder.destroy_node()
+    talker.destroy_node()
+    executor.shutdown()
+    assert [
+        deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')
+    ] == [2.0]
+    assert recorder.lost['/value'] == {}
+
+
+def test_a_recording_may_begin_paused(ros: Context, tmp_path: Path) -> None:
+    recorder = BagRecorder(tmp_path, Recording(start_paused=True), context=ros)
+    talker = Node('talker', context=ros)
+    publisher = talker.create_publisher(Float64, 'value', 10)
+    recorder.discover()
+    publisher.publish(Float64())
+    recorder.close()
+    recorder.restart()
+    assert not recorder.paused
+    recorder.destroy_node()
+    talker.destroy_node()
+    assert not recorder.counts.get('/value')
+
+
+def test_the_qos_of_a_topic_can_be_requested(ros: Context, tmp_path: Path) -> None:
+    qos = {'/value': {'reliability': 'best_effort', 'durability': 'volatile', 'depth': 7}}
+    talker = Node('talker', context=ros)
+    publisher = talker.create_publisher(Float64, 'value', LATCHED)
+    recorder = BagRecorder(tmp_path, Recording(qos=qos), context=ros)
+    for _ in range(2):
+        recorder.discover()
+        talker.create_publisher(Float64, 'value', LATCHED)
+    (info,) = talker.get_subscriptions_info_by_topic('/value')
+    assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+    publisher.publish(Float64())
+    wait_for(lambda: recorder.counts.get('/value') == 1)
+    recorder.destroy_node()
+    with pytest.raises(UserError, match='is no quality of service'):
+        BagRecorder(tmp_path, Recording(qos={'/value': {'reliability': 'best'}}), context=ros)
+    talker.destroy_node()
 
 
 def test_close_waits_for_a_latched_message(ros: Context, tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from barc_sim.ros.local.messages import message_type, store
 from barc_sim.ros.local.node import Subscription
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from barc_sim.ros.local.node import Node
 
@@ -37,7 +37,7 @@ class LocalSubscriptions:
 
     expects_latched = False
 
-    def __init__(self, node: Node, wants: Callable[[str], bool], depth: int) -> None:
+    def __init__(self, node: Node, wants: Callable[[str, Sequence[str]], bool], depth: int) -> None:
         self._node, self._wants, self._depth = node, wants, depth
         self._subscriptions: dict[str, Subscription] = {}
         self._messages: deque[Message] = deque()
@@ -49,7 +49,7 @@ class LocalSubscriptions:
     def discover(self) -> Iterator[Any]:
         """Subscribe to each wanted topic that has got a publisher since the last call."""
         for name, (kind, *_) in self._node.get_topic_names_and_types():
-            wanted = name not in self._subscriptions and self._wants(name)
+            wanted = name not in self._subscriptions and self._wants(name, (kind,))
             if wanted and self._node.get_publishers_info_by_topic(name):
                 made = Subscription(self._node, name, message_type(kind), _ANY)
                 made.receive = self._receiver(name, kind)  # type: ignore[assignment,method-assign]
