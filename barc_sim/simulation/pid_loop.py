@@ -241,7 +241,9 @@ def pid_log(
         return None
     x = np.add.accumulate(np.append(state.x, plant.ts * trace.v[:-1]))
     zero: Any = np.zeros(n)
-    true = motion(State(x, np.full(n, state.y), zero, trace.v), 0.0, vehicle)  # type: ignore[arg-type]
+    columns: Any = [np.full(n, value) for value in state]
+    states = State(*columns)._replace(x=x, psi=zero, v=trace.v)  # type: ignore[arg-type]
+    true = motion(states, 0.0, vehicle)
     measured = true if error is None else with_error(true, error, cos(state.psi), sin(state.psi))
     previous = float(measured.v_x[-1])  # type: ignore[index]  # arrays
     for name in ('proportional', 'integral', 'derivative', 'saturated'):
