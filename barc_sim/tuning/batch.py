@@ -7,20 +7,21 @@ detected with one reduction and handled apart. Tests compare both to the last bi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from barc_sim import tuning
 from barc_sim.control.pid import ACCELERATION_LIMIT, SPEED_REFERENCE
-from barc_sim.simulation.closed_loop import DISTANCE, closed_loop
+from barc_sim.simulation.closed_loop import DISTANCE, LIMITS, check_arguments, simulate
 from barc_sim.simulation.metrics import RUN_UP
 from barc_sim.simulation.pid_loop import LoopSettings, RoadSegments
-from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.actuators import in_steps
 from barc_sim.vehicle.bike_model import Vehicle, resistance
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.parameters import NANOSECONDS
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels, Sensor
 
@@ -41,56 +42,58 @@ _ROWS = 15
 
 @dataclass(frozen=True)
 class Course:
-    """A road to drive at a speed, with noise and delay."""
+    """A road to drive at a speed: arguments of `simulate`, of which a batch takes no others."""
 
     road: Road = field(default_factory=Road.lab)
-    speed: float = SPEED_REFERENCE  #: [m/s] to hold, positive
-    distance: float = DISTANCE  #: [m] beyond the run-up
-    noise: float = 0.0  #: [m/s] standard deviation of the measured speed
-    seed: int = 0  #: of the noise, as in a run
-    delay: int = 0  #: steps from a command to its effect
-    limit: float = ACCELERATION_LIMIT  #: [m/s²] of the command, either way
     vehicle: Vehicle = field(default_factory=Vehicle)
+    noise: float = 0.0  #: [m/s] standard deviation of the measured speed
+    delay: float = 0.0  #: [s] from a command to its effect; whole steps in a batch
+    speed_reference: float = SPEED_REFERENCE  #: [m/s]
+    distance: float = DISTANCE  #: [m] beyond the run-up
+    seed: int = 0  #: of the noise, as in a run
+    acceleration_limit: float = ACCELERATION_LIMIT  #: [m/s²] of the command, either way
     ts: float = 0.02  #: [s]
+
+    def __post_init__(self) -> None:
+        """Raise UserError where a number is out of its limits, or no car arrives."""
+        arguments = vars(self)
+        check_arguments(**{name: arguments[name] for name in arguments.keys() & LIMITS.keys()})
+        tuning.SPEED.check(self.speed_reference)
+        tuning.DISTANCE.check(self.distance)
 
     @property
     def max_duration(self) -> float:
         """[s] after which a loop counts as failing to arrive."""
-        return max_duration(self.distance, self.speed, self.limit)
+        expected = self.distance / self.speed_reference
+        return _MAX_DURATION_FACTOR * (expected + self.speed_reference / self.acceleration_limit)
 
     @property
     def steps(self) -> int:
         """The maximum number of steps, as `closed_loop` counts them."""
-        return round(self.max_duration / self.ts)
+        return round(self.max_duration / self.settings.ts)
 
-    def drive(self, controller: Controller) -> Log:
-        """Return the log of a run of `controller` over the course."""
-        plant = Plant(
-            road=self.road,
-            vehicle=self.vehicle,
-            ts=self.ts,
-            noise=NoiseLevels(v_x=self.noise),
-            seed=self.seed,
-            motor=Actuator(delay=self.delay * self.ts),
-        )
-        return closed_loop(
-            plant,
-            controller,
-            speed_reference=self.speed,
-            distance=self.distance,
-            max_duration=self.max_duration,
-        )
+    @property
+    def is_batchable(self) -> bool:
+        """Whether a batch can drive it: its delay is in whole steps, and its noise a number."""
+        return not (in_steps(self.delay, self.settings.ts)[1] or isinstance(self.noise, tuple))
+
+    def drive(self, controller: Controller, **others: Any) -> Log:  # noqa: ANN401 (of `simulate`)
+        """Return the log of a run of `controller`, with `others` of the arguments of `simulate`."""
+        arguments = {each.name: getattr(self, each.name) for each in fields(self)}
+        arguments |= {'max_duration': self.max_duration, **others}
+        return simulate(controller=controller, **arguments)
 
     @cached_property
     def settings(self) -> LoopSettings:
         """The numbers that all loops have in common."""
+        ts = round(self.ts * NANOSECONDS) / NANOSECONDS
         return LoopSettings(
-            reference=self.speed,
-            low=-self.limit,
-            high=self.limit,
+            reference=self.speed_reference,
+            low=-self.acceleration_limit,
+            high=self.acceleration_limit,
             vehicle=self.vehicle,
-            ts=self.ts,
-            dt=round(self.ts * 1e9) / 1e9,
+            ts=ts,
+            dt=ts,
             distance=self.distance,
         )
 
@@ -106,11 +109,6 @@ class Course:
         """The measurement error [m/s] of each state's speed: the same for all loops."""
         errors, _ = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
         return list(map(float, errors[3]))
-
-
-def max_duration(distance: float, speed: float, limit: float) -> float:
-    """Return the time [s] in which a loop arrives at `distance` [m], or counts as failing."""
-    return _MAX_DURATION_FACTOR * (distance / speed + speed / limit)
 
 
 class Sums(NamedTuple):
@@ -138,7 +136,8 @@ class _Block:
         self._course, self._settings = course, course.settings
         self._segments = tuple(map(np.array, RoadSegments.of(course.road, course.vehicle)))
         self._found = np.full((len(Sums._fields), len(gains)), -1.0)
-        self._commands = np.zeros((course.delay, len(gains)))
+        delay, _ = in_steps(course.delay, course.settings.ts)
+        self._commands = np.zeros((delay, len(gains)))
         self._number = np.arange(len(gains))
         self._on_first = np.ones(len(gains), np.bool_)
         self._name_rows(np.zeros((_ROWS, len(gains))))

@@ -126,11 +126,11 @@ def goal(options: Namespace, new_controller: Callable[[], Controller] | None) ->
     courses = tuple(
         Course(
             road=Road.named(name),
-            speed=options.speed,
+            speed_reference=options.speed,
             distance=options.distance,
             noise=options.noise,
             seed=options.seed,
-            delay=options.delay,
+            delay=options.delay * _PERIOD,
         )
         for name in options.road or [_ROAD]
     )

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import re
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from barc_sim.control.controller import gain_parameters
-from barc_sim.control.pid import ACCELERATION_LIMIT, PID, speed_controller
+from barc_sim.control.pid import PID, speed_controller
 from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
-from barc_sim.simulation.closed_loop import LIMITS, check_arguments, simulate
 from barc_sim.simulation.log import import_pandas
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning import DISTANCE, SPEED
-from barc_sim.tuning.batch import Course, max_duration, run_batch
-from barc_sim.vehicle.bike_model import Vehicle
-from barc_sim.vehicle.parameters import NANOSECONDS
+from barc_sim.tuning.batch import Course, run_batch
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     import pandas as pd
     from numpy.typing import ArrayLike, NDArray
@@ -48,20 +44,8 @@ class Scores(NamedTuple):
 
 
 #: The names of the scores in a `Sweep`, in their order.
+_GAINS = ('kp', 'ki', 'kd')
 _SCORES = ('rms_error', 'max_error', 'overshoot', 'effort')
-#: What a batch takes of the arguments of `simulate`.
-_DEFAULTS: dict[str, Any] = {
-    'road': 'lab',
-    'vehicle': None,
-    'noise': 0.0,
-    'delay': 0.0,
-    'speed_reference': SPEED.default,
-    'distance': DISTANCE.default,
-    'seed': 0,
-    'acceleration_limit': ACCELERATION_LIMIT,
-    'ts': 0.02,
-}
-_WHOLE = 1e-6  #: share of a step within which a delay counts as whole steps
 #: Their labels, in their order.
 LABELS = (
     'RMS speed error [m/s]',
@@ -82,7 +66,7 @@ def scores(course: Course, sums: Sums) -> Scores:
         return Scores(
             rms=where_arrived(np.sqrt(sums.squares / sums.count)),
             max=where_arrived(sums.maximum),
-            overshoot=where_arrived(np.maximum(sums.peak / course.speed - 1.0, 0.0)),
+            overshoot=where_arrived(np.maximum(sums.peak / course.speed_reference - 1.0, 0.0)),
             effort=where_arrived(np.sqrt(sums.effort / (sums.steps + 1))),
         )
 
@@ -155,9 +139,7 @@ class Goal:
         """Return the scores over `course` for `gains`, shape `(n, 3)`: kp, ki, kd."""
         if not self.new_controller:
             return scores(course, run_batch(course, gains))
-        controller = self.new_controller()
-        rows = [_scored(course.distance, _drive(course, controller, each)) for each in gains]
-        return Scores(*np.array(rows).reshape(-1, len(Scores._fields)).T)
+        return scores_of_runs(course, self.new_controller(), _GAINS, gains)
 
     def __call__(self, gains: Floats) -> Floats:
         """Return what each of `gains`, shape `(n, 3)`, costs, shape `(n,)`."""
@@ -167,22 +149,33 @@ class Goal:
     def log(self, course: Course, gains: Floats) -> Log:
         """Return the run over `course` with `gains`, shape `(3,)`."""
         new = self.new_controller or speed_controller
-        return _drive(course, new(), gains)
+        return course.drive(with_gains(new(), _GAINS, gains))
 
 
-def _drive(course: Course, controller: Controller, gains: Floats) -> Log:
-    """Return the run of a controller with these gains, from its beginning."""
-    for name, gain in zip(('kp', 'ki', 'kd'), gains.tolist(), strict=True):
+def with_gains(controller: Controller, names: Iterable[str], gains: Floats) -> Controller:
+    """Return `controller` with these gains."""
+    for name, gain in zip(names, gains.tolist(), strict=True):
         setattr(controller, name, gain)
-    controller.output_min, controller.output_max = -course.limit, course.limit
-    controller.reset()
-    return course.drive(controller)
+    return controller
 
 
-def _scored(distance: float, log: Log) -> tuple[float, float, float, float]:
-    """Return the scores of one run over `distance` [m]."""
-    if not log.distance[-1] >= distance:
-        return (np.inf,) * 4
+def scores_of_runs(
+    course: Course,
+    controller: Controller,
+    names: Iterable[str],
+    gains: Floats,
+    **options: Any,  # noqa: ANN401 (of `simulate`)
+) -> Scores:
+    """Return the scores of runs one by one, of `controller` with each row of `gains`."""
+    rows = []
+    for row in gains:
+        log = course.drive(with_gains(controller, names, row), **options)
+        rows.append(_scored(log) if log.distance[-1] >= course.distance else (np.inf,) * 4)
+    return Scores(*np.array(rows).reshape(-1, len(Scores._fields)).T)
+
+
+def _scored(log: Log) -> tuple[float, float, float, float]:
+    """Return the scores of a run that has arrived."""
     found = summary(log)
     effort = float(np.sqrt(np.mean(np.square(log.motor))))
     return found.rms_error_after_run_up, found.max_error_after_run_up, found.overshoot, effort
@@ -246,16 +239,16 @@ def sweep(
         name: options.pop(name) for name in drives.gains if name in options
     }
     axes = _axes(drives, {name: gain for name, gain in given.items() if gain is not None})
-    values = _DEFAULTS | options | {'road': Road.of(options.get('road', 'lab'))}
-    check_arguments(**{name: values[name] for name in values.keys() & LIMITS.keys()})
-    SPEED.check(values['speed_reference'])
-    DISTANCE.check(values['distance'])
+    options['road'] = Road.of(options.get('road', 'lab'))
+    of_course = {
+        each.name: options.pop(each.name) for each in fields(Course) if each.name in options
+    }
+    course = Course(**of_course)
     rows = np.column_stack([axis.ravel() for axis in axes.values()])
-    course = None if controller else _course(values)
-    if course:
+    if controller is None and not options and course.is_batchable:
         found = scores(course, run_batch(course, rows))
     else:
-        found = Scores(*np.array([_alone(drives, row, values) for row in rows]).T)
+        found = scores_of_runs(course, drives, axes, rows, **options)
     columns = axes | dict(zip(_SCORES, found, strict=True))
     shape = next(iter(axes.values())).shape
     record = np.recarray(shape, dtype=[(name, np.float64) for name in columns]).view(Sweep)
@@ -274,33 +267,3 @@ def _axes(controller: Controller, given: Mapping[str, ArrayLike]) -> dict[str, F
     if unknown := ', '.join(given.keys() - axes.keys()):
         raise UserError(f'{unknown}: the controller has no such gain, but {", ".join(axes)}')
     return dict(zip(axes, np.broadcast_arrays(*axes.values()), strict=True))
-
-
-def _course(options: Mapping[str, Any]) -> Course | None:
-    """Return the course of a batch with these options of `simulate`, if one can do it."""
-    ts = round(options['ts'] * NANOSECONDS) / NANOSECONDS
-    delay = round(options['delay'] / ts)
-    is_whole = abs(delay * ts - options['delay']) <= _WHOLE * ts
-    if options.keys() != _DEFAULTS.keys() or not is_whole or isinstance(options['noise'], tuple):
-        return None
-    return Course(
-        road=options['road'],
-        speed=options['speed_reference'],
-        distance=options['distance'],
-        noise=options['noise'],
-        seed=options['seed'],
-        delay=delay,
-        limit=options['acceleration_limit'],
-        vehicle=options['vehicle'] or Vehicle(),
-        ts=ts,
-    )
-
-
-def _alone(controller: Controller, gains: Floats, options: dict[str, Any]) -> tuple[float, ...]:
-    """Return the scores of one loop with these options of `simulate`."""
-    for name, gain in zip(controller.gains, gains.tolist(), strict=True):
-        setattr(controller, name, gain)
-    distance = options['distance']
-    duration = max_duration(distance, options['speed_reference'], options['acceleration_limit'])
-    log = simulate(controller=controller, **{'max_duration': duration} | options)
-    return _scored(distance, log)

@@ -29,12 +29,12 @@ HILLS = Road((0.0, 4.0, 9.0, 20.0, 30.0), (0.0, 35.0, -50.0, 12.0, -3.0))
 VALLEY = Road((0.0, 12.0, 13.0, 25.0), (-30.0, -30.0, 54.0, 0.0))
 COURSES = {
     'lab': Course(),
-    'noise and delay': Course(distance=60.0, noise=0.3, seed=5, delay=3),
+    'noise and delay': Course(distance=60.0, noise=0.3, seed=5, delay=0.06),
     'slow, so that the noise moves it backwards': Course(
-        road=Road.flat(), distance=12.0, speed=0.5, noise=2.0
+        road=Road.flat(), distance=12.0, speed_reference=0.5, noise=2.0
     ),
-    'hills': Course(road=HILLS, distance=45.0, delay=1),
-    'rolling back in a valley': Course(road=VALLEY, distance=30.0, speed=2.0, delay=9),
+    'hills': Course(road=HILLS, distance=45.0, delay=0.02),
+    'rolling back in a valley': Course(road=VALLEY, distance=30.0, speed_reference=2.0, delay=0.18),
     'too steep for all': Course(road=Road((0.0, 5.0), (0.0, 85.0)), distance=40.0),
 }
 GAINS = np.vstack(
@@ -72,7 +72,10 @@ def assert_same(ours: Sums, theirs: Sums, *, noise: float) -> None:
 
 
 def one_by_one(course: Course, gains: NDArray[np.float64]) -> Sums:
-    logs = [course.drive(speed_controller(*each, limit=course.limit)) for each in gains.tolist()]
+    logs = [
+        course.drive(speed_controller(*each, limit=course.acceleration_limit))
+        for each in gains.tolist()
+    ]
     rows = [of_log(course, log) for log in logs]
     return Sums(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -110,10 +113,10 @@ def test_any_batch_is_its_closed_loops(
     starts = np.cumsum([0.0, *(length for length, _ in road[:-1])])
     course = Course(
         road=Road(tuple(starts.tolist()), tuple(grade for _, grade in road)),
-        speed=speed,
+        speed_reference=speed,
         distance=25.0,
         noise=noise,
-        delay=delay,
+        delay=0.02 * delay,
     )
     found = batch.run_batch(course, np.array(gains))
     assert_same(found, one_by_one(course, np.array(gains)), noise=noise)
@@ -141,7 +144,7 @@ def test_the_noise_is_that_of_a_run_with_the_seed() -> None:
 
 
 def test_a_loop_is_given_up_after_thrice_the_time_that_it_should_take() -> None:
-    course = Course(speed=4.0, distance=100.0, limit=8.0)
+    course = Course(speed_reference=4.0, distance=100.0, acceleration_limit=8.0)
     assert course.max_duration == 3.0 * (100.0 / 4.0 + 4.0 / 8.0)
     assert len(course.drive(speed_controller(0.0, 0.0, 0.0))) == course.steps + 1
 
@@ -156,6 +159,6 @@ def test_a_course_can_be_sent_to_another_process() -> None:
 
 @pytest.mark.parametrize('delay', [0, 4])
 def test_a_delay_makes_the_loop_worse(delay: int) -> None:
-    log = Course(delay=delay).drive(speed_controller(20.0, 100.0, 0.0))
+    log = Course(delay=0.02 * delay).drive(speed_controller(20.0, 100.0, 0.0))
     error = float(np.sqrt(np.mean(log.speed_error[log.distance >= 10.0] ** 2)))
     assert (error > 0.1) == bool(delay)

@@ -107,7 +107,7 @@ def goal_of(path: Path, course: Course | None = None) -> Goal:
     return Goal((course or Course(),), Cost.parse('rms'), partial(controller_of, path))
 
 
-@pytest.mark.parametrize('course', [Course(), Course(noise=0.1, seed=3, delay=2)])
+@pytest.mark.parametrize('course', [Course(), Course(noise=0.1, seed=3, delay=0.04)])
 def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
     controller: Path, course: Course, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -125,7 +125,7 @@ def test_an_output_beyond_the_limit_is_limited(tmp_path: Path) -> None:
         '    def __init__(self, kp, ki, kd): self.kp = kp\n'
         '    def acc_calculate(self, r, v): return self.kp * (r - v)\n'
     )
-    course = Course(limit=3.0)
+    course = Course(acceleration_limit=3.0)
     log = goal_of(path, course).log(course, np.array([100.0, 0.0, 0.0]))
     assert np.abs(log.motor).max() == 3.0
     assert log.saturated[0]

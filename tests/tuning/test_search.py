@@ -109,7 +109,7 @@ def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
 
 
 def test_a_goal_over_several_courses_is_their_mean() -> None:
-    courses = (Course(), Course(noise=0.1), Course(delay=2))
+    courses = (Course(), Course(noise=0.1), Course(delay=0.04))
     gains = np.array([[20.0, 100.0, 0.1], [10.0, 20.0, 0.0]])
     cost = Cost.parse('rms+0.1*max')
     alone = [Goal((course,), cost)(gains) for course in courses]
