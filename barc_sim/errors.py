@@ -36,8 +36,8 @@ def not_between(value: object, low: float, high: float) -> str:
     ('-1 is not a number from 0 to 1000', '1.5 is not a whole number from 0 to 9')
     """
     whole = isinstance(low, int)
-    kind = Integral if whole else Real
-    if isinstance(value, kind) and not isinstance(value, bool) and low <= value <= high:  # type: ignore[operator]
+    kinds = (int, Integral) if whole else (float, int, Real)  # the first are quick to find
+    if isinstance(value, kinds) and not isinstance(value, bool) and low <= value <= high:  # type: ignore[operator]
         return ''
     shown = f'{value:g}' if isinstance(value, float) and not whole else repr(value)
     span = f'from {low:g} to {high:g}'

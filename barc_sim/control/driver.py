@@ -13,12 +13,12 @@ reverse, release the key and press it again. The lab's car reverses at once.
 from __future__ import annotations
 
 from math import atan2, copysign, inf, isfinite
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
 from barc_sim.vehicle.bike_model import L_F, L_R, Command
-from barc_sim.vehicle.limits import Parameter
+from barc_sim.vehicle.limits import Parameter, parameters_of
 from barc_sim.vehicle.parameters import PARAMETERS as CAR
 
 if TYPE_CHECKING:
@@ -50,12 +50,15 @@ FULL_BRAKE = DriverInput(brake=1.0)
 class Limits(NamedTuple):
     """Limits of the car when it is driven by hand."""
 
-    acceleration: float = 4.0  #: [m/s²] in the direction of travel
-    deceleration: float = 8.0  #: [m/s²] against it
-    speed: float = 20.0  #: [m/s] either way
-    steering: float = 0.5  #: [rad] front steering angle, either way
-    steering_rate: float = 1.0  #: [rad/s]
-    self_centring: bool = True  #: the wheel returns to straight, at this rate, when released
+    acceleration: Annotated[float, 'maximum acceleration [m/s²]', 0.0, 100.0] = 4.0
+    deceleration: Annotated[float, 'maximum deceleration [m/s²]', 0.0, 100.0] = 8.0
+    speed: Annotated[float, 'maximum speed, either way [m/s]', 0.0, 100.0] = 20.0
+    steering: Annotated[float, 'maximum front angle, either way [rad]', 0.0, 1.5] = 0.5
+    steering_rate: Annotated[float, 'maximum change of the front angle [rad/s]', 0.0, 100.0] = 1.0
+    #: The wheel returns to straight when released; if not, left and right change its angle.
+    self_centring: Annotated[
+        bool, 'whether the wheel returns to straight when released', -inf, inf
+    ] = True
 
 
 class Driver:
@@ -223,7 +226,6 @@ class VelocityDriver(Driver):
 #: What a Twist means, by the value of the parameter `input`.
 INPUTS: dict[str, type[Driver]] = {'pedal': Driver, 'velocity': VelocityDriver}
 PEDAL = 'pedal'
-_LIMITS = Limits()
 #: The parameters of the node `relay`.
 PARAMETERS = [
     Parameter(
@@ -233,22 +235,7 @@ PARAMETERS = [
         'speed linear.x [m/s] and the yaw rate angular.z [rad/s], as in REP-103',
         read_only=True,
     ),
-    Parameter('acceleration', _LIMITS.acceleration, 'maximum acceleration [m/s²]', (0.0, 100.0)),
-    Parameter('deceleration', _LIMITS.deceleration, 'maximum deceleration [m/s²]', (0.0, 100.0)),
-    Parameter('speed', _LIMITS.speed, 'maximum speed, either way [m/s]', (0.0, 100.0)),
-    Parameter('steering', _LIMITS.steering, 'maximum front angle, either way [rad]', (0.0, 1.5)),
-    Parameter(
-        'steering_rate',
-        _LIMITS.steering_rate,
-        'maximum change of the front angle [rad/s]',
-        (0.0, 100.0),
-    ),
-    Parameter(
-        'self_centring',
-        _LIMITS.self_centring,
-        'whether the wheel returns to straight when released; if not, left and right change its '
-        'angle, and it stays',
-    ),
+    *parameters_of(Limits),
     Parameter('linear_scale', 1.0, 'factor of a linear, before its limit', (-100.0, 100.0)),
     Parameter('angular_scale', 1.0, 'factor of an angular, before its limit', (-100.0, 100.0)),
     Parameter('stale_after', STALE_AFTER, 'age above which a Twist is ignored [s]', (0.05, 60.0)),

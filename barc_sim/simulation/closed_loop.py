@@ -205,8 +205,10 @@ def simulate(
         dynamics=dynamics,
         lateral=lateral,
     )
-    driving: Controller = PID(**gains) if controller is None else as_controller(controller)
-    check_gains(driving)
+    driving: Controller = PID(**gains)
+    if controller is not None:
+        driving = as_controller(controller)
+        check_gains(driving)
     driving.output_min, driving.output_max = -acceleration_limit, acceleration_limit
     driving.reset()
     return closed_loop(

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.control.pid import FIRST_DT
 from barc_sim.simulation.log import ENVIRONMENT, STATE, STATE_ERROR, Log, columns_from
 from barc_sim.vehicle.bike_model import State, clamped_at_zero, motion, resistance, surroundings
 from barc_sim.vehicle.sensor import MeasurementError, with_error
@@ -69,16 +68,6 @@ class RoadSegments(NamedTuple):
         return self.begins[i], self.ends[i], self.gravity_forces[i]
 
 
-class _Start(NamedTuple):
-    """Car and controller before the first step."""
-
-    x: float  #: [m]
-    v: float  #: [m/s]
-    integral: float  #: [m/s²]
-    previous: float = 0.0  #: [m/s] measured before; without meaning where `dt` is 0
-    dt: float = 0.0  #: [s] since then; 0: there was no measurement
-
-
 class _Trace(NamedTuple):
     """What a loop leaves; the first two are shape `(n,)`, of each state."""
 
@@ -92,11 +81,13 @@ def _drive(
     settings: LoopSettings,
     segments: RoadSegments,
     errors: Iterable[float],
-    start: _Start,
+    start: tuple[float, float],
     waiting: list[float],
     early: float,
 ) -> _Trace:
     """Drive to the distance, or to the end of `errors`, measured minus true speed [m/s].
+
+    `start` is x [m] and v [m/s]; the controller is at its beginning.
 
     `waiting` has the commands [m/s²] on their way, the next first: one more than the steps of
     delay. The loop appends its own. Without any, a command acts at once. `early` is the share of a
@@ -105,7 +96,8 @@ def _drive(
     kp, ki, kd = gains
     reference, low, high, vehicle, ts, dt, distance = settings
     mass = vehicle.mass
-    x, v, integral, previous, interval = start
+    x, v = start
+    integral = previous = interval = 0.0
     begin, end, gravity_force = segments.at(x)
     speeds: list[float] = []
     integrals: list[float] = []
@@ -171,21 +163,16 @@ def _commands(
     settings: LoopSettings,
     trace: _Trace,
     errors: Floats | float,
-    start: _Start,
 ) -> _Commands:
     """Return the commands of a loop and their terms: the sums of `_drive`, for arrays."""
     kp, ki, kd = gains
     measured = trace.v + errors
     deviation = settings.reference - measured
     increment = ki * deviation * settings.dt
-    change = np.diff(measured, prepend=start.previous)
+    change = np.diff(measured, prepend=0.0)
     proportional, derivative = kp * deviation, -kd * change / settings.dt
-    if start.dt:
-        increment[:1] = ki * deviation[:1] * start.dt
-        derivative[:1] = -kd * change[:1] / start.dt
-    else:
-        increment[:1] = derivative[:1] = 0.0
-    before = np.concatenate([[start.integral], trace.integral[:-1]])
+    increment[:1] = derivative[:1] = 0.0
+    before = np.concatenate([[0.0], trace.integral[:-1]])
     output = proportional + before + increment + derivative
     motor = np.clip(output, settings.low, settings.high)
     return _Commands(motor, proportional, trace.integral, derivative, motor != output)
@@ -196,9 +183,11 @@ def pid_log(
 ) -> Log | None:
     """Return the log of `closed_loop`, for a plant that `has_fast_path`.
 
-    Plant and controller are left as the run left them. Where a number is not finite, nothing is
-    done, and None returned.
+    Plant and controller are left as the run left them. Where the controller is not at its
+    beginning, or a number is not finite, nothing is done, and None returned.
     """
+    if pid.previous is not None or pid.integral:
+        return None
     state, vehicle, road = plant.state, plant.vehicle, plant.road
     gains = pid.kp, pid.ki, pid.kd
     settings = LoopSettings(
@@ -210,9 +199,6 @@ def pid_log(
         dt=plant.period_ns / 1e9,
         distance=distance,
     )
-    start = _Start(state.x, state.v, pid.integral)
-    if pid.previous is not None:
-        start = start._replace(previous=pid.previous, dt=FIRST_DT)
     sensor, motor = plant.sensor, plant.actuators.motor
     waiting = [] if plant.actuators.is_ideal else motor.waiting
     segments = RoadSegments.of(road, vehicle)
@@ -225,14 +211,16 @@ def pid_log(
             errors, place = sensor.draw(drawn)
         # An error of -0.0 also leaves a speed of -0.0 as it is.
         of_speed = repeat(-0.0, drawn) if errors is None else errors[3].tolist()
-        trace = _drive(gains, settings, segments, of_speed, start, [*waiting], motor.early)
+        trace = _drive(
+            gains, settings, segments, of_speed, (state.x, state.v), [*waiting], motor.early
+        )
         n = len(trace.v)
         if n < drawn or drawn > steps:
             break
         sensor.go_back(place, 0)
         drawn = min(4 * drawn, steps + 1)
     error = None if errors is None else MeasurementError(*errors[:, :n])
-    computed = _commands(gains, settings, trace, -0.0 if error is None else error.v_x, start)
+    computed = _commands(gains, settings, trace, -0.0 if error is None else error.v_x)
     last = {name: values[-1].item() for name, values in computed._asdict().items()}
     is_finite = all(map(isfinite, (*trace.after, *last.values())))
     if sensor.is_noisy:

@@ -152,13 +152,13 @@ class Plant:
 
     def _grade(self, x: float) -> float:
         """Return the incline [rad] at `x`."""
-        return radians(self.road.grade_deg(x))
+        return radians(self.road.grades_deg[self.road.stretch(x)])
 
     def _step(self, held: Command) -> None:
         if self.force or self.disturbance:
             force = self.force
             if self.disturbance:
                 force += self.disturbance(self._steps * self.ts, self.state.x)
+                self._steps += 1
             held = held._replace(motor=held.motor + force / self.vehicle.mass)
-        self._steps += 1
         self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)

@@ -131,7 +131,8 @@ class Road:
         """Return `road` itself, or the one of that name."""
         return road if isinstance(road, Road) else cls.named(str(road))
 
-    def _stretch(self, s: float) -> int:
+    def stretch(self, s: float) -> int:
+        """Return the number of the stretch at `s` metres along the road."""
         return max(bisect_right(self.starts, s) - 1, 0)
 
     def grade_deg(self, s: Places) -> Places:
@@ -140,7 +141,7 @@ class Road:
         For an array of places it is an array; so with `elevation`, `horizontal` and `at`.
         """
         if isinstance(s, (float, int)):
-            return self.grades_deg[self._stretch(s)]
+            return self.grades_deg[self.stretch(s)]
         return self._many(s, self.grades_deg)[0]
 
     def elevation(self, s: Places) -> Places:
@@ -150,7 +151,7 @@ class Road:
     def at(self, s: float | Floats) -> RoadPoint:
         """Return the point at `s` metres along the road."""
         if isinstance(s, (float, int)):
-            i = self._stretch(s)
+            i = self.stretch(s)
             sine = self._sines[i]
             elevation = self._heights[i] + (s - self.starts[i]) * sine
             return RoadPoint(self.grades_deg[i], sine, elevation)
@@ -169,7 +170,7 @@ class Road:
 
     def _length(self, s: Places) -> Places:
         if isinstance(s, (float, int)):
-            i = self._stretch(s)
+            i = self.stretch(s)
             return self._lengths[i] + (s - self.starts[i]) * self._cosines[i]
         starts, lengths, cosines = self._many(s, self.starts, self._lengths, self._cosines)
         return lengths + (s - starts) * cosines

@@ -174,7 +174,7 @@ def test_way_on_the_map_and_climb_are_never_longer_than_the_way(s: float, ds: fl
         road.horizontal(s + ds) - road.horizontal(s), road.elevation(s + ds) - road.elevation(s)
     )
     assert way <= ds + 1e-9
-    if road._stretch(s) == road._stretch(s + ds):  # noqa: SLF001 (a straight one)
+    if road.stretch(s) == road.stretch(s + ds):
         assert way == pytest.approx(ds, abs=1e-9)
 
 
