@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rclpy.action import ActionClient, ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
@@ -63,7 +62,7 @@ class Entry:
     idle_uses: int = 0  #: while it shares its descriptor: so often it may be used until it does not
     destroyed: bool = False  #: by its user: nothing is taken any longer
     on_taken: Callable[[Entry], None] | None = None
-    #: By its take: a QoS event's last status, an action's wait set, a subscription's message taker.
+    #: By its take: a QoS event's last status, a subscription's message taker.
     kept: Any = None
 
     def warns_of(self, error: BaseException, *, taking: bool = False) -> bool:
@@ -185,29 +184,6 @@ def _take_event(entry: Entry, _: MultiThreadedExecutor) -> Call | None:
     return entry.entity.execute, (taken,)
 
 
-def action_is_ready(entry: Entry) -> bool:
-    """Return whether something has arrived for an action client or server, or has expired."""
-    action, context = entry.entity, entry.node.context
-    with entry.handle, context.handle:
-        if entry.kept is None:
-            number = action.get_num_entities()
-            numbers = [getattr(number, name) for name in number.__slots__]
-            entry.kept = _rclpy.WaitSet(*numbers, context.handle)
-        entry.kept.clear_entities()
-        action.add_to_wait_set(entry.kept)
-        entry.kept.wait(0)
-        return bool(action.is_ready(entry.kept))
-
-
-def _take_action(entry: Entry, executor: MultiThreadedExecutor) -> Call | None:
-    """Take what has arrived for an action client or server, at most one of each kind."""
-    entry.pending = 0
-    if not action_is_ready(entry):
-        return None
-    entry.pending = 1  # there may be more
-    return take_waitable(entry, executor)
-
-
 def _rclpys(kind: str) -> Take:
     """Return rclpy's own way to take an entity."""
 
@@ -226,6 +202,4 @@ _TAKES: dict[type[Any], Take] = {
     Service: _take_service,
     Client: _rclpys('client'),
     EventHandler: _take_event,
-    ActionClient: _take_action,
-    ActionServer: _take_action,
 }

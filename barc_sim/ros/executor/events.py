@@ -11,7 +11,6 @@ from math import inf
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from rclpy.action import ActionServer
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.event_handler import EventHandler
@@ -29,7 +28,6 @@ from barc_sim.ros.executor.entities import (
     KINDS,
     Entity,
     Entry,
-    action_is_ready,
     entry_of,
     take_waitable,
 )
@@ -48,8 +46,7 @@ if TYPE_CHECKING:
     from rclpy.context import Context
     from rclpy.node import Node
 
-#: [s] The longest wait. Then the context is checked, as a signal ends it without an event, and
-#: action servers, whose results expire without one.
+#: [s] The longest wait. Then the context is checked, as a signal ends it without an event.
 _CHECK_PERIOD = 0.1
 #: What shares a descriptor while it is idle: so many at most, until each has been used so often.
 _SHARING = (Subscription, Service, EventHandler)
@@ -142,7 +139,7 @@ class Events:
             self._sort()
         if now >= self._next_check:
             self._next_check = now + _CHECK_PERIOD
-            self._check()
+            self.woken = True
         return now
 
     def _try_recent(self) -> bool:
@@ -164,15 +161,6 @@ class Events:
         for entry in self._counted[descriptor]:
             self.queue(entry, max(1 - entry.pending, count - entry.ahead))
             entry.ahead = max(0, entry.ahead - count)
-
-    def _check(self) -> None:
-        """Have the context be checked, and find the actions whose results have expired."""
-        self.woken = True
-        for entry in self._entries.values():
-            if isinstance(entry.entity, ActionServer):
-                with suppress(InvalidHandle):  # destroyed just now
-                    if action_is_ready(entry):
-                        self.queue(entry)
 
     def _sort(self) -> None:
         """Sort what is ready as rclpy does; but none is executed twice before another one."""

@@ -17,7 +17,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
 
-from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.event_handler import EventHandler
 from rclpy.guard_condition import GuardCondition
@@ -30,24 +29,13 @@ if TYPE_CHECKING:
 
     from rclpy.context import Context
 
-#: By type of entity, the attribute with its handle and the functions of rcl that set listeners.
-LISTENERS: dict[type[Any], tuple[str, tuple[str, ...]]] = {
-    Subscription: ('handle', ('subscription_set_on_new_message',)),
-    Client: ('handle', ('client_set_on_new_response',)),
-    Service: ('handle', ('service_set_on_new_request',)),
-    Timer: ('handle', ('timer_set_on_reset',)),
-    EventHandler: ('_EventHandler__event', ('event_set',)),
-    ActionClient: (
-        '_client_handle',
-        (
-            *(f'action_client_set_{part}_client' for part in ('goal', 'cancel', 'result')),
-            *(f'action_client_set_{part}_subscription' for part in ('feedback', 'status')),
-        ),
-    ),
-    ActionServer: (
-        '_handle',
-        tuple(f'action_server_set_{part}_service' for part in ('goal', 'cancel', 'result')),
-    ),
+#: By type of entity, the attribute with its handle and the function of rcl that sets its listener.
+LISTENERS: dict[type[Any], tuple[str, str]] = {
+    Subscription: ('handle', 'subscription_set_on_new_message'),
+    Client: ('handle', 'client_set_on_new_response'),
+    Service: ('handle', 'service_set_on_new_request'),
+    Timer: ('handle', 'timer_set_on_reset'),
+    EventHandler: ('_EventHandler__event', 'event_set'),
 }
 
 #: What rcl's functions return that take a message.
@@ -74,8 +62,6 @@ rclpy.client:Client _executor_event
 rclpy.service:Service _executor_event
 rclpy.waitable:Waitable _executor_event
 rclpy.event_handler:EventHandler _EventHandler__event
-rclpy.action:ActionClient _client_handle
-rclpy.action:ActionServer _handle
 rclpy._rclpy_pybind11: RCLError
 rclpy._rclpy_pybind11:Subscription take_message pointer
 rclpy._rclpy_pybind11:Timer is_timer_ready call_timer time_until_next_call pointer
@@ -151,21 +137,19 @@ def set_listener(entity: Any, descriptor: int | None) -> bool:  # noqa: ANN401
     kind = next((each for each in LISTENERS if isinstance(entity, each)), None)
     if kind is None:
         return False
-    pointer = handle_of(entity).pointer
-    for name in LISTENERS[kind][1]:
-        if descriptor is None:
-            _setter(name)(pointer, None, None)
-        elif any(_setter(name)(pointer, counting_listener(), descriptor) for _ in range(2)):
-            ctypes.PyDLL('librcutils.so').rcutils_reset_error()
-            return False
+    pointer, set_ = handle_of(entity).pointer, _setter(LISTENERS[kind][1])
+    if descriptor is None:
+        set_(pointer, None, None)
+    elif any(set_(pointer, counting_listener(), descriptor) for _ in range(2)):
+        ctypes.PyDLL('librcutils.so').rcutils_reset_error()
+        return False
     return True
 
 
 @cache
 def _setter(name: str) -> Any:  # noqa: ANN401
     # PyDLL keeps the interpreter's lock, which guards rcl's timers. No listener needs it.
-    library = ctypes.PyDLL('librcl_action.so' if name.startswith('action') else 'librcl.so')
-    function = getattr(library, f'rcl_{name}_callback')
+    function = getattr(ctypes.PyDLL('librcl.so'), f'rcl_{name}_callback')
     function.argtypes = (c_void_p, c_void_p, c_void_p)
     return function
 
@@ -296,7 +280,7 @@ def _counts() -> bool:
 
 def _listens() -> bool:
     """Return whether rcl has all functions that set listeners."""
-    return all(_setter(name) for _, names in LISTENERS.values() for name in names)
+    return all(_setter(name) for _, name in LISTENERS.values())
 
 
 def _takes() -> bool:
