@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 FILES = {'model': 'bike_model.py', 'controller': 'controller.py', 'relay': 'relay.py'}
 #: The script of Task 3, which is run as it is.
 COMPOSE = 'compose.py'
+#: The file of a person's points and comments, beside a report.
+BY_HAND = 'by_hand.yaml'
 #: The names of the rubrics.
 RUBRICS = ('lab', 'strict', 'extended')
 _TEMPLATES = resources.files('barc_sim.lab') / 'templates'

@@ -25,6 +25,7 @@ from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import check
+from barc_sim.lab.grade.by_hand import ByHand
 from barc_sim.lab.grade.grade import Report
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 # The first test's set-up grades a class: for a minute on a busy machine.
 pytestmark = pytest.mark.timeout(300)
 
+CLASS = {'class.csv', 'class.html', 'class.json'}
 #: Of the default rubric.
 MODEL_POINTS, ALL_POINTS = 50.0, 100.0
 
@@ -142,11 +144,13 @@ def test_everybody_is_graded(graded: Graded) -> None:
     names = {path.name for path in submissions.iterdir()}
 
     assert code == 0
-    assert {path.name for path in out.iterdir()} == {*names, 'class.csv'}
+    assert {path.name for path in out.iterdir()} == {*names, *CLASS}
     for name in names:
         assert {file.name for file in (out / name).iterdir()} == {
             'results.json',
             'report.html',
+            'record.json',
+            'by_hand.yaml',
         }
     rows = [*csv.DictReader(io.StringIO((out / 'class.csv').read_text()))]
     assert {row['name']: float(row['score']) for row in rows} == {
@@ -343,9 +347,9 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
     reports, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
-        outcomes, tmp_path, {path: tmp_path}
+        outcomes, tmp_path, {path: tmp_path}, {path: (ByHand(), tmp_path)}, {}
     )
-    assert ([each.name for each in reports], interrupted) == (['ada'], True)
+    assert ([each.name for each in reports.values()], interrupted) == (['ada'], True)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
 
 

@@ -47,7 +47,7 @@ class Row(NamedTuple):
 Next = tuple[float, float, float, float]  #: x, y, psi, v one step later
 _STATE = 4  # numbers
 _MAX_PHRASES = 20
-_MAX_ENDS = 2  # a function that has ended its process so often is not called again
+_MAX_ENDS = 2  # a function that has ended its process, or looped, so often is not called again
 #: The user's name for what a request calls.
 _CALLED = {'model': 'bikeFE', 'model_at': 'bikeFE', 'relay': 'relay', 'notes': 'notes'}
 Sample = tuple[float, float, float]  #: [m/s] reference, [m/s] measured, [s] since the last
@@ -68,6 +68,7 @@ class JudgedCode:
         self._process: Process | None = None
         self._left = self._limits.total
         self._ends: Counter[str] = Counter()
+        self._loops: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
         self._printed = b''
         self._numbers = count()
@@ -171,7 +172,7 @@ class JudgedCode:
             if the function fails or ends its process.
         """
         function = _CALLED.get(do, 'PID')
-        if self._ends[function] >= _MAX_ENDS:
+        if max(self._ends[function], self._loops[function]) >= _MAX_ENDS:
             raise UserCodeError(self._reasons[function])
         if self._left <= 0.0:
             raise UserCodeError(self._out_of_time())
@@ -183,6 +184,9 @@ class JudgedCode:
         try:
             return self._process.request(do, *arguments, wait=min(self._limits.wait, self._left))
         except Failed as error:
+            if 'is there an endless loop' in str(error):  # each such call takes all of its time
+                self._loops[function] += 1
+                self._reasons[function] = str(error)
             raise UserCodeError(str(error)) from None
         except Ended as error:
             self.close()

@@ -13,7 +13,7 @@ import tempfile
 import threading
 from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from multiprocessing import connection
@@ -24,7 +24,7 @@ from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import escaped
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import graded, read
-from barc_sim.lab.handout import FILES
+from barc_sim.lab.handout import BY_HAND, FILES
 from barc_sim.lab.hills.figure import check_figure
 from barc_sim.lab.hills.lab import LABELS, judge_folder
 from barc_sim.lab.hills.loop import Comparison
@@ -32,14 +32,19 @@ from barc_sim.lab.hills.model import Trajectory
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
     from concurrent.futures import Future
 
     from barc_sim.lab.confined.process import Limits
+    from barc_sim.lab.grade.by_hand import ByHand
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.submissions import Submission
 
 
+_HEAD = """\
+# Yours: barc grade reads this file each time, and keeps what you enter.
+# Points that you write replace the computed ones: 4.5, or 4.5 and a comment.
+"""
 _DPI = 100
 # Matplotlib's settings are global, and several threads can draw.
 _DRAWING = threading.Lock()
@@ -70,6 +75,7 @@ class Grade:
     hashes: tuple[tuple[str, str], ...]  #: file, SHA-256
     gains: str = ''  #: that drove the roads, and where they come from
     tolerated: tuple[str, ...] = ()  #: a phrase each
+    comment: str = ''  #: of a person
 
     @property
     def score(self) -> float:
@@ -82,9 +88,9 @@ class Grade:
         return round(sum(item.max_points for item in self.items), 2)
 
     @property
-    def still_open(self) -> float:
-        """Return the points of what is judged by eye."""
-        return round(sum(item.max_points for item in self.items if item.open), 2)
+    def open(self) -> dict[str, float]:
+        """Return the points of the criteria that are judged by eye."""
+        return {item.criterion: item.max_points for item in self.items if item.open}
 
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
@@ -123,6 +129,31 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
     )
 
 
+def _empty(grade: Grade) -> str:
+    """Return the text of a file in which nothing is entered."""
+    lines = [
+        f'  {item.criterion}:  # {"open" if item.open else f"{item.points:g}"} of '
+        f'{item.max_points:g}\n'
+        for item in grade.items
+    ]
+    return f'{_HEAD}comment:\npoints:\n{"".join(lines)}'
+
+
+def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
+    """Return the grade with what is entered in place of what was computed."""
+    items = {item.criterion: item for item in grade.items}
+    for name, (points, comment) in hand.points.items():
+        computed = items.get(name)
+        was = 'open' if computed is None or computed.open else f'{computed.points:g}'
+        message = '; '.join(
+            filter(None, (comment, f'by hand (computed: {was})', computed and computed.message))
+        )
+        evidence = computed.evidence if computed else None
+        items[name] = Item(name, points, rubric.points[name], message, evidence)
+    order = tuple(items[name] for name in rubric.points if name in items)
+    return replace(grade, items=order, comment=hand.comment)
+
+
 class Report(NamedTuple):
     """The numbers of a grade, and the contents of its files by name."""
 
@@ -135,12 +166,31 @@ class Report(NamedTuple):
     notes: tuple[str, ...] = ()  #: on files that were left out
     mistakes: Mapping[str, str] = {}  #: message of each criterion that lost points
     passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
-    still_open: float = 0.0  #: points of what is judged by eye
+    open: Mapping[str, float] = {}  #: points of the criteria that are judged by eye
+    comment: str = ''  #: of a person
+    is_by_hand: bool = False  #: whether a person has entered anything
+    code: Mapping[str, str] = {}  #: SHA-256 of its files
+    handed_in: float = 0.0  #: [s] since the epoch
+
+    def record(self) -> bytes:
+        """Return all but the files as JSON; `from_record` reads it."""
+        values = self._asdict() | {'files': {}, 'passages': sorted(self.passages)}
+        return json.dumps(values, ensure_ascii=False, indent=1).encode() + b'\n'
 
 
-def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Report:
-    """Judge a submission and return its files, in memory."""
-    result = grade(submission, rubric, limits, sandbox=sandbox)
+def from_record(data: bytes) -> Report:
+    """Return the report of a record."""
+    values = json.loads(data)
+    found = Report(**values | {'passages': frozenset(values['passages'])})
+    return found._replace(notes=tuple(found.notes))
+
+
+def report(
+    submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool
+) -> Report:
+    """Judge a submission and return its files, in memory; what is entered by hand counts."""
+    computed = grade(submission, rubric, limits, sandbox=sandbox)
+    result = _merged(computed, hand, rubric)
     worst = max(result.items, key=lambda item: (item.max_points - item.points) * (not item.open))
     mistakes = {
         item.criterion: item.message
@@ -152,7 +202,11 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         score=result.score,
         max_score=result.max_score,
         points={item.criterion: item.points for item in result.items if not item.open},
-        still_open=result.still_open,
+        open=result.open,
+        comment=result.comment,
+        is_by_hand=bool(hand),
+        code=dict(result.hashes),
+        handed_in=submission.handed_in,
         remark='; '.join(
             (
                 *result.notes,
@@ -162,6 +216,7 @@ def report(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: b
         files={
             'results.json': gradescope(result).encode(),
             'report.html': page(result, _figure(result)).encode(),
+            BY_HAND: _empty(computed).encode(),
         },
         notes=result.notes,
         mistakes=mistakes,
@@ -188,7 +243,7 @@ def page(grade: Grade, figures: bytes) -> str:
         'grade',
         grade=grade,
         score=f'{grade.score:g} / {grade.max_score:g}'
-        + (f', {grade.still_open:g} open' if grade.still_open else ''),
+        + (f', {sum(grade.open.values()):g} open' if grade.open else ''),
         labels=LABELS,
         figures=data_url('image/png', figures) if figures else '',
     )
@@ -219,7 +274,11 @@ def gradescope(grade: Grade) -> str:
         }
         for item in grade.items
     ]
-    remarks = {'gains': grade.gains, 'tolerated': '; '.join(grade.tolerated)}
+    remarks = {
+        'comment': grade.comment,
+        'gains': grade.gains,
+        'tolerated': '; '.join(grade.tolerated),
+    }
     content = {
         'score': grade.score,
         'output': '\n'.join(
@@ -285,14 +344,14 @@ def _follow(sentinel: int) -> None:
 @contextmanager
 def run(
     executor: Executor,
-    paths: Iterable[Path],
+    paths: Mapping[Path, ByHand],
     rubric: Rubric,
     limits: Limits,
     *,
     at_once: int,
     sandbox: bool,
 ) -> Iterator[Iterator[tuple[Path, Report | Failure]]]:
-    """Give each submission with its report, in the order of completion.
+    """Give each submission with its report, in the order of completion; each has its entries.
 
     At most `at_once` are in work, so that their files do not fill the memory. When the block ends,
     no further submission is started.
@@ -304,7 +363,7 @@ def run(
     def outcomes() -> Iterator[tuple[Path, Report | Failure]]:
         while True:
             for path in islice(waiting, at_once - len(pending)):
-                pending[executor.submit(work, read(path))] = path
+                pending[executor.submit(work, read(path), paths[path])] = path
             if not pending:
                 return
             for future in wait(pending, return_when=FIRST_COMPLETED).done:

@@ -1,7 +1,8 @@
 """Submissions that are alike: the share of passages that they have in common.
 
 A passage is `PASSAGE` tokens of Python in a row. Comments, docstrings, layout and the choice of
-names do not count; those of the templates, and those that most of a class have, are left out.
+names do not count. Those of the handouts are left out: the templates', those of the lab's files for
+ROS 1 (which `known/handout.txt` has as hashes), an instructor's own, and those of most of a class.
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ PASSAGE = 20
 LEAST = 40
 #: Two are alike where the one with fewer passages has this share of them in common.
 ALIKE = 0.7
-#: A passage that more submissions than this, and more than this share, have is the handout's.
-EVERYBODYS, EVERYBODYS_SHARE = 10, 0.5
+#: A passage that so many submissions, and more than this share, have is the handout's. A pair's
+#: own is never one.
+EVERYBODYS, EVERYBODYS_SHARE = 3, 0.5
 _NAMED = 3  # of a submission, the most alike
 _MAX_CHARACTERS = 100_000  # of a file
 _LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
@@ -42,18 +44,21 @@ _KNOWN = {
 
 
 def passages(files: Mapping[str, bytes]) -> Passages:
-    """Return the passages of a submission's Python files, hashed, without the templates'."""
-    return _passages(files) - _of_templates()
+    """Return the passages of a submission's Python files, hashed, without the handouts'."""
+    return _passages(files) - _of_handouts()
 
 
-def alike(submissions: Mapping[str, Passages]) -> dict[str, list[tuple[str, float]]]:
+def alike(
+    submissions: Mapping[str, Passages], handout: Passages = frozenset()
+) -> dict[str, list[tuple[str, float]]]:
     """Return for each submission those that are alike, and the share, the greatest first.
 
-    Among them are the published law and the reference.
+    Among them are the published law and the reference. Passages of `handout` do not count.
     """
     counts = Counter(passage for each in submissions.values() for passage in each)
-    most = max(EVERYBODYS, EVERYBODYS_SHARE * len(submissions))
-    handout = {passage for passage, count in counts.items() if count > most}
+    least, share = EVERYBODYS, EVERYBODYS_SHARE * len(submissions)
+    everybodys = {passage for passage, n in counts.items() if n >= least and n > share}
+    handout = handout | everybodys
     own = {name: each - handout for name, each in submissions.items()}
     found: dict[str, list[tuple[str, float]]] = {name: [] for name in submissions}
     for one, other in combinations(own, 2):
@@ -136,8 +141,9 @@ def _tokens(text: str) -> Iterator[str]:
 
 
 @cache
-def _of_templates() -> Passages:
-    return _passages(templates())
+def _of_handouts() -> Passages:
+    hashes = resources.files('barc_sim.lab.grade').joinpath('known/handout.txt').read_text()
+    return _passages(templates()) | {int(each, 16) for each in hashes.split()}
 
 
 @cache

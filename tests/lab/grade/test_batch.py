@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import grade, rubric
+from barc_sim.lab.grade.by_hand import ByHand
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,13 +22,13 @@ if TYPE_CHECKING:
 def test_a_fault_of_the_grader_does_not_stop_the_others(
     folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def report(submission: Submission, **_: object) -> str:
+    def report(submission: Submission, *_: object, **__: object) -> str:
         if submission.name == 's1':
             raise MemoryError('too little')
         return submission.name
 
     monkeypatch.setattr(grade, 'report', report)
-    paths = [folder(f's{i}') for i in range(3)]
+    paths = {folder(f's{i}'): ByHand() for i in range(3)}
     with (
         ThreadPoolExecutor(2) as pool,
         grade.run(pool, paths, rubric.load(), Limits(), at_once=2, sandbox=True) as outcomes,
@@ -47,13 +48,13 @@ def test_those_that_have_not_begun_never_do_when_it_is_left(
     begun = []
     go_on = Event()
 
-    def report(submission: Submission, **_: object) -> None:
+    def report(submission: Submission, *_: object, **__: object) -> None:
         begun.append(submission.name)
         if submission.name != 's0':
             go_on.wait(30.0)
 
     monkeypatch.setattr(grade, 'report', report)
-    paths = [folder(f's{i}') for i in range(9)]
+    paths = {folder(f's{i}'): ByHand() for i in range(9)}
     with ThreadPoolExecutor(1) as pool:
         with grade.run(pool, paths, rubric.load(), Limits(), at_once=4, sandbox=True) as outcomes:
             assert next(outcomes)[0].name == 's0'

@@ -13,8 +13,9 @@ from markupsafe import escape
 from rich.console import Console
 
 from barc_sim.lab.confined.process import Limits
+from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
-from barc_sim.lab.grade import summary
+from barc_sim.lab.grade.by_hand import ByHand
 from barc_sim.lab.grade.grade import Failure, Grade, Item, Report
 from barc_sim.lab.grade.rubric import Rubric
 from barc_sim.lab.grade.submissions import Submission
@@ -26,7 +27,12 @@ HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 LOG = closed_loop(distance=20.0)
 TIMES = np.arange(50, dtype=np.float64) * 0.02
 STATES = np.stack([TIMES, 2.0 * TIMES, TIMES, TIMES], axis=1)
-RUBRIC = Rubric({'model.x': 3.0, 'loop.lab_road': 7.0}, 'The lab', 1)
+RUBRIC = Rubric(
+    {'model.x': 3.0, 'loop.lab_road': 7.0, 'relay.rate': 5.0},
+    'The lab',
+    1,
+    optional=frozenset({'relay.rate'}),
+)
 
 
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
@@ -88,29 +94,37 @@ def test_the_report_has_its_figure_where_there_is_one_to_draw(
     for drawn in (True, False):
         monkeypatch.setattr(report, 'grade', lambda *_, d=drawn, **__: grade(HOSTILE, drawn=d))
         one, other = (
-            report.report(Submission('ada'), RUBRIC, Limits(), sandbox=True) for _ in range(2)
+            report.report(Submission('ada'), ByHand(), RUBRIC, Limits(), sandbox=True)
+            for _ in range(2)
         )
         assert one.files == other.files
         assert (b'data:image/png' in one.files['report.html']) == drawn
 
 
-def report_of(name: str, points: float, remark: str = '') -> Report:
-    both = {'model.x': points, 'loop.lab_road': 7.0}
-    return Report(name, points + 7.0, 10.0, both, remark, {})
+def report_of(name: str, points: float, remark: str = '', third: float | None = None) -> Report:
+    found = {'model.x': points, 'loop.lab_road': 7.0}
+    found |= {} if third is None else {'relay.rate': third}
+    worth = 10.0 if third is None else 15.0
+    return Report(name, sum(found.values()), worth, found, remark, {})
+
+
+def listed(*reports: Report, **failures: Failure) -> list[classroom.Entry]:
+    return classroom.entries({each.name: each for each in reports}, failures, [], None, frozenset())
 
 
 def test_the_class_is_listed_by_name() -> None:
-    reports = [report_of('eve', 3.0), report_of('ada', 1.5, 'x is wrong')]
-    failures = {'bob': Failure('no memory')}
+    found = listed(
+        report_of('eve', 3.0), report_of('ada', 1.5, 'x is wrong'), bob=Failure('no memory')
+    )
+    rows = [*csv.reader(io.StringIO(classroom.as_csv(found, RUBRIC)))]
 
-    alike = {'ada': [('eve', 0.96), ('the reference', 0.7)]}
-    rows = [*csv.reader(io.StringIO(summary.as_csv(reports, failures, RUBRIC, alike)))]
-
+    criteria = ['model.x', 'loop.lab_road', 'relay.rate']
+    rest = ['open', 'late', 'alike', 'comment', 'remark']
     assert rows == [
-        ['name', 'score', 'max_score', 'model.x', 'loop.lab_road', 'alike', 'remark'],
-        ['ada', '8.5', '10.0', '1.5', '7.0', 'eve 96%, the reference 70%', 'x is wrong'],
-        ['bob', '', '10.0', '', '', '', 'not graded: no memory'],
-        ['eve', '10.0', '10.0', '3.0', '7.0', '', ''],
+        ['name', 'score', 'max_score', *criteria, *rest],
+        ['ada', '8.5', '10.0', '1.5', '7.0', '', '', '', '', '', 'x is wrong'],
+        ['bob', '', '', '', '', '', '', '', '', '', 'not graded: no memory'],
+        ['eve', '10.0', '10.0', '3.0', '7.0', '', '', '', '', '', ''],
     ]
 
 
@@ -121,7 +135,7 @@ def test_no_cell_is_a_formula_wherever_a_spreadsheet_splits_the_line(
 ) -> None:
     text = before + sign + 'SUM(A1)'
 
-    line = summary.as_csv([report_of(text, 3.0, text)], {}, RUBRIC, {text: [(text, 1.0)]})
+    line = classroom.as_csv(listed(report_of(text, 3.0, text)._replace(comment=text)), RUBRIC)
 
     cells = re.split(r'[,;\t|\n]', line)
     assert not [cell for cell in cells if cell.strip('"\' ').startswith(sign) and "'" not in cell]
@@ -130,7 +144,7 @@ def test_no_cell_is_a_formula_wherever_a_spreadsheet_splits_the_line(
 def printed(*reports: Report) -> list[list[str]]:
     """Return the words in the table of a class."""
     console = Console(width=100, file=io.StringIO(), record=True)
-    console.print(summary.as_table(reports, RUBRIC))
+    console.print(classroom.as_table(reports, RUBRIC))
     lines = [line.split('  ') for line in console.export_text().splitlines()]
     return [[word.strip() for word in line if word.strip()] for line in lines]
 
@@ -144,43 +158,35 @@ def test_the_table_of_a_class_has_means_and_that_of_one_its_points() -> None:
     assert printed()  # of none
 
 
-def overview(*reports: Report, **failures: Failure) -> str:
-    console = Console(width=100, file=io.StringIO(), record=True)
-    alike = {'ada': [('eve', 0.96)], 'eve': [('ada', 0.96)]}
-    for table in summary.overview(reports, failures, RUBRIC, alike):
-        console.print(table)
-    return ' '.join(console.export_text().split())
+def test_no_mean_is_of_100_for_some_and_of_120_for_others() -> None:
+    open_one = report_of('gus', 0.0)._replace(open={'relay.rate': 5.0}, max_score=15.0)
+    words = printed(report_of('ada', 1.0), report_of('eve', 3.0, third=4.0), open_one)
+
+    assert ['Score', '8.33', '10', 'median 8, 7 to 10'] in words
+    assert ['Task 3', '4.00', '5', 'median 4, 4 to 4'] in words
 
 
-def test_the_overview_has_distribution_mistakes_and_who_needs_a_look() -> None:
+def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -> None:
     missing = 'controller.py, line {}: I has no {}: add it'
     reports = [
         report_of('ada', 1.0)._replace(mistakes={'loop.lab_road': missing.format(7, 'dt')}),
         report_of('eve', 2.0)._replace(mistakes={'loop.lab_road': missing.format(9, 'dt')}),
         report_of('gus', -7.0, 'no PID')._replace(mistakes={'model.x': 'wrong in 3 states'}),
         report_of('hal', 3.0)._replace(notes=('a.csv has more than 1 MiB',)),
-        report_of('[bold]', 3.0),
+        report_of(HOSTILE, 3.0, HOSTILE)._replace(open={'relay.rate': 5.0}, comment=HOSTILE),
     ]
+    found = listed(*reports, bob=Failure('no memory'))
+    text = classroom.page(found, RUBRIC)
 
-    text = overview(*reports, bob=Failure('no memory'))
-
-    assert '0 to 1 1 █' in text
-    assert '9 to 10 3 ███' in text
-    assert '2 ' + "Cruise control: the lab's road I has no dt" in text
-    assert '1 Model: position x wrong in … states' in text
-    looks = text[text.index('Who needs a look') :]
-    assert 'bob not graded: no memory' in looks
-    assert 'gus no points: no PID' in looks
-    assert 'ada alike: eve 96%' in looks
-    assert 'hal a.csv has more than 1 MiB' in looks
-    assert 'bold' not in looks
-
-
-def test_the_overview_of_many_names_those_with_the_fewest_points() -> None:
-    reports = [report_of(f's{k}', k / 10)._replace(notes=('a link',)) for k in range(30)]
-
-    text = overview(*reports)
-
-    assert 's0 a link' in text
-    assert 'and 10 more see class.csv' in text
-    assert 's29' not in text
+    assert text.count(str(escape(HOSTILE))) == 3
+    assert text.count('<script') == 1
+    assert re.search(
+        r'>2</td><td><span[^>]*>Cruise control: the lab&#39;s road</span><br>I has', text
+    )
+    looks = {each.folder: each.looks for each in found if each.looks}
+    assert looks == {
+        'bob': ('not graded: no memory',),
+        'gus': ('no points',),
+        'hal': ('a.csv has more than 1 MiB',),
+        HOSTILE: ('judge by eye: Relay: commands a second',),
+    }

@@ -13,6 +13,17 @@ import barc_sim
 from barc_sim.lab.grade.similarity import ALIKE, alike, in_words, passages
 
 PACKAGE = Path(barc_sim.__file__).parent
+#: As in the lab's file for ROS 1, which every student has.
+ROS_1_LOOP = """
+def measurements_callback(data):
+    global x, y, psi, v_x, v_y, psi_dot
+    x = data.x
+    y = data.y
+    psi = data.psi
+    v_x = data.v_x
+    v_y = data.v_y
+    psi_dot = data.psi_dot
+"""
 
 
 def of(model: str, controller: str) -> frozenset[int]:
@@ -74,7 +85,26 @@ def test_what_most_of_a_class_has_is_the_handouts() -> None:
     works = {f's{k}': of(f'x = {k}\n' * k, main) for k in range(12)}
 
     assert not any(alike(works).values())
-    assert any(alike(dict([*works.items()][:5])).values())
+    assert not any(alike(dict([*works.items()][:3])).values())
+    assert any(alike(dict([*works.items()][:2])).values())
+
+
+def test_a_pair_is_found_beside_any_handout() -> None:
+    main = CONTROLLER[CONTROLLER.index('def controller') :]
+    own = of(MODEL, OTHER_CONTROLLER)
+    works = {f's{k}': of(f'x = {k}\n' * k, main) for k in range(6)}
+
+    found = alike(works | {'ada': own | works['s0'], 'bob': own | works['s1']})
+
+    assert (found['ada'], found['bob']) == ([('bob', 1.0)], [('ada', 1.0)])
+
+
+def test_a_handout_is_no_evidence() -> None:
+    handout = of(MODEL, CONTROLLER)
+    found = alike({'ada': handout, 'bob': handout}, handout)
+
+    assert found == {'ada': [], 'bob': []}
+    assert len(of('', ROS_1_LOOP)) == 0
 
 
 def test_many_are_counted() -> None:

@@ -1,0 +1,167 @@
+"""A class: its roster, what is entered by hand, who is late, and the files for gradebooks."""
+
+from __future__ import annotations
+
+import csv
+import os
+import zipfile
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+import pytest
+
+from barc_sim.__main__ import main as barc
+from barc_sim.errors import UserError
+from barc_sim.lab.grade import by_hand, roster
+from barc_sim.lab.grade.rubric import Rubric
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+ROSTER = """name,id,section
+"Chen, Li",123457,A
+Li Chen Wang,123458,A
+Zoë Ångström,zoe99,B
+Ada Lovelace,123459,B
+Ada Byron,123460,B
+"""
+
+
+@pytest.fixture
+def students(tmp_path: Path) -> list[roster.Student]:
+    (tmp_path / 'roster.csv').write_text(ROSTER, encoding='utf-8')
+    return roster.read(tmp_path / 'roster.csv')
+
+
+@pytest.mark.parametrize(
+    ('folder', 'name'),
+    [
+        ('chen_li_123457_998878_my_lab-2.zip', 'Chen, Li'),
+        ('chenli_LATE_4711_998878_lab.zip', 'Chen, Li'),
+        ('wanglichen_4711_123', 'Li Chen Wang'),
+        ('li_chen_wang', 'Li Chen Wang'),
+        ('angstrom-zoe', 'Zoë Ångström'),
+        ('ZOE99', 'Zoë Ångström'),
+        ('x_123459_123460', None),
+        ('lovelace_ada_123459_123460', 'Ada Lovelace'),
+        ('ada', None),
+        ('lab', None),
+    ],
+)
+def test_a_folder_is_its_students_by_id_or_name(
+    students: list[roster.Student], folder: str, name: str | None
+) -> None:
+    found = roster.owner(folder, students)
+    assert (found and found.name) == name
+
+
+def test_rosters_of_canvas_and_gradescope_are_read(tmp_path: Path) -> None:
+    file = tmp_path / 'r.csv'
+    file.write_text(
+        '\ufeffStudent,ID,SIS User ID,SIS Login ID,Section,Lab 1 (3)\n'
+        '    Points Possible,,,,,10\n"Li, Chen",7,123457,cli,Lab A,9\n',
+        encoding='utf-8',
+    )
+    (canvas,) = roster.read(file)
+    assert (canvas.name, canvas.section, sorted(canvas.ids)) == (
+        'Li, Chen', 'Lab A', ['123457', '7', 'cli'],
+    )  # fmt: skip
+    file.write_text('First Name,Last Name,SID,Email\nChen,Li,5,chen@x.org\n', encoding='utf-8')
+    assert (roster.read(file)[0].name, roster.read(file)[0].id) == ('Chen Li', '5')
+
+
+@pytest.mark.parametrize('text', ['a,b\n1,2\n', '', None])
+def test_a_roster_without_names_is_refused(tmp_path: Path, text: str | None) -> None:
+    if text is not None:
+        (tmp_path / 'r.csv').write_text(text, encoding='utf-8')
+    with pytest.raises(
+        UserError, match=r"the roster '.*r.csv' (has no column name|cannot be read)"
+    ):
+        roster.read(tmp_path / 'r.csv')
+
+
+@pytest.mark.parametrize(
+    ('text', 'sentence'),
+    [
+        ('points: {model.z: 3}', "the rubric has no criterion 'model.z'"),
+        ('points: {model.x: much}', "model.x is 'much': expected points such as 4.5"),
+        ('points: {model.x: -1}', 'model.x is -1: expected points'),
+        ('points: {model.x: nan}', "model.x is 'nan': expected points"),
+        ('points: [', 'cannot be read: while parsing'),
+        ('- 1', 'has no comment and points'),
+    ],
+)
+def test_a_wrong_entry_by_hand_is_a_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    (tmp_path / 'by_hand.yaml').write_text(text, encoding='utf-8')
+    with pytest.raises(UserError) as caught:
+        by_hand.read(tmp_path, Rubric({'model.x': 8.0}))
+    assert sentence in str(caught.value)
+
+
+MODEL = 'def bikeFE(x, y, psi, v, a, d_f, a0, m, Ff, theta, ts):\n    return [{}, y, psi, v]\n'
+FIRST, AGAIN, BOB = 'chen_li_123457_998_lab.zip', 'chen_li_123457_999_lab-2.zip', 'bob'
+
+
+def hand_in(folder: Path, name: str, x: str, when: str) -> None:
+    folder.mkdir(exist_ok=True)
+    with zipfile.ZipFile(folder / name, 'w') as archive:
+        archive.writestr('bike_model.py', MODEL.format(x))
+    seconds = datetime.fromisoformat(when).timestamp()
+    os.utime(folder / name, (seconds, seconds))
+
+
+@pytest.mark.usefixtures('confinement')
+def test_grading_again_loses_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made, out = tmp_path / 'in', tmp_path / 'out'
+    rubric = tmp_path / 'rubric.yaml'
+    rubric.write_text('title: Lab\ncriteria: {model.y: 2}\ntask_3: {relay.rate: 3}\n')
+    (tmp_path / 'roster.csv').write_text(ROSTER, encoding='utf-8')
+    hand_in(made, FIRST, 'x', '2026-11-20T20:00')
+    (made / BOB).mkdir()
+    (made / BOB / 'bike_model.py').write_text(MODEL.format('x'))
+
+    def grade(what: Path, *more: str) -> dict[str, dict[str, str]]:
+        options = ['--rubric', str(rubric), '--out', str(out), '--jobs', '1', *more]
+        assert barc(['grade', str(what), *options]) == 0
+        rows = csv.DictReader((out / 'class.csv').read_text(encoding='utf-8').splitlines())
+        return {row['name'] or row['student']: row for row in rows}
+
+    rows = grade(made, '--roster', str(tmp_path / 'roster.csv'), '--due', '2026-11-20T23:59')
+    assert (rows[FIRST]['student'], rows[FIRST]['score']) == ('Chen, Li', '0.0')
+    assert 'not in the roster' in rows[BOB]['remark']
+    assert rows['Ada Byron']['remark'] == 'nothing handed in'
+
+    (out / FIRST / 'by_hand.yaml').write_text(
+        'comment: well driven\npoints:\n  model.y: 1.5 a slip\n  relay.rate: 3\n'
+    )
+    assert grade(made / BOB)[FIRST]['score'] == '0.0'  # alone: the others stay as they are
+    rows = grade(made)
+    assert [rows[FIRST][name] for name in ('model.y', 'relay.rate', 'max_score', 'comment')] == [
+        '1.5', '3.0', '5.0', 'well driven',
+    ]  # fmt: skip
+    assert 'a slip; by hand (computed: 0)' in (out / FIRST / 'report.html').read_text()
+
+    hand_in(made, AGAIN, 'x + 1', '2026-11-21T02:29')
+    for _ in range(2):  # the note stays until the entries are edited
+        rows = grade(made)
+        assert rows[AGAIN]['score'] == '4.5'
+        assert rows[AGAIN]['late'] == '2:30 h'
+        assert 'look at the points by hand again' in rows[AGAIN]['remark']
+        assert rows[FIRST]['remark'].startswith(f'handed in again as {AGAIN}')
+    (out / AGAIN / 'by_hand.yaml').write_text('points:\n  model.y: 2\n')
+    later = (out / AGAIN / 'record.json').stat().st_mtime + 1.0
+    os.utime(out / AGAIN / 'by_hand.yaml', (later, later))
+    (made / FIRST).unlink()
+    rows = grade(made)
+    assert (rows[AGAIN]['score'], rows[FIRST]['score']) == ('2.0', '4.5')
+    assert 'look at' not in rows[AGAIN]['remark']
+
+    canvas = [*csv.reader((out / 'canvas.csv').read_text(encoding='utf-8').splitlines())]
+    assert canvas[0][-2:] == ['Lab', 'Lab: Task 3']
+    assert canvas[1][-2:] == ['2.0', '3.0']
+    assert ['Chen, Li', '', '123457', '', 'A', '2.0', ''] in canvas
+    assert ['Ada Byron', '', '123460', '', 'B', '', ''] in canvas
+    assert 'Ada Byron,123460,,B,,2.0,Missing,' in (out / 'gradescope.csv').read_text()
+    page = (out / 'class.html').read_text(encoding='utf-8')
+    assert f'href="{AGAIN}/report.html"' in page
+    assert str(out / 'class.html') in capsys.readouterr().out
