@@ -31,7 +31,7 @@ from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
 from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_page
 from barc_sim.runs.program import Program
-from barc_sim.runs.terminal.user_output import UserOutput
+from barc_sim.runs.terminal import UserOutput
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
 
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from barc_sim.nodes.diagnosis import Facts
     from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage
-    from barc_sim.runs.terminal.display import Display
+    from barc_sim.runs.terminal import Display
 
 #: [s] A thread that runs Python code gives way to the one that steps the simulator after this
 #: long; the default, 5 ms, is a quarter of a step.

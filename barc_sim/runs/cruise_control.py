@@ -15,7 +15,7 @@ from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.runs.carrier import carrier
 from barc_sim.runs.composition import Run, check_left_out, read_inputs
-from barc_sim.runs.terminal.display import CruiseStatus, display, print_summaries, print_summary
+from barc_sim.runs.terminal import CruiseStatus, display, print_summaries, print_summary
 from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.metrics import Laps
 from barc_sim.simulation.progress import Progress

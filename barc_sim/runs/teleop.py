@@ -17,7 +17,7 @@ from barc_sim.nodes.relay import Relay
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.runs.carrier import carrier
 from barc_sim.runs.composition import Run, check_left_out, read_inputs
-from barc_sim.runs.terminal.display import Display, DriveStatus, display
+from barc_sim.runs.terminal import Display, DriveStatus, display
 from barc_sim.vehicle.bike_model import bikeFE
 from barc_sim.vehicle.road import Road
 

@@ -14,7 +14,7 @@ from barc_sim.ros.executor import QuickExecutor
 from barc_sim.ros.process import NUM_THREADS
 from barc_sim.runs.composition import Run, read_inputs
 from barc_sim.runs.cruise_control import Car
-from barc_sim.runs.terminal.display import Display
+from barc_sim.runs.terminal import Display
 
 _PERIOD = 0.02  # s
 

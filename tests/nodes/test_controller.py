@@ -148,12 +148,6 @@ def test_state_and_error_of_different_stamps_are_not_joined(bench: Make) -> None
     assert [to_nanoseconds(command.header.stamp) for command in one.commands] == [40 * MS]
 
 
-def test_measured_speed_is_controlled_unless_asked_otherwise(bench: Make) -> None:
-    one = bench()
-    one.send_error(0, 0.5)
-    assert one.answers([(0, 7.9)]) == expected([(0.0, 7.9)])
-
-
 def test_true_speed_is_controlled_from_the_first_error_on_where_asked_for_later(
     bench: Make,
 ) -> None:

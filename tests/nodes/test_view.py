@@ -207,17 +207,6 @@ def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> Non
     assert tuned == {'kp': 7.0}
 
 
-def test_status_has_the_facts_of_the_run_from_the_first_state_on(
-    view: ViewNode, peer: Peer
-) -> None:
-    with page(view) as client:
-        assert client.receive('status')['missed'] is None
-        peer.step(0.0)
-        while (status := client.receive('status'))['missed'] is None:
-            pass
-    assert (status['missed'], status['paused'], status['driver']) == (3, False, None)
-
-
 def test_page_that_closes_with_a_key_held_brakes(view: ViewNode, peer: Peer) -> None:
     with page(view) as client:
         client.request('drive', linear=1.0, angular=0.0)
@@ -238,14 +227,6 @@ def test_reset_and_pause_call_the_simulator(view: ViewNode, peer: Peer) -> None:
         while client.receive('status')['paused']:
             pass
     assert peer.done == ['reset', True, False]
-
-
-@pytest.mark.parametrize('what', ['reset', 'pause'])
-def test_refusal_has_its_reason(view: ViewNode, peer: Peer, what: str) -> None:
-    peer.refusal = 'not now'
-    with page(view) as client:
-        client.request(what, **({'on': True} if what == 'pause' else {}))
-        assert client.receive('refused') == {'what': what, 'why': 'not now'}
 
 
 def test_missing_service_is_named(view: ViewNode) -> None:
@@ -303,24 +284,6 @@ def test_another_controllers_sliders_and_terms_are_shown(ros: Context) -> None:
     np.testing.assert_array_equal(np.clip(total, -8.0, 8.0), client.column('motor')[shown])
     assert client.column('reference')[shown][-1] == 8.0
     assert np.isnan(client.column('proportional')).all()
-
-
-def test_slider_sets_a_parameter_on_all_pages(ros: Context) -> None:
-    view = ViewNode(context=ros)
-    controller = CruiseController(context=ros)
-    with spinning(ros, view, controller), page(view) as client, page(view) as other:
-        known = client.receive('hello')['tuning']
-        while not known:
-            known = client.receive('facts')['tuning']
-        client.request('tune', name='speed_reference', value=5.5)
-        until(lambda: controller.values['speed_reference'] == 5.5)
-        while other.receive('facts')['tuning'].get('speed_reference') != 5.5:
-            pass
-        client.request('tune', name='kp', value=-2e6)
-        refusal = client.receive('refused')
-    assert refusal['what'] == 'kp'
-    assert '-2000000.0' in refusal['why']
-    assert controller.get_parameter('kp').value == 30.0
 
 
 def test_namespace_applies_to_its_clients(ros: Context) -> None:

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
 from command_line import barc, call
-from rosbags.highlevel import AnyReader
 
 from barc_sim.bags import reader
-from barc_sim.control.lqr import LQR
-from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,29 +27,6 @@ def bag(module_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:  
     done = call(*OPTIONS, '--controller-type', 'lqr', *gain, '--bag-dir', str(folder))
     assert (done.returncode, done.stderr) == (0, '')
     return reader.newest(folder)
-
-
-def test_the_run_is_that_of_the_closed_loop_with_its_own_terms(bag: Path) -> None:
-    controller = LQR(100.0, observer_gain=1.0, output_min=-8.0, output_max=8.0)
-    expected, log = closed_loop(controller=controller, distance=30.0), reader.read(bag)
-    assert [*log.terms] == ['feedback', 'compensation']
-    for name, column in expected.columns().items():
-        if name != 'missed':
-            np.testing.assert_array_equal(log.columns()[name], column, name)
-    assert reader.info(bag)['speed_weight'] == '100.0'
-
-
-def test_any_reader_of_bags_finds_the_terms(bag: Path) -> None:
-    with AnyReader([bag]) as found:
-        topics = {connection.topic: connection for connection in found.connections}
-        assert '/pid_state' not in topics
-        messages = [
-            found.deserialize(data, connection.msgtype)
-            for connection, _, data in found.messages([topics['/controller_state']])
-        ]
-    assert messages[5].names == ['feedback', 'compensation']
-    limited = np.clip([message.values.sum() for message in messages], -8.0, 8.0)  # type: ignore[attr-defined]
-    np.testing.assert_array_equal(limited, [message.output for message in messages])
 
 
 @pytest.mark.parametrize('command', ['plot', 'report'])

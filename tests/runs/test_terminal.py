@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import sys
 import time
 from contextlib import closing, redirect_stdout, suppress
 from math import nan, radians
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.runs.terminal.display import CruiseStatus, DriveStatus, display, print_summary
+from barc_sim.runs.terminal import CruiseStatus, DriveStatus, UserOutput, display, print_summary
 from barc_sim.simulation.metrics import SegmentErrors, SpeedErrors, Summary
 
 if TYPE_CHECKING:
@@ -194,3 +195,62 @@ def test_table_of_a_run_without_a_state_has_no_nan(capsys: Capture) -> None:
     out = capsys.readouterr().out
     assert str(nan) not in out
     assert 'after 10 m' in out
+
+
+# What user code prints
+
+
+def shown(output: UserOutput) -> list[str]:
+    lines: list[str] = []
+    output.show_with(lines.append)
+    return lines
+
+
+def test_pieces_become_whole_lines() -> None:
+    output = UserOutput()
+    lines = shown(output)
+    for piece in ('a', 'b\nc', '\n\nd'):
+        output(piece)
+    assert lines == ['ab', 'c', '']
+    output.close()
+    assert lines == ['ab', 'c', '', 'd']
+
+
+def test_a_file_gets_all_lines() -> None:
+    output = UserOutput()
+    lines = shown(output)
+    output('x\n' * 1000)
+    output.close()
+    assert lines == ['x'] * 1000
+
+
+def test_a_terminal_gets_some_lines_a_second_and_how_many_were_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys.stdout, 'isatty', lambda: True)
+    now = 100.0
+    monkeypatch.setattr('time.monotonic', lambda: now)
+    output = UserOutput()
+    lines = shown(output)
+    output('x\n' * 1000)
+    assert lines == ['x'] * 20
+    now = 101.0
+    output('y\n')
+    assert lines[20:] == ['… lines left out: 980 (with > FILE, all are kept)', 'y']
+    output('z\n' * 20)
+    output.close()
+    assert lines[-1].startswith('… lines left out: 1 ')
+
+
+def test_what_code_prints_is_not_shown_where_quiet(capsys: Capture) -> None:
+    output = UserOutput(quiet=True)
+    output('a\n')
+    output.close()
+    assert capsys.readouterr().out == ''
+
+
+def test_lines_are_output_where_nothing_else_shows_them(capsys: Capture) -> None:
+    output = UserOutput()
+    output('a\nb')
+    output.close()
+    assert capsys.readouterr().out == 'a\nb\n'
