@@ -38,6 +38,7 @@ GROUPS = {
         'record': 'record any ROS 2 system',
         'play': 'publish the messages of a bag',
         'info': 'print what is in a bag: time, topics, losses, damage and metadata',
+        'convert': 'write a bag as CSV, Parquet or .mat, or as a bag of ROS 1 or sqlite3',
         'recover': 'repair the bag of a run that was killed',
     },
     'ROS': {
@@ -53,7 +54,7 @@ COMMANDS = {name: text for group in GROUPS.values() for name, text in group.item
 #: The modules that several commands share, by command.
 _SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
 _SHARED |= dict.fromkeys(GROUPS['look'], 'figures')
-_SHARED |= dict.fromkeys(('info', 'recover'), 'bags')
+_SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
 _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.
 NODES = {

@@ -1,4 +1,4 @@
-"""`record` and `recover`: writes the bag of any ROS 2 system, and repairs one of a killed run."""
+"""`info`, `convert` and `recover`: what is in a bag, as tables, and whole again."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barc_sim.errors import escaped
+from barc_sim.runs.options import add_topic_choice
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -13,6 +14,17 @@ if TYPE_CHECKING:
 
     from barc_sim.bags.recovery import Recovered
     from barc_sim.cli.parser import Parser
+
+
+#: What each format makes of a bag's name.
+_FORMATS = {
+    'csv': '{}_csv',
+    'parquet': '{}_parquet',
+    'mat': '{}.mat',
+    'ros1': '{}.bag',
+    'sqlite3': '{}_sqlite3',
+    'mcap': '{}_mcap',
+}
 
 
 def add_arguments_info(parser: Parser) -> None:
@@ -32,6 +44,32 @@ def run_info(options: Namespace) -> None:
     found = describe(options.bag)
     for line in [json.dumps(found, indent=2)] if options.json else lines(found):
         print(escaped(line))  # noqa: T201
+
+
+def add_arguments_convert(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Convert a bag of any ROS 2 recorder: to tables, one a topic, or to another kind of bag.'
+    )
+    parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
+    parser.add_argument(
+        '--to', choices=_FORMATS, default='csv', help='the format (csv); mat is for MATLAB'
+    )
+    parser.add_argument(
+        '-o', '--output', type=Path, metavar='PATH', help='new folder or file (BAG_csv, BAG.mat)'
+    )
+    add_topic_choice(parser, 'convert')
+
+
+def run_convert(options: Namespace) -> None:
+    """Convert the bag, and print where it is."""
+    from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.bags.playback import Playback  # noqa: PLC0415
+
+    choice = Playback(topics=options.topics, exclude=options.exclude)
+    output = options.output or Path(_FORMATS[options.to].format(options.bag.resolve().stem))
+    convert(options.bag, output, options.to, choice.selected)
+    print(output)  # noqa: T201
 
 
 def add_arguments_recover(parser: Parser) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import ROS_ARGS, accept_ros_args, number
 from barc_sim.errors import UserError
-from barc_sim.runs.options import pattern
+from barc_sim.runs.options import add_topic_choice
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -49,15 +49,7 @@ def add_arguments(parser: Parser) -> None:
         help='begin this long after the start of the bag',
     )
     parser.add_argument('-p', '--start-paused', action='store_true', help='begin paused')
-    for names, what in ((('--topics',), 'only'), (('-x', '--exclude'), 'no')):
-        parser.add_argument(
-            *names,
-            type=pattern,
-            nargs='+',
-            default=[],
-            metavar='TOPIC',
-            help=f'play {what} topics of these names, or whose name contains these patterns',
-        )
+    add_topic_choice(parser, 'play')
     parser.add_argument(
         '-m',
         '--remap',

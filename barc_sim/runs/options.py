@@ -269,6 +269,19 @@ def add_recording_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_topic_choice(parser: argparse.ArgumentParser, verb: str) -> None:
+    """Add `--topics` and `--exclude` of a command that reads a bag."""
+    for names, what in ((('--topics',), 'only'), (('-x', '--exclude'), 'no')):
+        parser.add_argument(
+            *names,
+            type=pattern,
+            nargs='+',
+            default=[],
+            metavar='TOPIC',
+            help=f'{verb} {what} topics of these names, or whose name contains these patterns',
+        )
+
+
 def recording(options: argparse.Namespace) -> Recording:
     """Return the settings on the command line; an option that it does not have is the default.
 

@@ -1,0 +1,219 @@
+"""Converts a bag of any recorder: to tables of its topics, or to another kind of bag."""
+
+from __future__ import annotations
+
+import csv
+import json
+import logging
+import re
+from contextlib import ExitStack
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rosbags.convert.converter import ConverterError
+from rosbags.convert.converter import convert as convert_bag
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from barc_sim.bags import bounds
+from barc_sim.bags.contents import Contents
+from barc_sim.bags.schemas import definition
+from barc_sim.errors import UserError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from barc_sim.bags.recording import Topic
+
+_BAGS = ('ros1', 'sqlite3', 'mcap')
+_IDL = '=' * 80 + '\nIDL: '
+_logger = logging.getLogger(__name__)
+
+
+def convert(
+    path: Path, output: Path, kind: str, select: Callable[[Sequence[str]], Sequence[str]]
+) -> None:
+    """Write what `select` chooses of the topics to the new folder or file `output`.
+
+    A table has a row for each message: `t`, the time of reception in seconds since the start of
+    the bag, that time in nanoseconds since 1970, and each field, `header.stamp.sec`. A topic whose
+    messages cannot be decoded is left out, with a warning.
+
+    Raises
+    ------
+    UserError
+        The bag cannot be read, the output exists, or a library is not installed.
+    """
+    contents = Contents(path)
+    contents.outline()
+    names = select([*contents.topics])
+    if output.exists():
+        raise UserError(f'{str(output)!r} exists: name a new --output')
+    if kind in _BAGS:
+        others = [name for name in contents.topics if name not in names]
+        types, storage = get_typestore(Stores.ROS2_JAZZY), '' if kind == 'ros1' else kind
+        try:
+            convert_bag([path], output, storage, 9, None, '', types, None, others, (), (), ())
+        except ConverterError as error:
+            raise UserError(
+                f'{str(path)!r} cannot be converted ({error}): recover it first, or choose --topics'
+            ) from None
+        return
+    write = {'csv': _write_csv, 'parquet': _write_parquet, 'mat': _write_mat}[kind]
+    write(output, _rows(contents, names))
+
+
+def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the topic and the cells of each message."""
+    decoders: dict[str, Callable[[bytes], Any] | None] = {}
+    broken: set[str] = set()
+    start = contents.span.start or 0
+    for message in contents.in_order():
+        name = message.topic.name
+        if name not in names:
+            continue
+        if name not in decoders:
+            decoders[name] = _decoder(message.topic)
+        if decode := decoders[name]:
+            try:
+                cells = {'t': (message.received - start) / 1e9, 'received': message.received}
+                cells |= _cells('', decode(message.data))
+            except Exception as error:  # noqa: BLE001 (damage may raise anything)
+                if name not in broken:
+                    _logger.warning('messages of %s are left out: %s', name, error)
+                broken.add(name)
+                continue
+            yield (
+                name,
+                {'t': (message.received - start) / 1e9, 'received': message.received} | cells,
+            )
+
+
+def _decoder(topic: Topic) -> Callable[[bytes], Any] | None:
+    """Return what decodes a topic's messages, by the bag's definition, else the installed one."""
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(_types(topic.type, topic.definition or definition(topic.type)))
+    except Exception as error:  # noqa: BLE001 (damage may raise anything)
+        _logger.warning('%s [%s] is left out: %s', topic.name, topic.type, error)
+        return None
+    return lambda data: store.deserialize_cdr(data, topic.type)
+
+
+def _types(name: str, text: str) -> dict[str, Any]:
+    """Return the types in a definition; ValueError: it is far beyond those of robots."""
+    if len(text) > bounds.MAX_SCHEMA:
+        raise ValueError(f'its definition has {len(text)} characters')
+    types: dict[str, Any] = {}
+    if text.startswith(_IDL):
+        for part in text.split('=' * 80 + '\n')[1:]:
+            types |= get_types_from_idl(part.partition('\n')[2])
+    else:
+        types |= get_types_from_msg(text, name)
+    for _, described in types.values():
+        for field, (node, of) in described:
+            if node == Nodetype.ARRAY and of[1] > bounds.MAX_ARRAY:
+                raise ValueError(f'its array {field} has {of[1]} elements')
+    return types
+
+
+def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)
+    """Yield the names and values of a message's fields; those of messages in it with a dot."""
+    for field in fields(message):
+        if field.name.startswith('__'):  # rosbags' own
+            continue
+        name, value = f'{prefix}{field.name}', getattr(message, field.name)
+        if is_dataclass(value):
+            yield from _cells(f'{name}.', value)
+        else:
+            yield name, _plain(value)
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 (any type)
+    """Return a value in JSON's types."""
+    if is_dataclass(value):
+        return dict(_cells('', value))
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return [_plain(each) for each in value] if isinstance(value, list) else value
+
+
+def _file_name(topic: str) -> str:
+    return re.sub(r'[^\w.]', '_', topic.strip('/').replace('/', '.')).lstrip('.')
+
+
+def _write_csv(output: Path, rows: Iterator[tuple[str, dict[str, Any]]]) -> None:
+    """Write a file a topic; a list is JSON in its cell."""
+    output.mkdir(parents=True)
+    tables: dict[str, Any] = {}
+    with ExitStack() as files:
+        for topic, cells in rows:
+            if topic not in tables:
+                file = (output / f'{_file_name(topic)}.csv').open('x', encoding='utf-8', newline='')
+                tables[topic] = csv.writer(files.enter_context(file))
+                tables[topic].writerow(cells)
+            tables[topic].writerow(
+                json.dumps(each) if isinstance(each, list) else each for each in cells.values()
+            )
+
+
+def _columns(rows: Iterator[tuple[str, dict[str, Any]]]) -> dict[str, dict[str, list[Any]]]:
+    """Return the columns of each topic."""
+    tables: dict[str, dict[str, list[Any]]] = {}
+    for topic, cells in rows:
+        columns = tables.setdefault(topic, {name: [] for name in cells})
+        for name, value in cells.items():
+            columns[name].append(value)
+    return tables
+
+
+def _write_parquet(output: Path, rows: Iterator[tuple[str, dict[str, Any]]]) -> None:
+    pyarrow, parquet = _library('pyarrow', 'parquet'), _library('pyarrow.parquet', 'parquet')
+    output.mkdir(parents=True)
+    for topic, columns in _columns(rows).items():
+        parquet.write_table(pyarrow.table(columns), output / f'{_file_name(topic)}.parquet')
+
+
+def _write_mat(output: Path, rows: Iterator[tuple[str, dict[str, Any]]]) -> None:
+    """Write a struct a topic, with a column of each field; lists of one length are a matrix."""
+    scipy = _library('scipy.io', 'matlab')
+    structs = {
+        re.sub(r'\W', '_', topic.strip('/')): {
+            name.replace('.', '_'): _matrix(values) for name, values in columns.items()
+        }
+        for topic, columns in _columns(rows).items()
+    }
+    output.parent.mkdir(parents=True, exist_ok=True)
+    scipy.savemat(
+        output,
+        structs,
+        appendmat=False,
+        long_field_names=True,
+        oned_as='column',
+        do_compression=True,
+    )
+
+
+def _matrix(values: list[Any]) -> Any:  # noqa: ANN401 (of any element)
+    try:
+        found = np.array(values)
+    except ValueError:  # lists of different lengths
+        found = np.empty(0, object)
+    if found.dtype.kind in 'biufU':
+        return found
+    cells = np.empty(len(values), object)
+    cells[:] = [each if isinstance(each, str) else np.array(each) for each in values]
+    return cells
+
+
+def _library(name: str, extra: str) -> Any:  # noqa: ANN401 (a module)
+    try:
+        return import_module(name)
+    except ImportError:
+        raise UserError(
+            f'this format needs {name.partition(".")[0]}: pip install "barc_sim[{extra}]", or '
+            'choose another --to'
+        ) from None
