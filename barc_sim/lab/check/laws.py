@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
     from types import CodeType
 
@@ -40,39 +40,17 @@ _SAMPLE = 100  #: inputs with which pairs of mistakes are tried first
 
 
 class Mistake(NamedTuple):
-    """A common mistake in a law."""
+    """A mistake in a law: a common one, two at once, or one that has no formulas."""
 
-    topic: str
+    topic: str  #: of one common mistake
     sentence: str  #: what to check, as the user reads it
-    formulas: dict[str, str]  #: the wrong ones, by quantity
+    formulas: Formulas  #: the wrong ones, by quantity
     kind: str  #: the sentence as the file has it: one mistake, made in several results
 
     @property
     def is_general(self) -> bool:
         """Whether it is any mistake in a quantity, whose value follows from what was returned."""
         return any('_got' in formula for formula in self.formulas.values())
-
-
-class Cause(NamedTuple):
-    """What explains a wrong result: a mistake, or two."""
-
-    mistakes: tuple[Mistake, ...]
-
-    @property
-    def sentence(self) -> str:
-        """What to check."""
-        few = 'two mistakes: ' if self.mistakes[1:] else ''
-        return few + '; and '.join(each.sentence for each in self.mistakes)
-
-    @property
-    def kind(self) -> str:
-        """The same for each result that the same mistakes make wrong."""
-        return '; '.join(each.kind for each in self.mistakes)
-
-    @property
-    def formulas(self) -> Formulas:
-        """The wrong formulas, by quantity."""
-        return {name: text for each in self.mistakes for name, text in each.formulas.items()}
 
 
 class Situation(NamedTuple):
@@ -104,10 +82,15 @@ class Law:
         """Return all quantities; `changes` replace formulas, and inputs before they are used."""
         return Quantities(inputs, {**self.formulas, **(changes or {})}, self.functions)
 
-    def everything(self, inputs: Inputs, changes: Formulas | None = None) -> dict[str, float]:
-        """Return the value of each formula for one input."""
-        made = self.compute(inputs, changes)
-        return {name: float(made[name]) for name in {**self.formulas, **(changes or {})}}
+    def changed(self, inputs: Inputs, mistake: Mistake, at: Sequence[int]) -> list[float]:
+        """Return the values that a mistake changes, at an index of the inputs."""
+        shape = np.broadcast_shapes(*(np.shape(values) for values in inputs.values()))
+        values = [
+            [float(np.broadcast_to(made[name], shape)[tuple(at)]) for made in each]
+            for each in [(self.compute(inputs, mistake.formulas), self.compute(inputs))]
+            for name in {**self.formulas, **mistake.formulas}
+        ]
+        return [wrong for wrong, right in values if wrong != right]
 
     def right(self, inputs: Inputs, name: str, mistakes: Formulas | None = None) -> list[Floats]:
         """Return the values of the result `name` by each right form of it, with `mistakes`."""
@@ -123,8 +106,8 @@ class Law:
     @np.errstate(all='ignore')
     def explain(
         self, inputs: Inputs, results: Mapping[str, Floats], wrong: Iterable[str], agree: Agree
-    ) -> dict[str, Cause]:
-        """Return the cause of each wrong result that one mistake, or two, explain.
+    ) -> dict[str, Mistake]:
+        """Return the mistake in each wrong result that one of them, or two, explain.
 
         Parameters
         ----------
@@ -149,18 +132,19 @@ class Law:
             (mistake, {name for name in results if explains(name, mistake.formulas)})
             for mistake in self.mistakes
         ]
-        found: dict[str, Cause] = {}
+        found: dict[str, Mistake] = {}
         # The mistake that explains the most results, right ones included, comes first.
         for mistake, names in sorted(explained, key=lambda m: (m[0].is_general, -len(m[1]))):
             new = [name for name in wrong if name in names and name not in found]
             if new[1:] or not mistake.is_general:
-                found |= dict.fromkeys(new, Cause((mistake,)))
+                found |= dict.fromkeys(new, mistake)
         for name in (name for name in wrong if name not in found):
             few = slice(None, None, max(len(results[name]) // _SAMPLE, 1))
             for first, second in self._pairs(_sliced(inputs, few), name, agree):
-                both = first.formulas | second.formulas
+                both = {**first.formulas, **second.formulas}
                 if explains(name, both, few) and explains(name, both):
-                    found[name] = Cause((first, second))
+                    text = f'two mistakes: {first.sentence}; and {second.sentence}'
+                    found[name] = Mistake('', text, both, f'{first.kind}; {second.kind}')
                     break
         return found
 

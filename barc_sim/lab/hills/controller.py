@@ -19,7 +19,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, judges
-from barc_sim.lab.check.laws import Cause, Law, read
+from barc_sim.lab.check.laws import Law, Mistake, read
 from barc_sim.lab.hills.memory import RANDOM, TOLERANCE, judge_reset, judge_windup, wandering
 from barc_sim.lab.hills.model import NOT_A_CAR, TS
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from barc_sim.lab.check.code import Judged, JudgedCode, Sample
-    from barc_sim.lab.check.laws import Floats, Mistake
+    from barc_sim.lab.check.laws import Floats
 
     Gains = tuple[float, float, float]  # kp, ki, kd
 
@@ -289,7 +289,7 @@ def _judge_terms(code: JudgedCode, seed: int) -> list[Finding]:
     return [findings[term.name] for term in TERMS]
 
 
-def _in_the_error(tried: Mapping[str, Trials]) -> Cause | None:
+def _in_the_error(tried: Mapping[str, Trials]) -> Mistake | None:
     """Return the mistake in the error that explains all wrong terms, but those that are absent."""
     outputs = {name: trials.outputs for name, trials in tried.items() if trials.outputs.any()}
     for mistake in _mistakes('E') if len(outputs) > 1 else ():
@@ -298,12 +298,12 @@ def _in_the_error(tried: Mapping[str, Trials]) -> Cause | None:
             for name, got in outputs.items()
         )
         if all(explained) and not all(tried[name].factor() for name in outputs):
-            return Cause((mistake,))
+            return mistake
     return None
 
 
 def _cause(
-    code: JudgedCode, trials: Trials, seed: int, common: Cause | None, placed: dict[str, str]
+    code: JudgedCode, trials: Trials, seed: int, common: Mistake | None, placed: dict[str, str]
 ) -> tuple[str, str]:
     """Return why a term is wrong, and the kind of mistake; empty where the term is not there.
 
@@ -330,7 +330,7 @@ def _cause(
     return placed[message] + message, kind
 
 
-def _placed(code: JudgedCode, trials: Trials, cause: Cause | None) -> str:
+def _placed(code: JudgedCode, trials: Trials, cause: Mistake | None) -> str:
     """Return the file and line that compute a wrong term, with a colon; empty if not known."""
     inputs, got, expected = trials.inputs, trials.outputs, trials.expected[0]
     k = (
@@ -341,18 +341,13 @@ def _placed(code: JudgedCode, trials: Trials, cause: Cause | None) -> str:
     rows = [(r, v, TS) for r, v in zip(reference, measured, strict=True)]
     gains = [float(inputs[name].ravel()[0]) for name in ('kp', 'ki', 'kd')]
 
-    def at_k(formulas: Mapping[str, str]) -> list[float]:
-        made = PID_LAW.compute(inputs, formulas)
-        return [float(np.broadcast_to(made[each], got.shape)[0, k]) for each in PID_LAW.formulas]
-
     try:
         (*_, output) = code.new_pid(*gains).acc_sequence(rows)
         pid = code.new_pid(*gains)
         pid.acc_sequence(rows[:-1])
     except UserError:
         return ''
-    pairs = zip(at_k(cause.formulas), at_k({}), strict=True) if cause else ()
-    wrong = {got[0, k], output, *(value for value, right in pairs if value != right)}
+    wrong = [got[0, k], output, *(PID_LAW.changed(inputs, cause, (0, k)) if cause else ())]
     others = [*rows[-1], output - got[0, k]]  # P, where that is added
     place = code.line_of('steps', (pid.number, rows[-1:]), wrong, others)
     return f'{place}: ' if place else ''

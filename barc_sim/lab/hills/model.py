@@ -17,7 +17,7 @@ import numpy as np
 
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, Row, judges
-from barc_sim.lab.check.laws import Law, Situation, read
+from barc_sim.lab.check.laws import Law, Mistake, Situation, read
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Command, State, Vehicle
 from barc_sim.vehicle.plant import Plant
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from barc_sim.lab.check.code import Judged, JudgedCode
-    from barc_sim.lab.check.laws import Cause, Floats, Range
+    from barc_sim.lab.check.laws import Floats, Range
 
 TS = 0.02  #: [s]
 EQUATIONS = ('x', 'y', 'psi', 'v')  #: in the order of what bikeFE returns
@@ -135,6 +135,7 @@ def with_lengths(l_f: float, l_r: float) -> Situation:
 _TOLERANCE = 1e-9
 _PROPORTIONAL = 1e-6  #: relative error of a change that is the right one but for a factor
 _MIN_LOSS, _FACTOR, _SIGN = 0.1, 0.4, 0.6  #: of an equation's points; see `Trial.loss`
+_ABSENT = 'Absent'  #: the topic of equations that are not there, each of which counts
 #: After so many failures the code is not called again: each call can use its whole time budget.
 _MAX_FAILURES = 4
 _STATES = 250  #: of each situation
@@ -170,7 +171,7 @@ class Trial:
         except UserError as error:
             self.failure = str(error)
 
-    def right(self, name: str, cause: Cause | None = None) -> Floats:
+    def right(self, name: str, cause: Mistake | None = None) -> Floats:
         """Return the states in which the equation of `name` is right, shape `(n,)`.
 
         What follows from a `cause` is right, too.
@@ -243,29 +244,25 @@ def judge_equations(code: JudgedCode, seed: int) -> list[Finding]:
     trials = _run(code, seed, SITUATIONS)
     if random := _randomness(code, trials):
         return [Finding(f'model.{name}', 0.0, random) for name in EQUATIONS]
-    losses = {name: _loss(trials, name) for name in EQUATIONS}
-    causes = _causes(trials, [name for name in EQUATIONS if losses[name]])
-    kinds = {name: cause.kind if cause else text for name, (cause, text) in causes.items()}
-    times = Counter(kinds.values())
+    losses = {name: loss for name in EQUATIONS if (loss := _loss(trials, name))}
+    causes = _causes(trials, [*losses])
+    times = Counter(cause.kind for cause in causes.values())
     own = _own_lengths(code, seed, trials)
+    elsewhere = [name for name in EQUATIONS if _loss(own, name)]
+    beyond = _causes(own, elsewhere, trials) if elsewhere else {}
     placed: dict[str, str] = {}  # one mistake has one line
-    findings = []
+    findings: list[Finding] = []
     for name in EQUATIONS:
-        message, cause, score = _right(trials), None, 1.0
-        if name in causes:
-            cause, message = causes[name]
-            score = 1.0 - losses[name]
-            if not _is_absent(trials, name):
-                one = cause and not cause.mistakes[1:]
-                score = 1.0 - min(losses[name] / times[kinds[name]], _SIGN if one else 1.0)
-            placed[message] = placed.get(message) or _placed(code, trials, name, cause)
-            message = placed[message] + message
-        for trial in own:
-            wrong = [each for each in EQUATIONS if not trial.right(each).all()]
-            for also, found in _named([*trials, trial], wrong).items():
-                if also == name:
-                    text = _placed(code, [trial], name, found) + found.sentence
-                    message += f' of a car with l_f = l_r; of another one not: {text}'
+        message, score = _right(trials), 1.0
+        if cause := causes.get(name):
+            is_absent, most = cause.topic == _ABSENT, _SIGN if cause.topic else 1.0
+            score -= losses[name] if is_absent else min(losses[name] / times[cause.kind], most)
+            text = cause.sentence
+            placed[text] = placed.get(text) or _placed(code, trials, name, cause)
+            message = placed[text] + text
+        elif name in beyond:
+            text = _placed(code, own, name, beyond[name]) + beyond[name].sentence
+            message += f' of a car with l_f = l_r; of another one not: {text}'
         findings.append(Finding(f'model.{name}', score, message, cause))
     return findings
 
@@ -299,7 +296,7 @@ def _own_lengths(code: JudgedCode, seed: int, trials: Sequence[Trial]) -> list[T
     trial.run(code, assigned=True)
     wrong = [name for name in EQUATIONS if not trial.right(name).all()]
     named = {} if trial.failure else _named([*trials, trial], wrong)
-    named = {n: cause for n, cause in named.items() if not cause.mistakes[0].is_general}
+    named = {n: cause for n, cause in named.items() if not cause.is_general}
     trial.got |= {name: trial.expected[name] for name in wrong if name not in named}
     return [trial] if named else []
 
@@ -321,8 +318,8 @@ def _judge_beyond(
         again = any(_loss(trials, name) for name in EQUATIONS)
         return score, 'no mistake but those above' if again else _right(trials)
     # A cause must explain the results on the lab's road, too.
-    cause, message = _causes(trials, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
-    return score, _placed(code, trials, wrong[0], cause) + message
+    cause = _causes(trials, wrong[:1], _run(code, seed, SITUATIONS))[wrong[0]]
+    return score, _placed(code, trials, wrong[0], cause) + cause.sentence
 
 
 def mean_score(findings: Sequence[Finding]) -> float:
@@ -340,40 +337,24 @@ def _loss(trials: Sequence[Trial], name: str) -> float:
     return float(max(loss, _MIN_LOSS)) if loss else 0.0
 
 
-def _is_absent(trials: Sequence[Trial], name: str) -> bool:
-    """Return whether the value of `name` never changes, or is not there."""
-    return not any(
-        np.isfinite(trial.got[name]).any()
-        and not close(trial.got[name], np.zeros(1)).all()
-        and (trial.got[name] - trial.inputs[name]).any()
-        for trial in trials
-    )
-
-
 def _right(trials: Sequence[Trial]) -> str:
     return f'right in all {sum(len(trial.rows) for trial in trials):,} states'
 
 
 def _causes(
     trials: Sequence[Trial], wrong: Sequence[str], others: Sequence[Trial] = ()
-) -> dict[str, tuple[Cause | None, str]]:
-    """Return for each wrong equation the mistake, if there is one, and a sentence.
-
-    That is on a failure, the mistake, or the largest error.
-    """
+) -> dict[str, Mistake]:
+    """Return for each wrong equation the failure, the mistake, or its largest error."""
     if failed := [trial for trial in trials if trial.failure]:
-        where = '' if len(failed) == len(trials) else f' ({failed[0].situation.name})'
-        return dict.fromkeys(wrong, (None, f'{failed[0].failure}{where}'))
+        if len(failed) == len(trials):
+            return dict.fromkeys(wrong, Mistake(_ABSENT, failed[0].failure, {}, ''))
+        text = f'{failed[0].failure} ({failed[0].situation.name})'
+        return dict.fromkeys(wrong, Mistake('', text, {}, text))
     named = _named([trial for trial in (*others, *trials) if not trial.failure], wrong)
-    return {
-        name: (named[name], named[name].sentence)
-        if name in named
-        else (None, _largest_error(trials, name))
-        for name in wrong
-    }
+    return {name: named.get(name) or _largest_error(trials, name) for name in wrong}
 
 
-def _named(trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Cause]:
+def _named(trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Mistake]:
     """Return the mistake in each wrong equation, if the law's file has it."""
     results = joined([trial.got for trial in trials])
     named = BIKE.explain(
@@ -385,7 +366,7 @@ def _named(trials: Sequence[Trial], wrong: Sequence[str]) -> dict[str, Cause]:
     return {name.removesuffix('_next'): cause for name, cause in named.items()}
 
 
-def _placed(code: JudgedCode, trials: Sequence[Trial], name: str, cause: Cause | None) -> str:
+def _placed(code: JudgedCode, trials: Sequence[Trial], name: str, cause: Mistake) -> str:
     """Return the file and line of a wrong equation, with a colon; empty if none is known.
 
     It is the first line that gives a value of the wrong law to a name, and where there is none the
@@ -396,17 +377,13 @@ def _placed(code: JudgedCode, trials: Sequence[Trial], name: str, cause: Cause |
     if trial is None or trial.failure:
         return ''
     k = int(np.argmax(np.abs(trial.got[name] - trial.expected[name])))
-    inputs = {key: values[k] for key, values in trial.known.items()}
-    right = BIKE.everything(inputs)
-    wrong = BIKE.everything(inputs, cause.formulas if cause else {})
-    force = inputs['m'] * ((inputs['v_got'] - inputs['v']) / inputs['ts'] - inputs['a'])
-    values = {value for key, value in wrong.items() if value != right.get(key)}
-    place = code.line_of(
-        'model_at',
-        ([trial.rows[k]], *trial.situation.fixed.values()),
-        {*values, inputs[f'{name}_got'], *([force] if name == 'v' else [])},
-        [right[f'{each}_next'] for each in EQUATIONS],
-    )
+    values = {key: value[k] for key, value in trial.known.items()}
+    wrong = {*BIKE.changed(trial.known, cause, [k]), values[f'{name}_got']}
+    if name == 'v':  # the force that follows from it
+        wrong.add(values['m'] * ((values['v_got'] - values['v']) / values['ts'] - values['a']))
+    row, lengths = trial.rows[k], trial.situation.fixed.values()
+    right = [each[k] for each in trial.expected.values()]
+    place = code.line_of('model_at', ([row], *lengths), wrong, right)
     return f'{place}: ' if place else ''
 
 
@@ -415,17 +392,18 @@ def joined(parts: Sequence[dict[str, Floats]]) -> dict[str, Floats]:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def _largest_error(trials: Sequence[Trial], name: str) -> str:
-    """Return a sentence on where an equation is wrong, and on its largest error."""
+def _largest_error(trials: Sequence[Trial], name: str) -> Mistake:
+    """Return a mistake that says where an equation is wrong, and its largest error."""
     bad = [trial.situation.name for trial in trials if not trial.right(name).all()]
     where = 'everywhere' if len(bad) == len(trials) else f'in: {", ".join(bad)}'
     errors = [np.abs(trial.got[name] - trial.expected[name]) for trial in trials]
     trial, error = max(zip(trials, errors, strict=True), key=lambda item: float(item[1].max()))
     row = int(error.argmax())
-    return (
+    text = (
         f'{name}_next is wrong {where}. The largest error: {_call_text(trial.rows[row])} gave '
         f'{trial.got[name][row]:.9g}, expected {trial.expected[name][row]:.9g}'
     )
+    return Mistake('', text, {}, text)
 
 
 def _randomness(code: JudgedCode, trials: Sequence[Trial]) -> str:
