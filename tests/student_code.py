@@ -134,21 +134,10 @@ a window of 20 errors | 96 88 92.75 | I adds up the last 20 errors only
 P only | 84 74.67 73.58 | I is always 0: is ki used, and is each error added to the sum?
     error + I + D -> error
     PID(kp=10, ki=0.5, kd=0.4) -> PID(kp=20, ki=0, kd=0)
-PI | 92 82.67 84.55 | D is always 0
-    error + I + D -> error + I
 a derivative that forgets | 96 90 89.23 | D is kd * e: is the sum differentiated, or the error of
     self.previous = error -> pass
-a derivative after its error is stored | 92 82.67 84.55 | replaced only after D has used it?
-    self.previous = error -> pass
-    D = self.kd -> self.previous = error⏎D = self.kd
-gains without self | 50 50 49.25 | NameError: name 'kp' is not defined: did you mean self.kp?
-    = self.kp * error -> = kp * error
 brackets without a product | 50 50 49.25 | self.kp is 0.5: is a * missing before the bracket?
     = self.kp * error -> = self.kp(error)
-the wrong sign | 94.85 93.38 93.6 | the error has the wrong sign
-    speed_reference - speed_current -> speed_current - speed_reference
-I with the wrong sign | 94.84 87.38 90.12 | I has the wrong sign
-    error + I -> error - I
 other names of the gains | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4
     kp=1, ki=1, kd=1 -> P=2.0, I=0.0, D=1.0, Derivator=0, Integrator=0
     = kp -> = P
@@ -164,10 +153,6 @@ gains as defaults | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py,
 gains as constants | 100 90.67 91.55 | with kp 10, ki 0.5, kd 0.4 (controller.py, line
     v_x = 0 -> v_x = 0; KP, KI, KD = 10, 0.5, 0.4
     PID(kp=10, ki=0.5, kd=0.4) -> PID(KP, KI, KD)
-gains that are ignored | 88 82 84.25 | the gains that PID gets have no effect
-    = kp -> = 10
-    = ki -> = 0.5
-    = kd -> = 0.4
 a global sum | 100 90.67 87.55 | one run changes the next (the integral)
     v_x = 0 -> v_x = 0; int_error = 0
     self.int_error = self.int_error + error -> global int_error; int_error = int_error + error
@@ -184,22 +169,14 @@ an unused import | 100 90.67 91.55 | import matplotlib.pyplot as plt: not here
     import time -> import matplotlib.pyplot as plt
 a ROS clock | 50 50 49.25 | rospy.get_time(), but ROS 1 is not here
     + error -> + error * (rospy.get_time() - self.previous)
-no return | 50 50 49.25 | is its return missing?
-    return acc -> pass
 an error at a low speed | 50 50 49.25 | on the road: controller.py, line
     # integral -> if speed_current > 7.9: acc = missing
 print of Python 2 | 50 50 49.25 | this is the print of Python 2: write print('acc', acc)
     return acc -> print 'acc', acc⏎return acc
-a missing colon | 50 50 49.25 | syntax error: expected ':'
-    class PID(): -> class PID()
 a shadowed sin | 50 40.67 42.3 | sin is 1 here
     g = 9.8 -> g = 9.8; sin = 1
-theta in degrees | 94.54 85.21 87.78 | is it converted from degrees once more?
-    sin(theta) -> sin(theta*3.141592653589793/180)
 friction by sign | 100 90.67 92.3 | right in all
     a0*v**2 - Ff -> (a0*v**2 + Ff)*sign(v)
-no hills | 94.44 85.11 87.69 | gravity is missing
-    -m*g*sin(theta) - a0 -> -a0
 the lab's template | 50 40.67 42.3 | is not written yet (TODO)
     l_f = 1.5 -> l_f = TODO
 gravity on the flat | 82.5 73.17 76.3 | gravity acts on the flat, too: it is -m * g * sin(theta)

@@ -35,7 +35,7 @@ _LINES, _WIDTH = 5, 100  #: of the text that user code printed
 def add_arguments(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Check bike_model.py, controller.py and relay.py against the reference, and run compose.py.'
+        'Compare bike_model.py, controller.py and relay.py with right ones, and run compose.py.'
     )
     parser.epilog = 'Exit code 0: everything is right; 1: something is not.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='the folder of these files')
@@ -94,7 +94,7 @@ def run(options: Namespace) -> int:
     composed = _composition(folder)
     if path:
         gains = f'{report.gains} · ' if report.gains else ''
-        title = f'{folder.resolve().name}, beside the reference'
+        title = f"{folder.resolve().name}, beside barc_sim's own"
         _draw(report, path, title, f'{gains}seed {settings.seed}')
     judged = [each for each in report.findings if not (each.skipped or each.open)]
     return 0 if composed and all(finding.passed for finding in judged) else NOT_PASSED

@@ -126,7 +126,7 @@ class JudgedCode:
     def tolerated(self) -> tuple[str, ...]:
         """Return what was tolerated in the files that are loaded, a phrase each."""
         phrases = self._notes().get('tolerated')
-        known = phrases[:_MAX_PHRASES] if isinstance(phrases, list) else ()
+        known = phrases[:_MAX_PHRASES] if isinstance(phrases, (list, tuple)) else ()
         return tuple(one_line(str(phrase)) for phrase in known)
 
     def relay_keys(self) -> str:

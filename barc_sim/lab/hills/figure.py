@@ -1,4 +1,4 @@
-"""The figure of `check`: a user's run beside the reference, and the error of the user's model."""
+"""The figure of `check`: a user's run beside barc_sim's, and the error of the user's model."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, com
     grade.set_ylabel('Grade [°]')
     command.step(own.distance, own.motor, where='post', color=BLUE, lw=1.6, label='your PID')
     command.step(
-        reference.distance, reference.motor, where='post', label='the reference', **_REFERENCE
+        reference.distance, reference.motor, where='post', label="barc_sim's PID", **_REFERENCE
     )
     # The commands of the run-up can be so large that they would hide the rest.
     rest = [run.motor[run.distance >= RUN_UP] for run in (own, reference)]

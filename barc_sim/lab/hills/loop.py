@@ -1,4 +1,4 @@
-"""Judges the closed loop: the user's controller in the reference's car, on several roads."""
+"""Judges the closed loop: the user's controller in barc_sim's car, on several roads."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The closed loop over one road, with the user's controller and with the reference."""
+    """The closed loop over one road, with the user's controller and with barc_sim's."""
 
     user: Log
     reference: Log

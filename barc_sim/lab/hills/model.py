@@ -447,9 +447,9 @@ _STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
 
 @judges('model.trajectory')
 def judge_trajectory(code: JudgedCode, equations: Sequence[Finding] = ()) -> Judged:
-    """Return the finding on a drive over the lab's road with the commands of the reference.
+    """Return the finding on a drive over the lab's road with the commands of barc_sim's run.
 
-    The score is the share of steps near the reference. What follows from a mistake in the
+    The score is the share of steps near barc_sim's model. What follows from a mistake in the
     `equations`, judged before, is not taken off again.
     """
 
@@ -471,9 +471,9 @@ def judge_trajectory(code: JudgedCode, equations: Sequence[Finding] = ()) -> Jud
     if failure:
         message = failure
     elif score == 1.0:
-        message = f'follows the reference for {t[-1]:.0f} s and {len(t) - 1:,} steps'
+        message = f'follows the right model for {t[-1]:.0f} s and {len(t) - 1:,} steps'
     else:
-        message = f'leaves the reference after {t[np.argmin(within)]:.2f} s{_at_the_end(off[-1])}'
+        message = f'leaves the right model after {t[np.argmin(within)]:.2f} s{_at_the_end(off[-1])}'
     if score < 1.0 and any(not each.passed for each in equations):
         score = max(score, mean_score(equations))
     drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
@@ -482,7 +482,7 @@ def judge_trajectory(code: JudgedCode, equations: Sequence[Finding] = ()) -> Jud
 
 @cache
 def _commands() -> tuple[Command, ...]:
-    """Return the commands of the reference's run over the lab's road, and a slalom."""
+    """Return the commands of barc_sim's run over the lab's road, and a slalom."""
     log = closed_loop()
     steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
     return tuple(Command(*command) for command in zip(log.motor.tolist(), steering, strict=True))

@@ -26,22 +26,17 @@ if TYPE_CHECKING:
 #: What is replaced, by what; the equations that are wrong on the lab's road, where none is the
 #: criterion beyond it; a part of the first message.
 MODELS = {
-    'order': ('psi_next, v_next]', 'v_next, psi_next]', 'psi v', 'the order is [x_next, y_next'),
-    'bracket': ('(a + F_ext / m)', 'a + F_ext / m', 'v', 'F_ext / m is not multiplied by ts'),
-    'ts of its own': ('):\n    beta', '):\n    ts = 0.01\n    beta', 'x y psi v', 'ts is always'),
     'l_f for l_r in psi': ('/ l_r * sin', '/ l_f * sin', '', 'l_f is used in place of l_r'),
     'ts of x': ('x + ts', 'x + 0.02', '', 'ts is always 0.02 in x_next'),
     'no reverse': ('i_next, v_next]', 'i_next, max(v_next, 0.0)]', '', 'the car can reverse'),
 }
 CONTROLLERS = {
-    'own kp': ('self.kp * e', '2.0 * e', 'proportional integral derivative', 'kp has no effect'),
     'abs': (
         'self.kp * e',
         'self.kp * abs(e)',
         'proportional windup',
         'the error has no sign: use no abs',
     ),
-    'no sum': ('self.area + e', 'e', 'integral windup', 'I has no memory'),
     'a window': (
         'area = self.area + e * dt',
         'self.all = [*getattr(self, "all", []), e][-7:]; area = dt * sum(self.all)',
@@ -53,12 +48,6 @@ CONTROLLERS = {
     'D times dt': ('change / dt', 'change * dt', 'dt', 'D is multiplied by dt'),
     'rounded': ('min(8.0, out))', 'round(min(8.0, out), 2))', '', 'rounded to 2 digits'),
     'windup': ('if abs(out) < 8.0', 'if True', 'windup', 'the integral winds up'),
-    'kp in all': (
-        'self.ki * area + self.kd * change / dt',
-        'self.kp * (self.ki * area + self.kd * change / dt)',
-        'integral derivative',
-        'kp multiplies a term that is not its own',
-    ),
     'no bounds at all': (
         'return max(-8.0, min(8.0, out))',
         'self.n = -getattr(self, "n", 1e308); return self.n',
@@ -190,7 +179,7 @@ def test_a_drive_away_from_the_references(
 ) -> None:
     finding = judge_trajectory(lab(replaced(model, (old, new))))
     assert finding.score < score
-    assert 'leaves the reference after' in finding.message
+    assert 'leaves the right model after' in finding.message
     assert words in finding.message
 
 
