@@ -29,7 +29,7 @@ GIF_DPI, GIF_FPS = 75, 25  # 960 x 540: a GIF is large, and its unit of time is 
 
 def add_arguments_plot(parser: Parser) -> None:
     """Describe the command."""
-    parser.description = 'Draw speed, grade and command of a run.'
+    parser.description = 'Draw speed, grade and command of a run; of a drive by hand, its path.'
     add_bag_arguments(parser)
     parser.add_argument('--save', metavar='FILE', help='save as .png, .pdf or .svg')
     parser.add_argument(
@@ -43,7 +43,7 @@ def add_arguments_plot(parser: Parser) -> None:
 def run_plot(options: Namespace) -> None:
     """Save the figure, or show it in a window."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.figures import output, run_figures  # noqa: PLC0415
+    from barc_sim.figures import output, run_figures, top_view  # noqa: PLC0415
 
     path = target(options.save, _FIGURES) if options.save is not None else None
     source = options.bag or reader.newest()
@@ -57,9 +57,11 @@ def run_plot(options: Namespace) -> None:
             'cannot open a window for --show: there is no display, or no GUI toolkit such as '
             'tkinter; use --save FILE'
         )
-    figure = run_figures.speed_figure(
-        log, title=title, settings=run_figures.settings(bag.info), figure=window
-    )
+    if top_view.suits(log):
+        figure = run_figures.drive_figure(log, title=title, figure=window)
+    else:
+        settings = run_figures.settings(bag.info)
+        figure = run_figures.speed_figure(log, title=title, settings=settings, figure=window)
     if not window and not path:
         check_plain(directory)
         path = directory / 'speed.png'

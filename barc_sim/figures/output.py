@@ -134,7 +134,7 @@ def draw_cursor(axes: Axes) -> tuple[Line2D, Line2D]:
 
 def format_speed(axes: Axes, speeds: np.ndarray, label: str, *, ticks: int) -> None:
     """Set limits, names and ticks of a chart of `speeds` over `label`."""
-    axes.set_ylim(*limits(speeds, share=0.15, least=1.0))
+    axes.set_ylim(*limits(speeds, share=0.15, minimum=1.0))
     axes.set(xlabel=label, ylabel='Speed [m/s]')
     axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(ticks, steps=[1, 2, 5, 10]))

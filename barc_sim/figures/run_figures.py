@@ -30,8 +30,10 @@ from barc_sim.figures.style import (
     STYLE,
     TERM_DASHES,
     acting,
+    after_run_up,
     limits,
     motor_limit,
+    speed_limits,
     term_colours,
     use_measurement,
 )
@@ -143,7 +145,7 @@ def speed_figure(
         draw_error(axes, log, color=BLUE, lw=1.4)
     _draw_grade(grade, log)
     _draw_command(command, log)
-    speed.set_xlim(*limits(log.distance, share=0.01, least=0.5))
+    speed.set_xlim(*limits(log.distance, share=0.01, minimum=0.5))
     command.set_xlabel('Position along the road [m]')
     command.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
     # The heading's second line and the legend are above the axes, the title is above both.
@@ -186,8 +188,8 @@ def terms_figure(log: Log) -> Figure | None:
             label=name,
         )
     # Limits by the command: the terms at the start would hide the rest.
-    low, high = limits(log.motor, share=0.5, least=1.0)
-    axes.set(xlim=limits(log.distance, share=0.01, least=0.5), ylim=(low, high))
+    low, high = limits(log.motor, share=0.5, minimum=1.0)
+    axes.set(xlim=limits(log.distance, share=0.01, minimum=0.5), ylim=(low, high))
     axes.axhline(0.0, color=GREY, lw=0.8)
     axes.set_xlabel('Position along the road [m]')
     axes.set_ylabel('Acceleration [m/s²]')
@@ -210,8 +212,8 @@ def _caption(log: Log) -> str:
         'over all': (result.rms_error, result.max_error),
     }
     held = '; '.join(
-        f'{part}: RMS {rms:.3f} m/s, at most {greatest:.3f} m/s'
-        for part, (rms, greatest) in parts.items()
+        f'{part}: RMS {rms:.3f} m/s, at most {maximum:.3f} m/s'
+        for part, (rms, maximum) in parts.items()
         if not np.isnan(rms)
     )
     return held and f'Speed error {held}'
@@ -251,22 +253,13 @@ def _draw_speed(axes: Axes, log: Log) -> None:
     if np.min(log.speed) < 0.0:
         axes.axhline(0.0, color=GREY, lw=0.8)
     if has_error(log):
-        shown = _behind(log, np.stack([log.speed, log.reference]))
-        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
-        pad = max(0.1 * (high - low), 0.25)
-        axes.set_ylim(low - pad, high + pad)
+        axes.set_ylim(*speed_limits(log))
     axes.set_ylabel('Speed [m/s]')
 
 
 def has_error(log: Log) -> bool:
     """Return whether there is a speed error after the run-up."""
     return bool(np.isfinite(log.speed_error[log.distance >= metrics.RUN_UP]).any())
-
-
-def _behind(log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values after the run-up, which would hide the rest; all in a shorter run."""
-    behind = log.distance >= metrics.RUN_UP
-    return values[..., behind] if behind.any() else values
 
 
 def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matplotlib's own)
@@ -281,7 +274,7 @@ def draw_error(axes: Axes, log: Log, **line: Any) -> None:  # noqa: ANN401 (Matp
 def _draw_grade(axes: Axes, log: Log) -> None:
     axes.fill_between(log.distance, log.theta_deg, step='post', color=EARTH)
     axes.step(log.distance, log.theta_deg, marker=_marker(log), where='post', color=MUTED, lw=1.2)
-    axes.set_ylim(*limits(log.theta_deg, share=0.15, least=5.0))
+    axes.set_ylim(*limits(log.theta_deg, share=0.15, minimum=5.0))
     axes.set_ylabel('Grade [°]')
 
 
@@ -308,7 +301,7 @@ def _draw_command(axes: Axes, log: Log) -> None:
             label=f'{missed} missed deadline' + ('s' if missed > 1 else ''),
         )
         axes.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
-    axes.set_ylim(*limits(_behind(log, log.motor), share=0.12, least=1.0))
+    axes.set_ylim(*limits(after_run_up(log, log.motor), share=0.12, minimum=1.0))
     axes.set_ylabel('Command [m/s²]')
 
 
@@ -318,13 +311,14 @@ def _marker(log: Log) -> str:
 
 
 @style.context(STYLE)
-def drive_figure(log: Log, *, title: str = '') -> Figure:
+def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> Figure:
     """Draw the path from above, and heading, speed and steering over time.
 
     Where the car was put back to the start, the lines are broken.
     """
     log = use_measurement(log)
-    figure = Figure(figsize=DRIVE_SIZE, layout='constrained')
+    figure = figure or Figure(figsize=DRIVE_SIZE)
+    figure.set_layout_engine('constrained')
     path, heading, speed, steering = figure.subplots(4, 1, height_ratios=[4.0, 1.4, 1.4, 1.4])
     jumps = np.hypot(np.diff(log.distance), np.diff(log.across)) > JUMP
     draw_path(path, *(_without_jumps(values, jumps) for values in (log.distance, log.across)))
@@ -334,15 +328,15 @@ def drive_figure(log: Log, *, title: str = '') -> Figure:
         (speed, _without_jumps(log.speed, jumps), BLUE, 'Speed [m/s]'),
     ):
         axes.plot(log.t, values, color=color, lw=1.8)
-        axes.set_ylim(*limits(values[~np.isnan(values)], share=0.1, least=1.0))
+        axes.set_ylim(*limits(values[~np.isnan(values)], share=0.1, minimum=1.0))
         axes.set_ylabel(label)
         axes.tick_params(labelbottom=False)
     servo = np.degrees(log.servo)
     steering.step(log.t, servo, where='post', color=GREEN, lw=1.6)
-    steering.set_ylim(*limits(servo[~np.isnan(servo)], share=0.1, least=1.0))
+    steering.set_ylim(*limits(servo[~np.isnan(servo)], share=0.1, minimum=1.0))
     steering.set(ylabel='Steering [°]', xlabel='Time [s]; left is positive')
     for axes in (heading, speed, steering):
-        axes.set_xlim(*limits(log.t, share=0.01, least=1.0))
+        axes.set_xlim(*limits(log.t, share=0.01, minimum=1.0))
     path.set_title(title, loc='left', fontsize=14, fontweight='bold')
     figure.align_ylabels([heading, speed, steering])
     return figure

@@ -21,6 +21,7 @@ from barc_sim.figures.style import (
     VERMILLION,
     limits,
     reading,
+    speed_limits,
 )
 from barc_sim.vehicle.bike_model import WHEEL_RADIUS
 
@@ -98,7 +99,7 @@ class SideView(RunView):
         self._draw_course(course)
         self._trace, reference = self._draw_speed(speed)
         for axes in (course, speed):
-            axes.set_xlim(*limits(self._distance, share=0.01, least=5.0))
+            axes.set_xlim(*limits(self._distance, share=0.01, minimum=5.0))
         here = [*draw_cursor(course), *draw_cursor(speed)]
         self._cursors, self._dots = here[::2], here[1::2]
         return [*self._scene.artists, self._trace, *reference, *here]
@@ -146,8 +147,8 @@ class SideView(RunView):
             line = axes.plot(
                 self._distance, reference, color=INK, lw=1.0, ls=DASHES, label='reference'
             )
-        speeds = np.append(self._speed, reference)
-        format_speed(axes, speeds, 'Position along the road [m]', ticks=6)
+        format_speed(axes, self._speed, 'Position along the road [m]', ticks=6)
+        axes.set_ylim(*speed_limits(self._log))
         axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.16), ncols=2, borderaxespad=0.0)
         return trace, line
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.simulation.metrics import laps_of
+from barc_sim.simulation.metrics import RUN_UP, laps_of
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ STYLE: list[str | dict[str, Any]] = [
 
 DASHES = (0.0, (5.0, 3.0))
 AT_LIMIT = 0.99  #: share of its limit from which a motor is at it
-HELD = 5  #: states that a motor is at its limit, at the least
+HELD = 5  #: states at its limit from which a motor has one
 
 
 def term_colours(terms: tuple[str, ...]) -> dict[str, str]:
@@ -119,21 +119,35 @@ def acting(log: Log) -> NDArray[np.float64]:
 
 
 def motor_limit(log: Log) -> float:
-    """Return the motor's limit [m/s²] where the run shows one, else 0: the most that it did.
+    """Return the motor's limit [m/s²] where the run shows one, else 0: its maximum.
 
     It is one where the motor did that for a while, and more was commanded.
     """
     did = np.abs(acting(log))
-    most = float(np.nanmax(did, initial=0.0))
-    held = (did > AT_LIMIT * most) & (np.abs(log.motor) > most / AT_LIMIT)
-    return round(most, 6) if np.count_nonzero(held) >= HELD else 0.0
+    maximum = float(np.nanmax(did, initial=0.0))
+    held = (did > AT_LIMIT * maximum) & (np.abs(log.motor) > maximum / AT_LIMIT)
+    return round(maximum, 6) if np.count_nonzero(held) >= HELD else 0.0
 
 
-def limits(values: NDArray[np.float64], *, share: float, least: float) -> tuple[float, float]:
-    """Return limits around `values` and zero, wider by `share`, and at least `least` from zero."""
+def limits(values: NDArray[np.float64], *, share: float, minimum: float) -> tuple[float, float]:
+    """Return limits around `values` and zero, wider by `share`, at least `minimum` from zero."""
     known = values[np.isfinite(values)]
     low, high = min(known.min(initial=0.0), 0.0), max(known.max(initial=0.0), 0.0)
-    pad = max(share * (high - low), least - max(high, -low))
+    pad = max(share * (high - low), minimum - max(high, -low))
+    return low - pad, high + pad
+
+
+def after_run_up(log: Log, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the values after the run-up, which would hide the rest; all in a shorter run."""
+    after = log.distance >= RUN_UP
+    return values[..., after] if after.any() else values
+
+
+def speed_limits(log: Log) -> tuple[float, float]:
+    """Return limits around speed and reference after the run-up."""
+    shown = after_run_up(log, np.stack([log.speed, log.reference]))
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    pad = max(0.1 * (high - low), 0.25)
     return low - pad, high + pad
 
 

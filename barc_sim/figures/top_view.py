@@ -118,7 +118,7 @@ class TopView(RunView):
         t, speed = self._log.t, self._log.speed
         axes.plot(t, speed, color=AHEAD, lw=1.5)
         (trace,) = axes.plot([], [], color=BLUE, lw=2.2)
-        axes.set_xlim(*limits(t, share=0.01, least=1.0))
+        axes.set_xlim(*limits(t, share=0.01, minimum=1.0))
         format_speed(axes, speed, 'Time [s]', ticks=5)
         return trace
 

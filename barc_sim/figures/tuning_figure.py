@@ -159,7 +159,7 @@ def _draw_errors(axes: Axes, runs: Runs) -> None:
         lw=0.0,
     )
     axes.set_xlim(RUN_UP, float(log.distance[-1]))
-    axes.set_ylim(*limits(np.concatenate(seen), share=0.1, least=1e-3))
+    axes.set_ylim(*limits(np.concatenate(seen), share=0.1, minimum=1e-3))
     axes.set_xlabel('Position along the road [m], slopes shaded')
     axes.set_ylabel('Speed error [m/s]')
 

@@ -111,7 +111,7 @@ def table(found: Found, titles: Mapping[str, str] | None = None, *, ratio: bool 
             lines.append('  '.join([head.ljust(widths[0]), *cells]).rstrip())
         lines.append('')
     count = max(len(runs) for by_subject in found.values() for runs in by_subject.values())
-    last = f'medians of {count} runs [least, greatest]'
+    last = f'medians of {count} runs [minimum, maximum]'
     return '\n'.join([*lines, f'{last}; ratio: the first to the other' if ratio else last])
 
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _PERIOD = 0.02  # s
 _WARM_UP = 1.0  # s
-_WORTH_TELLING = 1.0  # ms
+_LATE = 1.0  # ms
 
 
 class Ticker(Node):
@@ -94,7 +94,7 @@ def main(task: dict[str, Any]) -> dict[str, Any]:
         'ticks': len(gaps),
         'core': (after - before) / (ended - began) * 100.0,
         'p99': quantiles((abs(gap) for gap, _ in gaps), n=100)[98],
-        'late': [gap for gap in gaps if gap[0] > _WORTH_TELLING],
+        'late': [gap for gap in gaps if gap[0] > _LATE],
         'counted': counted[0] / (_WARM_UP + task['seconds']),
     }
 

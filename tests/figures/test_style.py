@@ -57,7 +57,7 @@ def test_each_colour_contrasts_with_both_grounds(name: str) -> None:
 def test_limits_leave_room_around_the_values_and_zero(
     values: list[float], expected: tuple[float, float]
 ) -> None:
-    assert limits(np.array(values), share=0.1, least=5.0) == pytest.approx(expected)
+    assert limits(np.array(values), share=0.1, minimum=5.0) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(

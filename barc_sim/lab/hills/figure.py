@@ -73,14 +73,14 @@ def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, com
     own, reference = comparison.user, comparison.reference
     speed.plot(reference.distance, reference.speed, zorder=3, **_REFERENCE)
     speed.plot(own.distance, own.speed, color=BLUE, lw=2.0)
-    low, high = limits(np.clip(own.speed, -_MAX_SPEED, _MAX_SPEED), share=0.06, least=0.5)
+    low, high = limits(np.clip(own.speed, -_MAX_SPEED, _MAX_SPEED), share=0.06, minimum=0.5)
     speed.set_ylim(low, max(high, 1.06 * float(reference.speed.max())))
     speed.set_ylabel('Speed [m/s]')
     draw_error(error, reference, **_REFERENCE)
     draw_error(error, own, color=BLUE, lw=1.6)
     grade.fill_between(reference.distance, reference.theta_deg, step='post', color=EARTH)
     grade.step(reference.distance, reference.theta_deg, where='post', color=MUTED, lw=1.2)
-    grade.set_ylim(*limits(reference.theta_deg, share=0.15, least=5.0))
+    grade.set_ylim(*limits(reference.theta_deg, share=0.15, minimum=5.0))
     grade.set_ylabel('Grade [°]')
     command.step(own.distance, own.motor, where='post', color=BLUE, lw=1.6, label='your PID')
     command.step(
@@ -88,7 +88,7 @@ def _draw_run(comparison: Comparison, speed: Axes, error: Axes, grade: Axes, com
     )
     # The commands of the run-up can be so large that they would hide the rest.
     rest = [run.motor[run.distance >= RUN_UP] for run in (own, reference)]
-    command.set_ylim(*limits(np.concatenate(rest), share=0.5, least=1.0))
+    command.set_ylim(*limits(np.concatenate(rest), share=0.5, minimum=1.0))
     command.set_ylabel('Command [m/s²]')
     command.set_xlabel('Position along the road [m]')
     for axes in (speed, error, grade, command):

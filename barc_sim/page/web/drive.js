@@ -4,7 +4,7 @@ const KEYS = {
   ArrowUp: 'forward', KeyW: 'forward', ArrowDown: 'back', KeyS: 'back',
   ArrowLeft: 'left', KeyA: 'left', ArrowRight: 'right', KeyD: 'right', Space: 'stop',
 };
-const LEAST = 20; // [ms] between two messages while a thumb moves
+const MINIMUM = 20; // [ms] between two messages while a thumb moves
 const REPEAT = 50; // [ms] between two messages while something is held
 const DEAD = 0.12; // share of a pad's radius that counts as its middle
 
@@ -95,7 +95,7 @@ export class Driving {
       const knob = pad.querySelector('i');
       knob.style.transform = name === 'steer'
         ? `translateX(${0.34 * box.width * x}px)` : `translateY(${0.34 * box.height * y}px)`;
-      if (event.timeStamp - this.sent < LEAST) {
+      if (event.timeStamp - this.sent < MINIMUM) {
         this.moving = true; // the repeat sends the present place
         return;
       }

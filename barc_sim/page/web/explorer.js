@@ -3,7 +3,7 @@
 import { colours, make, reading, save, show } from './look.js';
 
 const WINDOW = 20; // [s]
-const LEAST = 0.2; // [s] or [m] that can be seen at once
+const MINIMUM = 0.2; // [s] or [m] that can be seen at once
 const ZOOM = 1.25; // by one step of the wheel
 const RUN_UP = 10; // [m] whose errors would hide those on the hills
 const SAMPLES = 2048; // rows that slopes are taken from
@@ -184,7 +184,7 @@ export class Explorer {
     const [from, to] = this.seen.range;
     if (this.axis === 't') {
       const whole = Math.max(this.history.last('t') - this.history.at(0, 't'), WINDOW);
-      const window = Math.min(Math.max(this.window * factor, LEAST), whole);
+      const window = Math.min(Math.max(this.window * factor, MINIMUM), whole);
       if (at !== null && (this.player.held || (this.player.recorded && !this.player.playing))) {
         const share = (to - at) / (to - from);
         this.player.seek(at + share * window); // what is under the pointer stays there
@@ -193,7 +193,7 @@ export class Explorer {
     } else {
       const middle = at ?? (from + to) / 2;
       const range = [middle - (middle - from) * factor, middle + (to - middle) * factor];
-      this.range = range[1] - range[0] > LEAST ? range : this.range;
+      this.range = range[1] - range[0] > MINIMUM ? range : this.range;
     }
     this.changed();
   }

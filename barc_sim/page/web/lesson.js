@@ -127,7 +127,7 @@ export class Lesson {
         make(
           'table', {},
           make('thead', {}, make('tr', {}, ...[
-            ['From', 'm'], ['Grade', '°'], ['RMS', 'm/s'], ['Greatest', 'm/s'],
+            ['From', 'm'], ['Grade', '°'], ['RMS', 'm/s'], ['Maximum', 'm/s'],
           ].map(([name, unit]) => make('th', { scope: 'col' }, `${name} `, make('small', {}, unit))))),
           make('tbody', {}, ...stretches.map((stretch) => make(
             'tr', {}, cell(stretch.start, 0), cell(stretch.theta_deg, 0),

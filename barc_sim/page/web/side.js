@@ -24,9 +24,9 @@ const WINDOWS = [
 ];
 const HEADLIGHT = [[2.02, 0.3], [2.17, 0.24], [2.24, 0.14], [2.06, 0.18]];
 const TAIL_LIGHT = [[-2.24, 0.24], [-2.22, 0.44], [-2.1, 0.46], [-2.12, 0.24]];
-const BODY = '#0072B2';
+const BODY = '#003F74';
 const NEWTON_PER_METRE = 4000; // of an arrow
-const LEAST_ARROW = 0.08; // [m]
+const MINIMUM_ARROW = 0.08; // [m]
 const INK = '#222222';
 
 /** Draw the car, with its forces as arrows, and pale cars where `ghosts` are. */
@@ -84,7 +84,7 @@ function drawForces(surface, [rear, front], scale, { forces, mass }, state) {
   const rows = { 1: 0, '-1': 0 };
   for (const [name, force] of Object.entries(forcesOf(state, mass))) {
     const metres = force / NEWTON_PER_METRE;
-    if (!(Math.abs(metres) >= LEAST_ARROW)) continue;
+    if (!(Math.abs(metres) >= MINIMUM_ARROW)) continue;
     const side = Math.sign(metres);
     const y = (0.55 - 0.5 * rows[side]) * -scale;
     rows[side] += 1;

@@ -9,7 +9,7 @@ const WIDTH = 1.9;
 const TYRE = [0.7, 0.28]; // [m] length and width
 const TRACK = 0.9; // [m] from the middle to a wheel
 const PATH = 30000; // rows of the path that are drawn
-const BODY = '#0072B2';
+const BODY = '#003F74';
 const INK = '#222222';
 
 export class TopView {
