@@ -35,7 +35,7 @@ from barc_sim.simulation.log import (
 from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Command, bikeFE
+from barc_sim.vehicle.bike_model import Command, Vehicle, bikeFE
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS
 from barc_sim.vehicle.plant import Plant
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from barc_sim.control.controller import Controller
     from barc_sim.simulation.progress import Progress
     from barc_sim.vehicle.bicycles import LateralParameters
-    from barc_sim.vehicle.bike_model import Model, Vehicle
+    from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.profile import Signal
 
@@ -192,7 +192,7 @@ def simulate(
     is_constant = isinstance(disturbance, (float, int))
     plant = Plant(
         road=Road.of(road),
-        vehicle=vehicle,
+        vehicle=vehicle and Vehicle(*vehicle),  # which checks it: `_replace` does not
         ts=round(ts * NANOSECONDS) / NANOSECONDS,
         noise=noise if isinstance(noise, NoiseLevels) else NoiseLevels(v_x=noise),
         seed=seed,

@@ -68,7 +68,7 @@ class Sensor:
         self.noise = noise or NoiseLevels()
         self.delay, self._ts = delay, ts
         self._past: list[Motion] = []  # from the one that a measurement needs first
-        self._random = Random(seed)  # noqa: S311 (a simulation, not a secret)
+        self._random = Random(int(seed))  # noqa: S311 (a simulation, not a secret)
 
     @property
     def is_noisy(self) -> bool:

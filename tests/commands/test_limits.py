@@ -5,6 +5,7 @@ from __future__ import annotations
 from math import inf, nan
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
@@ -123,6 +124,14 @@ def test_no_argument_takes_what_is_no_number(name: str, value: object) -> None:
 def test_time_passes_and_ends(ts: float, duration: float) -> None:
     with pytest.raises(UserError, match='is not a number from'):
         simulate(ts=ts, max_duration=duration)
+
+
+def test_a_number_may_be_numpys_and_a_record_is_checked_again() -> None:
+    assert simulate(seed=np.int64(3), noise=np.float32(0.5), distance=1.0) == simulate(
+        seed=3, noise=0.5, distance=1.0
+    )
+    with pytest.raises(UserError, match='mass: -1 is not a number from 1 to'):
+        simulate(vehicle=Vehicle()._replace(mass=-1.0))
 
 
 def test_a_car_that_leaves_its_distance_behind_is_refused() -> None:
