@@ -54,6 +54,7 @@ COMMANDS = {name: text for group in GROUPS.values() for name, text in group.item
 #: The modules that several commands share, by command.
 _SHARED = dict.fromkeys(GROUPS['drive'], 'drive')
 _SHARED |= dict.fromkeys(GROUPS['look'], 'figures')
+_SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
 _SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
 _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
 #: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.

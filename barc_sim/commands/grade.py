@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from argparse import ArgumentTypeError
 from dataclasses import replace
 from datetime import datetime
@@ -20,7 +19,7 @@ from barc_sim.lab.handout import BY_HAND, RUBRICS
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.by_hand import ByHand
@@ -34,7 +33,6 @@ _CLASS, _SETTINGS, _RECORD = 'class.csv', 'class.json', 'record.json'
 _RESERVED = {_CLASS, _SETTINGS, 'class.html', 'canvas.csv', 'gradescope.csv'}
 _AGAIN = 'look at the points by hand again'
 _MAX_BYTES = 4 << 20  # of a file that this command has written
-_EVERY = 10.0  # [s] between two lines on the progress
 
 
 def add_arguments(parser: Parser) -> None:
@@ -126,18 +124,14 @@ def run(options: Namespace) -> int:
     before = {} if alone else _records(out)
     entered = _entered(folders, before, settings, points)
     check(sandbox=not options.unconfined)
-    jobs = options.jobs or cores()
-    with (
-        grade.processes(jobs) as executor,
-        grade.run(
+    with grade.processes(options.jobs or cores()) as executor:
+        outcomes = grade.run(
             executor,
             {path: hand for path, (hand, _) in entered.items()},
             points,
             Limits(total=options.time_limit),
-            at_once=jobs + 1,
             sandbox=not options.unconfined,
-        ) as outcomes,
-    ):
+        )
         reports, failures, interrupted = _collect(outcomes, out, folders, entered, before)
     found = classroom.entries(
         before | reports, failures, settings.students, settings.due, settings.passages
@@ -247,12 +241,18 @@ def _collect(
     before: dict[str, Report],
 ) -> tuple[dict[str, Report], dict[str, Failure], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
+    from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
+    from rich.progress import track  # noqa: PLC0415
+
     from barc_sim.lab.grade.grade import Report  # noqa: PLC0415
 
+    stderr = Console(stderr=True)
     reports: dict[str, Report] = {}
     failures: dict[str, Failure] = {}
     try:
-        for path, outcome in with_progress(outcomes, len(folders)):
+        for path, outcome in track(
+            outcomes, 'Grading', len(folders), console=stderr, transient=True
+        ):
             folder = folders[path]
             if not isinstance(outcome, Report):
                 failures[folder.name] = outcome
@@ -285,30 +285,6 @@ def _look_again(source: Path, folder: Path, prior: Report | None, report: Report
     if source != folder or prior.code != report.code:
         return [f'{_AGAIN}: they were entered for {source.name}, and the code has changed']
     return [] if edited else [note for note in prior.notes if note.startswith(_AGAIN)]
-
-
-def with_progress(outcomes: Iterable[_Outcome], total: int) -> Iterator[_Outcome]:
-    """Yield the outcomes; show on stderr how many there are, and the time left.
-
-    That is a bar in a terminal, and a line every `_EVERY` seconds elsewhere.
-    """
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn  # noqa: PLC0415
-
-    console = Console(stderr=True)
-    if console.is_terminal:
-        columns = ('Grading', BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        with Progress(*columns, console=console, transient=True) as progress:
-            yield from progress.track(outcomes, total=total)
-        return
-    began = printed = time.monotonic()
-    for count, outcome in enumerate(outcomes, 1):
-        yield outcome
-        now = time.monotonic()
-        if now - printed >= _EVERY and count < total:
-            printed = now
-            left = (now - began) / count * (total - count)
-            print(f'graded {count} of {total}, {left:.0f} s left', file=sys.stderr, flush=True)  # noqa: T201
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:

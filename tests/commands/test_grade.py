@@ -167,16 +167,6 @@ def test_the_list_has_remarks_and_who_is_alike(graded: Graded) -> None:
     assert 'a single .rar file cannot be graded' in found['eve.rar']['remark']
 
 
-def test_time_left_is_a_line_where_there_is_no_terminal(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    seconds = iter(range(0, 1000, 6))
-    monkeypatch.setattr(grade.time, 'monotonic', lambda: next(seconds))
-
-    assert [*grade.with_progress(range(5), 5)] == [*range(5)]  # type: ignore[arg-type]
-    assert capsys.readouterr().err == 'graded 2 of 5, 18 s left\ngraded 4 of 5, 6 s left\n'
-
-
 def test_a_submission_with_the_name_of_the_class_list_is_graded(tmp_path: Path) -> None:
     (tmp_path / 'lab' / 'class.csv').mkdir(parents=True)
 

@@ -9,7 +9,7 @@ from command_line import refused
 from user_files import load_folder
 
 from barc_sim.__main__ import main as barc
-from barc_sim.commands import new
+from barc_sim.commands.lab import write_templates
 from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ def test_a_folder_has_the_templates_and_how_to_go_on_is_printed(
 
 
 def test_each_template_can_be_loaded_and_is_unfinished(tmp_path: Path) -> None:
-    new.write(tmp_path / 'lab')
+    write_templates(tmp_path / 'lab')
     lab = load_folder(tmp_path / 'lab')
     assert lab.model
     assert lab.controller
@@ -42,7 +42,7 @@ def test_each_template_can_be_loaded_and_is_unfinished(tmp_path: Path) -> None:
 
 
 def test_the_readme_names_every_template(tmp_path: Path) -> None:
-    new.write(tmp_path)
+    write_templates(tmp_path)
     text = (tmp_path / 'README.md').read_text()
     assert all(name in text for name in FILES[1:])
 

@@ -11,14 +11,13 @@ import shutil
 import signal
 import tempfile
 import threading
-from concurrent.futures import FIRST_COMPLETED, Executor, ProcessPoolExecutor, wait
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from multiprocessing import connection
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barc_sim.cli.signals import uninterrupted
 from barc_sim.errors import escaped
@@ -33,7 +32,6 @@ from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
-    from concurrent.futures import Future
 
     from barc_sim.lab.confined.process import Limits
     from barc_sim.lab.grade.by_hand import ByHand
@@ -46,8 +44,6 @@ _HEAD = """\
 # Points that you write replace the computed ones: 4.5, or 4.5 and a comment.
 """
 _DPI = 100
-# Matplotlib's settings are global, and several threads can draw.
-_DRAWING = threading.Lock()
 
 
 class Item(NamedTuple):
@@ -232,8 +228,7 @@ def _figure(grade: Grade) -> bytes:
     if runs is None and states is None:
         return b''
     data = io.BytesIO()
-    with _DRAWING:
-        check_figure(runs, states).savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
+    check_figure(runs, states).savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
     return data.getvalue()
 
 
@@ -341,38 +336,22 @@ def _follow(sentinel: int) -> None:
     os._exit(1)
 
 
-@contextmanager
 def run(
     executor: Executor,
     paths: Mapping[Path, ByHand],
     rubric: Rubric,
     limits: Limits,
     *,
-    at_once: int,
     sandbox: bool,
-) -> Iterator[Iterator[tuple[Path, Report | Failure]]]:
-    """Give each submission with its report, in the order of completion; each has its entries.
+) -> Iterator[tuple[Path, Report | Failure]]:
+    """Yield each submission with its report, in the order of completion; each has its entries."""
+    work = partial(_read_and_report, rubric=rubric, limits=limits, sandbox=sandbox)
+    pending = {executor.submit(work, path, hand): path for path, hand in paths.items()}
+    for future in as_completed([*pending]):
+        error = future.exception()
+        failure = Failure(f'{type(error).__name__}: {error}') if error else None
+        yield pending.pop(future), failure or future.result()
 
-    At most `at_once` are in work, so that their files do not fill the memory. When the block ends,
-    no further submission is started.
-    """
-    work = partial(report, rubric=rubric, limits=limits, sandbox=sandbox)
-    waiting = iter(paths)
-    pending: dict[Future[Report], Path] = {}
 
-    def outcomes() -> Iterator[tuple[Path, Report | Failure]]:
-        while True:
-            for path in islice(waiting, at_once - len(pending)):
-                pending[executor.submit(work, read(path), paths[path])] = path
-            if not pending:
-                return
-            for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                error = future.exception()
-                failure = Failure(f'{type(error).__name__}: {error}') if error else None
-                yield pending.pop(future), failure or future.result()
-
-    try:
-        yield outcomes()
-    finally:
-        for future in pending:
-            future.cancel()
+def _read_and_report(path: Path, hand: ByHand, **options: Any) -> Report:  # noqa: ANN401 (as there)
+    return report(read(path), hand, **options)

@@ -18,7 +18,7 @@ from barc_sim.lab.hills.loop import Thresholds
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    _Read = Callable[[str, yaml.Node], Any]
+    _Read = Callable[[str, object], Any]
 
     from barc_sim.lab.check.code import Finding
 
@@ -69,39 +69,24 @@ def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
     name = str(rubric)
     shipped = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
     try:
-        data = read_regular(shipped if name in RUBRICS else Path(name), _MAX_BYTES)
-        root = yaml.compose(data.decode(), Loader=yaml.SafeLoader)
+        found = yaml.safe_load(read_regular(shipped if name in RUBRICS else Path(name), _MAX_BYTES))
+        return _rubric(found)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or error
         raise UserError(f'the rubric {name!r} cannot be read: {reason}') from None
     except yaml.YAMLError as error:
         raise UserError(f'the rubric {name!r} is not YAML: {error}') from None
-    if root is None:
-        raise UserError(f'the rubric {name!r} is empty: expected {", ".join(_KEYS)}')
-    try:
-        return _rubric(root)
-    except _RefusedError as error:
-        line = error.node.start_mark.line + 1
-        raise UserError(f'the rubric {name!r}, line {line}: {error}') from None
+    except ValueError as error:
+        raise UserError(f'the rubric {name!r}: {error}') from None
 
 
-class _RefusedError(Exception):
-    """A node of YAML, which has a line number, is not what was expected."""
-
-    def __init__(self, node: yaml.Node, message: str) -> None:
-        super().__init__(message)
-        self.node = node
-
-
-def _rubric(root: yaml.Node) -> Rubric:
-    found = _mapping('the rubric', root, _KEYS)
+def _rubric(values: object) -> Rubric:
+    found = _mapping('it', values, _KEYS)
     if 'criteria' not in found:
-        raise _RefusedError(root, 'there is no key criteria: expected the points of each criterion')
+        raise ValueError('there is no key criteria: expected the points of each criterion')
     required, optional = found.pop('criteria'), found.pop('task_3', {})
     for name in required.keys() & optional.keys():
-        raise _RefusedError(
-            root, f'{name!r} stands in criteria and in task_3: delete one of the two'
-        )
+        raise ValueError(f'{name!r} stands in criteria and in task_3: delete one of the two')
     points = required | optional
     return Rubric(
         points={name: points[name] for name in CRITERIA if name in points},
@@ -110,55 +95,40 @@ def _rubric(root: yaml.Node) -> Rubric:
     )
 
 
-def _mapping(what: str, node: yaml.Node, read: Mapping[str, _Read]) -> dict[str, Any]:
-    """Return the values of a mapping, each read as its key's; refuse other and repeated keys."""
-    if not isinstance(node, yaml.MappingNode):
-        raise _RefusedError(
-            node, f'{what} is not a mapping: expected lines of the form "key: value"'
-        )
-    found: dict[str, Any] = {}
-    for key_node, value in node.value:
-        key = key_node.value if isinstance(key_node, yaml.ScalarNode) else ''
+def _mapping(what: str, values: object, read: Mapping[str, _Read]) -> dict[str, Any]:
+    """Return the values of a mapping, each read as its key's; refuse other keys."""
+    if not isinstance(values, dict):
+        raise ValueError(f'{what} is {values!r}: expected lines "key: value"')  # noqa: TRY004
+    for key in values:
         if key not in read:
-            raise _RefusedError(key_node, f'{key!r} is unknown: expected one of {", ".join(read)}')
-        if key in found:
-            raise _RefusedError(key_node, f'{key!r} is there twice: delete one of the two')
-        found[key] = read[key](key, value)
-    return found
+            raise ValueError(f'{key!r} is unknown: expected one of {", ".join(read)}')
+    return {key: read[key](key, value) for key, value in values.items()}
 
 
-def _thresholds(key: str, node: yaml.Node) -> Thresholds:
+def _thresholds(key: str, values: object) -> Thresholds:
     names = [each.name for each in fields(Thresholds)]
-    thresholds = Thresholds(**_mapping(key, node, dict.fromkeys(names, _positive)))
+    thresholds = Thresholds(**_mapping(key, values, dict.fromkeys(names, _positive)))
     for error in ('rms', 'max'):
         full, zero = (getattr(thresholds, f'{end}_{error}') for end in ('full', 'zero'))
         if not full < zero:
-            raise _RefusedError(
-                node, f'full_{error} is {full:g}: expected less than zero_{error}, {zero:g}'
-            )
+            raise ValueError(f'full_{error} is {full:g}: expected less than zero_{error}, {zero:g}')
     return thresholds
 
 
-def _criteria(key: str, node: yaml.Node) -> dict[str, float]:
-    points = _mapping(key, node, dict.fromkeys(CRITERIA, _points))
+def _criteria(key: str, values: object) -> dict[str, float]:
+    points = _mapping(key, values, dict.fromkeys(CRITERIA, _points))
     if not any(points.values()):
-        raise _RefusedError(node, 'no criterion has points: expected at least one')
+        raise ValueError('no criterion has points: expected at least one')
     return {name: float(worth) for name, worth in points.items() if worth}
 
 
 def _scalar(fits: Callable[[Any], bool], expected: str, sentence: str = '{} is {!r}') -> _Read:
     """Return what reads a value that `fits`."""
 
-    def read(key: str, node: yaml.Node) -> Any:  # noqa: ANN401 (any that fits)
-        value: Any = 'a list' if isinstance(node, yaml.SequenceNode) else 'a mapping'
-        if isinstance(node, yaml.ScalarNode):
-            try:
-                value = yaml.SafeLoader('').construct_object(node)
-            except (yaml.YAMLError, ValueError):
-                value = node.value
-            if fits(value):
-                return value
-        raise _RefusedError(node, f'{sentence.format(key, value)}: expected {expected}')
+    def read(key: str, value: object) -> Any:  # noqa: ANN401 (any that fits)
+        if not fits(value):
+            raise ValueError(f'{sentence.format(key, value)}: expected {expected}')
+        return value
 
     return read
 

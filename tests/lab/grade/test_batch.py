@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from threading import Event
 from typing import TYPE_CHECKING
 
 from barc_sim.lab.confined.process import Limits
@@ -29,10 +28,8 @@ def test_a_fault_of_the_grader_does_not_stop_the_others(
 
     monkeypatch.setattr(grade, 'report', report)
     paths = {folder(f's{i}'): ByHand() for i in range(3)}
-    with (
-        ThreadPoolExecutor(2) as pool,
-        grade.run(pool, paths, rubric.load(), Limits(), at_once=2, sandbox=True) as outcomes,
-    ):
+    with ThreadPoolExecutor(2) as pool:
+        outcomes = grade.run(pool, paths, rubric.load(), Limits(), sandbox=True)
         found = {path.name: outcome for path, outcome in outcomes}
 
     assert found == {
@@ -40,24 +37,3 @@ def test_a_fault_of_the_grader_does_not_stop_the_others(
         's1': grade.Failure('MemoryError: too little'),
         's2': 's2',
     }
-
-
-def test_those_that_have_not_begun_never_do_when_it_is_left(
-    folder: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun = []
-    go_on = Event()
-
-    def report(submission: Submission, *_: object, **__: object) -> None:
-        begun.append(submission.name)
-        if submission.name != 's0':
-            go_on.wait(30.0)
-
-    monkeypatch.setattr(grade, 'report', report)
-    paths = {folder(f's{i}'): ByHand() for i in range(9)}
-    with ThreadPoolExecutor(1) as pool:
-        with grade.run(pool, paths, rubric.load(), Limits(), at_once=4, sandbox=True) as outcomes:
-            assert next(outcomes)[0].name == 's0'
-        go_on.set()
-
-    assert len(begun) <= 2

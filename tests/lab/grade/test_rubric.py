@@ -1,4 +1,4 @@
-"""The rubric: a YAML file, or one sentence with the line."""
+"""The rubric: a YAML file, or one sentence."""
 
 from __future__ import annotations
 
@@ -43,35 +43,35 @@ def test_criteria_that_are_left_out_or_worth_nothing_do_not_count(tmp_path: Path
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('', 'is empty: expected title, seed, visibility, thresholds, '),
+        ('', 'it is None: expected lines'),
         ('a: [', 'is not YAML'),
-        ('\x00', 'is not YAML'),
-        ('- 1', 'line 1: the rubric is not a mapping'),
-        ('seed: 1', 'line 1: there is no key criteria'),
-        ('seed: 1\nweights: {}', "line 2: 'weights' is unknown: expected one of title, seed"),
-        ('criteria:\n  model.z: 1', "line 2: 'model.z' is unknown: expected one of model.x"),
-        ('criteria:\n  model.x: 1\n  model.x: 2', "line 3: 'model.x' is there twice"),
-        ('criteria:\n  model.x: -1', 'line 2: model.x is worth -1.0: expected points from 0'),
-        ('criteria:\n  model.x: many', "line 2: model.x is worth 'many'"),
-        ('criteria:\n  model.x: .nan', 'line 2: model.x is worth nan'),
-        ('criteria:\n  model.x: true', 'line 2: model.x is worth True'),
-        ('criteria:\n  model.x: [1]', "line 2: model.x is worth 'a list'"),
-        ('criteria:\n  model.x: {a: 1}', "line 2: model.x is worth 'a mapping'"),
-        ('criteria:\n  model.x: 0', 'line 2: no criterion has points'),
-        ('criteria: 3', 'line 1: criteria is not a mapping'),
-        ('seed: 1.5', 'line 1: seed is 1.5: expected a whole number from 0 on'),
-        ('seed: -1', 'line 1: seed is -1'),
-        ('title: 3', 'line 1: title is 3: expected a text'),
+        ('- 1', 'it is [1]: expected lines'),
+        ('seed: 1', 'there is no key criteria'),
+        ('seed: 1\nweights: {}', "'weights' is unknown: expected one of title, seed"),
+        ('criteria:\n  model.z: 1', "'model.z' is unknown: expected one of model.x"),
+        ('criteria:\n  model.x: -1', 'model.x is worth -1: expected points from 0'),
+        ('criteria:\n  model.x: many', "model.x is worth 'many'"),
+        ('criteria:\n  model.x: .nan', 'model.x is worth nan'),
+        ('criteria:\n  model.x: true', 'model.x is worth True'),
+        ('criteria:\n  model.x: [1]', 'model.x is worth [1]'),
+        ('criteria:\n  model.x: 0', 'no criterion has points'),
+        ('criteria: 3', 'criteria is 3: expected lines'),
+        (
+            'criteria: {model.x: 1}\ntask_3: {model.x: 1}',
+            'stands in criteria and in task_3',
+        ),
+        ('thresholds: {full_rms: 2}', 'full_rms is 2: expected less than zero_rms, 1.5'),
+        ('seed: 1.5', 'seed is 1.5: expected a whole number from 0 on'),
+        ('title: 3', 'title is 3: expected a text'),
         ('visibility: everybody', "visibility is 'everybody': expected one of visible, hidden"),
-        ('? [a]\n: 1', "line 1: '' is unknown"),
-        ('seed: !!python/object:os.system 1', 'line 1: seed'),
+        ('seed: !!python/object:os.system 1', 'is not YAML'),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+def test_what_is_wrong_is_said(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(UserError) as error:
         loaded(tmp_path, text)
 
-    assert message.replace('-1.0', '-1') in str(error.value)
+    assert message in str(error.value)
     assert 'rubric.yaml' in str(error.value)
 
 
@@ -79,5 +79,5 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"rubric '.*none.yaml' cannot be read: No such file"):
         load(tmp_path / 'none.yaml')
     (tmp_path / 'rubric.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(UserError, match='cannot be read'):
+    with pytest.raises(UserError, match='is not YAML'):
         load(tmp_path / 'rubric.yaml')

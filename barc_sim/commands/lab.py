@@ -1,4 +1,4 @@
-"""Packs what a student hands in as one zip."""
+"""Makes a folder with the lab's templates, reports a run as a page, and packs what is handed in."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barc_sim.cli.files import saving, target
+from barc_sim.cli.files import check_plain, saving, target
+from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
+from barc_sim.lab.handout import COMPOSE, FILES, templates
 from barc_sim.runs.carrier import add_engine_option, uses_ros
 
 if TYPE_CHECKING:
@@ -19,11 +21,102 @@ if TYPE_CHECKING:
 
     from barc_sim.cli.parser import Parser
 
-FORMATS = ('zip',)
+PAGES, ARCHIVES = ('html',), ('zip',)
 _PATIENCE = 600.0  #: [s] for the drive over the course
 
 
-def add_arguments(parser: Parser) -> None:
+def add_arguments_new(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        f'Make a folder with templates of {", ".join(FILES.values())} and {COMPOSE}.'
+    )
+    parser.epilog = 'An existing file is never overwritten.'
+    parser.add_argument('folder', type=Path, metavar='DIR', help='the folder to make')
+
+
+def write_templates(folder: Path) -> None:
+    """Write the templates into `folder`; make it if it does not exist.
+
+    Raises
+    ------
+    UserError
+        where one of the files exists already, or the folder cannot be written to.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> write_templates(Path('lab'))
+    >>> sorted(path.name for path in Path('lab').iterdir())
+    ['README.md', 'bike_model.py', 'compose.py', 'controller.py', 'relay.py']
+    """
+    files = templates()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = [name for name in files if os.path.lexists(folder / name)]
+        if there:
+            raise UserError(
+                f'{str(folder)!r} already has {", ".join(there)}: name another folder, or move '
+                'the old files'
+            )
+        for name, text in files.items():
+            with (folder / name).open('xb') as file:
+                file.write(text)
+    except OSError as error:
+        raise UserError(
+            f'{str(folder)!r} cannot be written to ({error.strerror}): name another folder'
+        ) from error
+
+
+def run_new(options: Namespace) -> None:
+    """Make the folder and print what to do next.
+
+    Raises
+    ------
+    UserError
+        where the folder has such files already, or cannot be written to.
+    """
+    write_templates(options.folder)
+    barc, folder = barc_path(), shlex.quote(str(options.folder))
+    print(f'{folder}: write {", ".join(FILES.values())}, {COMPOSE}, as README.md explains')  # noqa: T201
+    print(f'check   {barc} check {folder}')  # noqa: T201
+    print(f'run     {barc} acc --lab {folder}')  # noqa: T201
+
+
+def add_arguments_report(parser: Parser) -> None:
+    """Describe the command."""
+    parser.description = (
+        'Write plots, metrics, gains, code, graph, versions and hashes of a run as one HTML file '
+        'that can be read without a network.'
+    )
+    add_bag_arguments(parser)
+    parser.add_argument(
+        '-o', '--save', metavar='FILE', help='the file to write (report.html in the bag)'
+    )
+
+
+def run_report(options: Namespace) -> None:
+    """Write the page and print its path.
+
+    Raises
+    ------
+    UserError
+        where the bag cannot be read, or the page cannot be written.
+    """
+    from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.lab.report import page, read  # noqa: PLC0415
+
+    source = options.bag or reader.newest()
+    directory = source if source.is_dir() else source.parent
+    path = target(options.save or str(directory / 'report.html'), PAGES)
+    text = page(read(source, options.namespace))
+    if options.save is None:
+        check_plain(directory)
+    with saving(path) as part:
+        part.write_text(text, encoding='utf-8')
+    print(path)  # noqa: T201
+
+
+def add_arguments_submit(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
         'Pack what you hand in as one zip: code, gains, the bag of the course with its plot and '
@@ -56,7 +149,7 @@ def add_arguments(parser: Parser) -> None:
     add_engine_option(parser)
 
 
-def run(options: Namespace) -> None:
+def run_submit(options: Namespace) -> None:
     """Write the zip, and print a line for each of its parts.
 
     Raises
@@ -72,7 +165,7 @@ def run(options: Namespace) -> None:
             f'there is no folder {str(folder)!r}: name the one with your files; '
             f'barc new {shlex.quote(str(folder))} writes one'
         )
-    path = target(options.save or f'{folder.resolve().name}.zip', FORMATS)
+    path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
     ros = uses_ros(options)
     bags = (Path('bags'), folder / 'bags')
     teleop = options.teleop or submit.newest_drive(bags, 'teleop')
