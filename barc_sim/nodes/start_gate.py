@@ -147,7 +147,8 @@ class PeerWatch:
         else:
             self._reached = self._commanders
         self._commanders = commanders
-        self._check_rivals(ends, commands_lack=stands_still or self._stepper.missed > self._missed)
+        lack = bool(states) and (stands_still or self._stepper.missed > self._missed)
+        self._check_rivals(ends, commands_lack=lack)
         self._missed = self._stepper.missed
         if states and stands_still:
             self._publish_clock()  # for nodes that have started since
@@ -159,9 +160,9 @@ class PeerWatch:
             self.rivals, self._rivals_since = [], inf
             return
         now = time.monotonic()
-        # Where commands lack, the first of them may be dead, and the second have taken its place.
-        since = now + _LEASE if commands_lack else now
-        self._rivals_since = min(self._rivals_since, since)
+        if self._rivals_since == inf:
+            # Where commands lack, one of them may be dead, and another have taken its place.
+            self._rivals_since = now + _LEASE if commands_lack else now
         if now >= self._rivals_since:
             self.rivals = full_names(ends)
             topic = self._node.resolve_topic_name(names.ECU)

@@ -48,14 +48,7 @@ class Verdict(NamedTuple):
 
 
 def judge_composition(file: Path) -> Verdict:
-    """Run the script in a process and folder of its own; it ends within a minute.
-
-    Examples
-    --------
-    >>> _ = Path('compose.py').write_text('raise NotImplementedError')
-    >>> judge_composition(Path('compose.py')).sentence
-    'is not written yet (TODO)'
-    """
+    """Run the script in a process and folder of its own; it ends within a minute."""
     try:
         if _is_unwritten(file):
             return Verdict(True, NOT_WRITTEN)

@@ -112,13 +112,7 @@ class EndedRun:
 
 
 def next_command(argv: list[str], values: Mapping[str, float], port: int) -> list[str]:
-    """Return the command line `argv` with these values of the sliders, and the page at `port`.
-
-    Examples
-    --------
-    >>> next_command(['acc'], {'k_p': 40.0}, 8000)
-    ['acc', '--gain', 'k_p=40.0', '--view', 'web', '--view-port', '8000']
-    """
+    """Return the command line `argv` with these values of the sliders, and the page at `port`."""
     end = argv.index(ROS_ARGS) if ROS_ARGS in argv else len(argv)
     words, ros_args = [*argv[:end]], [*argv[end:]]
     for name, value in values.items():

@@ -117,15 +117,7 @@ def _factor(text: str) -> float:
 
 
 def add_view_options(parser: argparse.ArgumentParser, *, auto: str) -> None:
-    """Add `--view`, `--view-port` and `--view-host`; `auto` is the meaning of `--view auto`.
-
-    Examples
-    --------
-    >>> parser = argparse.ArgumentParser()
-    >>> add_view_options(parser, auto='web')
-    >>> parser.parse_args(['--view-port', '8000']).view_port
-    8000
-    """
+    """Add `--view`, `--view-port` and `--view-host`; `auto` is the meaning of `--view auto`."""
     parser.add_argument(
         '--view',
         choices=('auto', 'web', 'none'),
@@ -155,15 +147,7 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
 
 
 def wants_page(options: argparse.Namespace) -> bool:
-    """Return whether to serve the live page; False for a program without these options.
-
-    Examples
-    --------
-    >>> parser = argparse.ArgumentParser()
-    >>> add_view_options(parser, auto='web')
-    >>> wants_page(parser.parse_args([])), wants_page(parser.parse_args(['--view', 'none']))
-    (True, False)
-    """
+    """Return whether to serve the live page; False for a program without these options."""
     return opens_page(options) or (
         _view(options) == 'offer'
         and not options.quiet
@@ -283,16 +267,7 @@ def add_topic_choice(parser: argparse.ArgumentParser, verb: str) -> None:
 
 
 def recording(options: argparse.Namespace) -> Recording:
-    """Return the settings on the command line; an option that it does not have is the default.
-
-    Examples
-    --------
-    >>> parser = argparse.ArgumentParser()
-    >>> add_recording_options(parser)
-    >>> wanted = recording(parser.parse_args(['--exclude', 'camera']))
-    >>> wanted.wants('/z_vhcl'), wanted.wants('/camera/image')
-    (True, False)
-    """
+    """Return the settings on the command line; an option that it does not have is the default."""
     given = vars(options)
     names = {field.name for field in fields(Recording)}
     return Recording(**{name: value for name, value in given.items() if name in names})

@@ -26,13 +26,7 @@ _LINES_PER_SECOND = 20
 
 
 class CruiseStatus(NamedTuple):
-    """A state of the cruise control.
-
-    Examples
-    --------
-    >>> CruiseStatus(t=7.5, distance=60.0, speed=7.9, error=0.1, grade_deg=10.0).text()
-    '  7.50 s    60.0 m   7.900 m/s  error +0.100 m/s  grade +10°'
-    """
+    """A state of the cruise control."""
 
     t: float  #: [s]
     distance: float  #: [m]
@@ -51,14 +45,7 @@ class CruiseStatus(NamedTuple):
 
 
 class DriveStatus(NamedTuple):
-    """A state of a drive by hand.
-
-    Examples
-    --------
-    >>> turning = DriverInput(forward=1.0, turn=1.0)
-    >>> DriveStatus(t=7.5, distance=60.0, speed=7.9, steering=0.2, request=turning).text()
-    '    7.5 s  speed   7.90 m/s  steering  11.5°  held ↑ ←'
-    """
+    """A state of a drive by hand."""
 
     t: float  #: [s]
     distance: float  #: [m]
@@ -119,15 +106,7 @@ def _console() -> Console:
 
 
 class PlainLines(Display):
-    """Prints a line a second, for a pipe or a file.
-
-    Examples
-    --------
-    >>> lines = PlainLines()
-    >>> for k in range(3):
-    ...     lines.show(CruiseStatus(0.02 * k, 0.16 * k, speed=8.0, error=0.0, grade_deg=0.0))
-      0.00 s     0.0 m   8.000 m/s  error +0.000 m/s  grade +0°
-    """
+    """Prints a line a second, for a pipe or a file."""
 
     def __init__(self) -> None:
         """Print at the first state."""
@@ -197,19 +176,9 @@ class LiveLine(Display):
 
 
 class UserOutput:
-    r"""Takes text piece by piece, as user code prints it, and shows whole lines.
+    """Takes text piece by piece, as user code prints it, and shows whole lines.
 
     A terminal shows some lines a second and how many are left out; a file or a pipe gets all.
-
-    Examples
-    --------
-    >>> output, shown = UserOutput(), []
-    >>> output.show_with(shown.append)
-    >>> for text in ('v = ', '8.0\nerror', ' = 0.1'):
-    ...     output(text)
-    >>> output.close()
-    >>> shown
-    ['v = 8.0', 'error = 0.1']
     """
 
     def __init__(self, *, quiet: bool = False) -> None:

@@ -43,13 +43,7 @@ _WARNING_PERIOD = 10.0  #: [s] between two warnings about one thing
 
 
 class Settings(NamedTuple):
-    """The limits and times of a `Stepper`.
-
-    Examples
-    --------
-    >>> Settings(realtime_factor=0.0, distance=180.0).laps
-    1
-    """
+    """The limits and times of a `Stepper`."""
 
     realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
     distance: float = inf  #: [m] a lap ends here
