@@ -11,6 +11,7 @@ import os
 import re
 from contextlib import suppress
 from functools import cache
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,7 +134,8 @@ def share(package: str) -> Path:
     """
     spec = None
     with suppress(ImportError):
-        spec = importlib.util.find_spec(package) if package.isidentifier() else None
+        if package.isidentifier():  # what stands in for ROS has no share folder
+            spec = PathFinder.find_spec(package) or importlib.util.find_spec(package)
     if spec is None or spec.origin is None:
         raise LookupError(f'the package {package!r} is not installed')
     for folder in Path(spec.origin).parents:

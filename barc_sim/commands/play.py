@@ -88,6 +88,7 @@ def run(options: Namespace) -> int:
 
         rules = [word for rule in options.remap for word in ('--remap', rule)]
         code = spin(create, [*options.ros_args, *([ROS_ARGS, *rules] if rules else [])])
+    _show('')
     print(f'played {made[0].progress.strip()}')  # noqa: T201
     return code
 

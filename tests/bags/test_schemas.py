@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from importlib.machinery import ModuleSpec
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -199,3 +200,11 @@ def test_a_wrong_name_is_one_sentence(name: str, ends: str) -> None:
 
     assert done.returncode == 2
     assert f'there is no message or service {name!r}{ends}' in done.stderr
+
+
+def test_what_stands_in_for_ros_does_not_hide_the_installed_definitions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: ModuleSpec(name, None))
+    assert (schemas.share('sensor_msgs') / 'msg' / 'Imu.msg').is_file()
