@@ -83,33 +83,6 @@ def test_callbacks_of_an_exclusive_group_never_overlap(node: Node, until: Until)
     assert all(each == list(range(100)) for each in received.values())
 
 
-def test_callbacks_of_a_reentrant_group_run_at_the_same_time(node: Node, until: Until) -> None:
-    meeting = threading.Barrier(3, timeout=DEADLINE)
-    met = []
-
-    def receive(_: Time) -> None:
-        met.append(meeting.wait())
-
-    node.create_subscription(Time, 'a', receive, DEPTH, callback_group=ReentrantCallbackGroup())
-    publisher = node.create_publisher(Time, 'a', DEPTH)
-    for _ in range(3):
-        publisher.publish(Time())
-
-    until(lambda: len(met) == 3)
-
-
-def test_exclusive_groups_run_beside_one_another(node: Node, until: Until) -> None:
-    meeting = threading.Barrier(2, timeout=DEADLINE)
-    met = []
-    for _ in range(2):
-        guard = node.create_guard_condition(
-            lambda: met.append(meeting.wait()), callback_group=MutuallyExclusiveCallbackGroup()
-        )
-        guard.trigger()
-
-    until(lambda: len(met) == 2)
-
-
 @pytest.mark.parametrize('group_type', [MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup])
 def test_short_callbacks_of_all_groups_run_in_one_thread(
     node: Node, executor: QuickExecutor, group_type: type[CallbackGroup]
