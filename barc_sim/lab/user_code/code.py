@@ -185,7 +185,7 @@ class UserCode:
         loading = Budget(_LOADING) if self._budget else None
         try:
             module = loading.call(folder.load, path) if loading else folder.load(path)
-        except UserCodeError:
+        except UserError:
             raise
         except (Exception, SystemExit, OutOfTime) as error:
             fault = f'loading the file raised {describe_error(error)}'

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from typing import TYPE_CHECKING
 
 import pytest
 from user_files import load, load_folder
 
+from barc_sim.errors import UserError
+from barc_sim.lab.check.code import JudgedCode
+from barc_sim.lab.handout import FILES
 from barc_sim.lab.user_code.code import UserCode
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -19,6 +23,12 @@ if TYPE_CHECKING:
     from barc_sim.lab.user_code.calls import UserFunction
     from barc_sim.lab.user_code.code import UserPid
 
+#: A request for each part.
+CALLS = {
+    'model': ('model', [], 1.5, 1.5),
+    'controller': ('new_pid', 1, 1.0, 1.0, 1.0, 8.0, True),
+    'relay': ('relay', [], 1.0, []),
+}
 ROW = (1.0, 2.0, 0.5, 8.0, 0.25, 0.1, 0.013, 2000.0, 0.017, 0.1, 0.02)
 CALLED = (
     'bikeFE(x=1.0, y=2.0, psi=0.5, v=8.0, a=0.25, d_f=0.1, a0=0.013, m=2000.0, Ff=0.017, '
@@ -186,6 +196,16 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_sentence(
         load(lab(tmp_path, **{part: text}) / f'{part}.py')
     assert sentence in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.skipif(not hasattr(os, 'mkfifo'), reason='a system without named pipes')
+@pytest.mark.parametrize('part', FILES)
+def test_a_named_pipe_is_refused_in_one_sentence(tmp_path: Path, part: str) -> None:
+    os.mkfifo(tmp_path / FILES[part])
+    with pytest.raises(UserError, match=r"^'[^:]*' is a named pipe, where"):
+        load_folder(tmp_path, [part])
+    with JudgedCode(tmp_path, sandbox=False) as code, pytest.raises(UserError, match='named pipe'):
+        code.call(*CALLS[part])
 
 
 def test_a_loop_without_end_outside_of_functions_is_ended(
