@@ -82,17 +82,18 @@ def plot(*logs: Log, labels: Sequence[str] = (), ax: Axes | None = None) -> Figu
     if not logs or any(not len(log) for log in logs):
         raise UserError('plot needs at least one log with a state: give the log of a run')
     names = [*labels, *(f'run {k}' for k in range(len(labels) + 1, len(logs) + 1))]
+    runs = [*zip(names, logs, strict=False)]
     if ax is not None:
-        _draw_runs(dict(zip(names, logs, strict=False)), ax)
+        _draw_runs(runs, ax)
         return ax.figure
     figure = NotebookFigure(figsize=SIZE)
     if len(logs) == 1:
         return speed_figure(*logs, title=''.join(labels), figure=figure)
-    return _compare(dict(zip(names, logs, strict=False)), figure)
+    return _compare(runs, figure)
 
 
 @style.context(STYLE)
-def _compare(runs: Mapping[str, Log], figure: Figure) -> Figure:
+def _compare(runs: Sequence[tuple[str, Log]], figure: Figure) -> Figure:
     """Draw speed, error, grade and command of several runs, a line for each."""
     figure.set_layout_engine('constrained', w_pad=0.08, h_pad=0.08)
     panels = figure.subplots(4, 1, sharex=True, height_ratios=[4, 1.8, 1.4, 1.6])
@@ -103,10 +104,10 @@ def _compare(runs: Mapping[str, Log], figure: Figure) -> Figure:
     return figure
 
 
-def _draw_runs(runs: Mapping[str, Log], *panels: Axes) -> None:
+def _draw_runs(runs: Sequence[tuple[str, Log]], *panels: Axes) -> None:
     """Draw the speed of runs, with their references; in further panels, error, grade, command."""
     speed, *others = panels
-    for (name, run), color in zip(runs.items(), cycle(_RUNS), strict=False):
+    for (name, run), color in zip(runs, cycle(_RUNS), strict=False):
         line: dict[str, Any] = {'color': COLOURS[color].light, 'lw': 1.4}
         log = _broken(use_measurement(run))
         speed.plot(log.distance, log.speed, label=name, **line)

@@ -90,9 +90,7 @@ def assert_whole(path: Path) -> None:
     [
         ('', 'acc or teleop was expected'),
         ('fly', "'fly'"),
-        ('acc --kp nan', 'nan is not a number from -1e+06 to'),
         ('acc --realtime-factor 0', "nor 'max'"),
-        ('acc --seed 9007199254740993', 'whole number'),
         ('acc --no-bag --bag-dir x', 'not allowed with'),
         ('acc --road nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
         ('acc --road {broken}', 'describes no road'),

@@ -200,6 +200,7 @@ def test_reset_to_the_start_breaks_the_lines() -> None:
 
 def test_several_runs_have_a_line_each_in_one_figure(log: Log) -> None:
     slower = log.map(lambda column: column[:500])
+    assert len(plot(log, slower, labels=['a', 'a']).axes[0].get_lines()) == 4
     figure = plot(log, slower, labels=['all'])
     speed, *others = figure.axes
     assert [line.get_label() for line in speed.get_lines()[::2]] == ['all', 'run 2']
