@@ -305,11 +305,12 @@ def _mistakes(reports: Iterable[Report]) -> list[tuple[str, str, int]]:
 
 def _in_general(message: str) -> str:
     """Return the beginning of a message, without what differs between submissions."""
-    words = re.sub(r' ?\([^()]*\)', '', _PLACE.sub('', message))
+    # Brackets after a word, but not those of a formula.
+    words = re.sub(r'(?<=[\w°]) \([^()*+/=]*\)', '', _PLACE.sub('', message))
     first, *others = re.split(r'; |: |\. ', words)
     if others and len(first) < _SHORT:
         first = f'{first}: {others[0]}'
-    return one_line(re.sub(r'\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', first), 90)
+    return one_line(re.sub(r'(?<![\w*])\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', first), 90)
 
 
 def _row(entry: Entry) -> dict[str, object]:

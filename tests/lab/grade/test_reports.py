@@ -166,6 +166,12 @@ def test_no_mean_is_of_100_for_some_and_of_120_for_others() -> None:
     assert ['Task 3', '4.00', '5', 'median 4, 4 to 4'] in words
 
 
+def test_a_mistake_keeps_the_brackets_of_its_formula() -> None:
+    text = 'controller.py, line 7: I is wrong: it is ki * (sum of e * dt)'
+    found = listed(report_of('ada', 1.0)._replace(mistakes={'pid.integral': text}))
+    assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.page(found, RUBRIC)
+
+
 def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -> None:
     missing = 'controller.py, line {}: I has no {}: add it'
     reports = [
