@@ -282,9 +282,9 @@ def _look_again(source: Path, folder: Path, prior: Report | None, report: Report
     if not (report.is_by_hand and prior):
         return []
     edited = (source / BY_HAND).stat().st_mtime_ns > (source / _RECORD).stat().st_mtime_ns
-    if source != folder or prior.code != report.code:
+    if prior.code != report.code:
         return [f'{_AGAIN}: they were entered for {source.name}, and the code has changed']
-    return [] if edited else [note for note in prior.notes if note.startswith(_AGAIN)]
+    return [] if edited or source != folder else [note for note in prior.notes if note.startswith(_AGAIN)]
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:
