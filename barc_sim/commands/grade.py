@@ -258,7 +258,7 @@ def _collect(
                 failures[folder.name] = outcome
                 continue
             source = entered[path][1]
-            note = _look_again(source, folder, before.get(source.name), outcome)
+            note = _look_again(source, before.get(source.name), outcome)
             report = outcome._replace(notes=(*outcome.notes, *note), files={})
             with uninterrupted():  # a submission has all of its files, and a row, or none
                 for name, data in outcome.files.items():
@@ -277,14 +277,14 @@ def _collect(
     return reports, failures, False
 
 
-def _look_again(source: Path, folder: Path, prior: Report | None, report: Report) -> list[str]:
+def _look_again(source: Path, prior: Report | None, report: Report) -> list[str]:
     """Return a note where points were entered for other code, until the file is edited again."""
     if not (report.is_by_hand and prior):
         return []
     edited = (source / BY_HAND).stat().st_mtime_ns > (source / _RECORD).stat().st_mtime_ns
     if prior.code != report.code:
         return [f'{_AGAIN}: they were entered for {source.name}, and the code has changed']
-    return [] if edited or source != folder else [note for note in prior.notes if note.startswith(_AGAIN)]
+    return [] if edited else [note for note in prior.notes if note.startswith(_AGAIN)]
 
 
 def _write(out: Path, path: Path, data: bytes) -> None:
