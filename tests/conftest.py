@@ -38,6 +38,8 @@ if has_ros():
 _programs = str(Path(sys.executable).parent)
 _folders = os.environ['PATH'].split(os.pathsep)
 os.environ['PATH'] = os.pathsep.join(each for each in _folders if each != _programs)
+# On a desktop, no test opens a browser.
+os.environ['BARC_SIM_NO_BROWSER'] = '1'
 
 # How long an example takes is the machine's affair.
 settings.register_profile('any machine', deadline=None)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 USAGE_ERROR = 2
 INTERRUPTED = 130
+NO_BROWSER = 'BARC_SIM_NO_BROWSER'  #: in the environment: open no page, and offer none
 #: The packages without which nothing of ROS works here.
 ROS_PACKAGES = ('rclpy', 'barc_interfaces')
 #: By package, the name to install it by, where that is another.
@@ -136,9 +137,10 @@ def _check_memory(what: str, minimum: int) -> None:
 
 
 def is_at_desktop(environment: Mapping[str, str] = os.environ) -> bool:
-    """Return whether the user sits at a screen of this machine."""
+    """Return whether the user sits at a screen of this machine, and allows a browser there."""
     screen = environment.get('DISPLAY') or environment.get('WAYLAND_DISPLAY')
-    return bool(screen) and not environment.get('SSH_CONNECTION')
+    elsewhere = environment.get('SSH_CONNECTION') or environment.get(NO_BROWSER)
+    return bool(screen) and not elsewhere
 
 
 def has_ros() -> bool:

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
     from barc_sim.page.protocol import File, Request
 
-NO_BROWSER = 'BARC_SIM_NO_BROWSER'
 _FILES = Path(__file__).with_name('web')
 _TYPES = {
     '.css': 'text/css; charset=utf-8',
@@ -386,7 +385,7 @@ def open_page(url: str, environment: Mapping[str, str] = os.environ) -> bool:
 
     `BARC_SIM_NO_BROWSER` in the environment keeps it from opening.
     """
-    if environment.get(NO_BROWSER) or not is_at_desktop(environment):
+    if not is_at_desktop(environment):
         return False
     Thread(target=webbrowser.open, args=(url,), name='browser', daemon=True).start()
     return True

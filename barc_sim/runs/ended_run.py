@@ -14,9 +14,10 @@ from urllib.parse import urlsplit, urlunsplit
 import numpy as np
 
 from barc_sim.cli.parser import ROS_ARGS
+from barc_sim.cli.process import NO_BROWSER
 from barc_sim.errors import UserError
 from barc_sim.page.protocol import CAR, OTHERS, SIMULATOR, File, encode
-from barc_sim.page.server import NO_BROWSER, kept_token
+from barc_sim.page.server import kept_token
 
 if TYPE_CHECKING:
     from argparse import Namespace

@@ -58,7 +58,7 @@ def test_a_page_is_offered_at_a_desktop_and_does_not_open_itself(
     given: dict[str, object],
     expected: bool,
 ) -> None:
-    for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'SSH_CONNECTION'):
+    for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'SSH_CONNECTION', 'BARC_SIM_NO_BROWSER'):
         monkeypatch.delenv(name, raising=False)
     for name, value in screen.items():
         monkeypatch.setenv(name, value)

@@ -115,13 +115,20 @@ export class Goal {
   }
 
   /** Draw cones and box on the ground, and the time above. */
-  draw({ context, width }, scale, toScreen) {
+  draw({ context, width, height }, scale, toScreen) {
     if (!this.on) return;
     context.font = font(18, 600);
     context.fillStyle = colours.ink;
     context.textAlign = 'center';
     context.textBaseline = 'middle';
     context.fillText(`${this.time} s`, width / 2, 38);
+    const here = this.attempt?.before;
+    const next = here && (CONES.find((cone) => cone.x > here.x) ?? BOX);
+    const [x, y] = next ? toScreen(next.x, next.y) : [0, 0];
+    if (next && (x < 0 || x > width || y < 0 || y > height)) { // out of sight: its way, at the border
+      const away = `● ${reading(Math.hypot(next.x - here.x, next.y - here.y), 0)} m`;
+      context.fillText(away, Math.min(Math.max(x, 40), width - 40), Math.min(Math.max(y, 70), height - 20));
+    }
     const [left, top] = toScreen(BOX.x - BOX.length / 2, BOX.y + BOX.width / 2);
     context.lineWidth = 3;
     context.strokeStyle = this.attempt?.end == null ? colours.ink : colours.green;
