@@ -148,14 +148,14 @@ def typed_in_bash(keys: str, expected: str) -> str:
 @installed
 @pytest.mark.parametrize(
     ('keys', 'completed'),
-    [('barc pl\t', 'barc plot '), ('barc replay --sa\t', 'barc replay --save ')],
+    [('barc plo\t', 'barc plot '), ('barc replay --sa\t', 'barc replay --save ')],
 )
 def test_bash_completes_commands_and_options(keys: str, completed: str) -> None:
     assert completed in typed_in_bash(keys, completed)
 
 
 @installed
-@pytest.mark.parametrize(('line', 'completed'), [('barc pl', 'plot'), ('barc acc --di', '--dis')])
+@pytest.mark.parametrize(('line', 'completed'), [('barc plo', 'plot'), ('barc acc --di', '--dis')])
 def test_fish_completes_commands_and_options(tmp_path: Path, line: str, completed: str) -> None:
     if not shutil.which('fish'):
         pytest.skip('fish is not installed')
