@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 #: Those whose examples need no ROS, and those whose examples do.
 ROOMS = (
     'errors', 'vehicle', 'control', 'simulation', 'tuning', 'bags', 'figures', 'commands', 'ros',
-    'nodes', 'runs',
+    'nodes',
 )  # fmt: skip
-NEED_ROS = ('ros', 'nodes', 'runs')
+NEED_ROS = ('ros', 'nodes')
 #: Examples that need an optional package.
 NEED_FOXGLOVE = ('barc_sim.nodes.foxglove.FoxgloveServer',)
 

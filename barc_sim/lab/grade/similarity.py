@@ -142,8 +142,9 @@ def _tokens(text: str) -> Iterator[str]:
 
 @cache
 def _of_handouts() -> Passages:
-    hashes = resources.files('barc_sim.lab.grade').joinpath('known/handout.txt').read_text()
-    return _passages(templates()) | {int(each, 16) for each in hashes.split()}
+    file = resources.files('barc_sim.lab.grade').joinpath('known/handout.txt')
+    hashes = file.read_text(encoding='utf-8').split()
+    return _passages(templates()) | {int(each, 16) for each in hashes}
 
 
 @cache
