@@ -79,8 +79,7 @@ def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[
             decoders[name] = _decoder(message.topic)
         if decode := decoders[name]:
             try:
-                cells = {'t': (message.received - start) / 1e9, 'received': message.received}
-                cells |= _cells('', decode(message.data))
+                read = dict(_cells('', decode(message.data)))
             except Exception as error:  # noqa: BLE001 (damage may raise anything)
                 if name not in broken:
                     _logger.warning('messages of %s are left out: %s', name, error)
@@ -88,7 +87,7 @@ def _rows(contents: Contents, names: Sequence[str]) -> Iterator[tuple[str, dict[
                 continue
             yield (
                 name,
-                {'t': (message.received - start) / 1e9, 'received': message.received} | cells,
+                {'t': (message.received - start) / 1e9, 'received': message.received, **read},
             )
 
 
