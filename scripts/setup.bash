@@ -184,6 +184,7 @@ make_parts() {
   ! locked || unset PIP_CONSTRAINT
   export PIP_NO_INPUT=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_RETRIES="${PIP_RETRIES:-2}"
   message "Setting up barc_sim with Python $version $(with_what):"
+  show_seconds
   if [[ -e $stamps/busy || ! -x $(programs)/python ]] || ! is_current venv; then
     make_venv
   fi
@@ -197,14 +198,23 @@ make_parts() {
   message "Done in $SECONDS s."
 }
 
+# Count the seconds below the last message, for a person at a terminal.
+show_seconds() {
+  [[ -t 2 ]] || return 0
+  while sleep 1 && kill -0 $$ 2>/dev/null; do printf '    %s s\r' "$SECONDS" >&2; done 9<&- &
+  disown
+  # shellcheck disable=SC2064 # the number of now
+  trap "kill $! 2>/dev/null" EXIT
+}
+
 with_what() {
   if [[ $source != none ]]; then
-    echo "and ${ros:-ROS 2 Jazzy from PyPI} (a minute, once)"
+    echo "and ${ros:-ROS 2 Jazzy from PyPI} (one to three minutes, once)"
   elif [[ $has_wheels == none ]]; then
     echo "and without ROS, which PyPI has for x86-64 Linux alone, and this is $(uname -sm);" \
-      "barc drives all the same (half a minute, once)"
+      "barc drives all the same (a minute, once)"
   else
-    echo 'and without ROS, as BARC_ROS=none asks for (half a minute, once)'
+    echo 'and without ROS, as BARC_ROS=none asks for (a minute, once)'
   fi
 }
 
