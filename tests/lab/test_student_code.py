@@ -66,7 +66,7 @@ def test_check_and_grade_agree_to_the_point(tmp_path: Path, name: str) -> None:
         if finding.criterion not in RELAY
     ]
     assert [item.criterion for item in graded.items] == [*CRITERIA][: -len(RELAY)]
-    assert graded.gains == str(checked.gains)
+    assert graded.gains == str(checked.gains or '')
     assert graded.tolerated == checked.tolerated
 
 

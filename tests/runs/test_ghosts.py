@@ -91,13 +91,16 @@ def test_ghosts_drawn_are_those_of_the_bag(
     laps, number = laps_of(log)
     ghosts = [lap for lap in (laps.last, laps.best) if lap]
     assert ghosts[0] != ghosts[1]
-    columns = {'speed-chart': ['speed'], 'command-chart': [*reversed(PID.terms), 'motor']}
+    commands = [*reversed(PID.terms), 'acting', 'motor']
+    columns = {'speed-chart': ['speed'], 'command-chart': commands}
     for chart, names in columns.items():
         drawn = [(lap, name) for lap in ghosts for name in names]
         for (lap, name), line in zip(drawn, lines[chart], strict=True):
             rows = np.flatnonzero(np.array(number) == lap.number)
             assert len(rows) - 1 <= len(line)  # no term is known before the first command
-            _assert_drawn(line, log, rows[-len(line) :], getattr(log, name, None))
+            # What acts is the command, as this motor has no limit, lag or delay.
+            values = log.motor if name == 'acting' else getattr(log, name)
+            _assert_drawn(line, log, rows[-len(line) :], values)
     posts = np.array(scene['posts'])
     for lap, place in zip(ghosts, scene['cars'][::3], strict=True):  # body, wheel, wheel
         t = min(now - laps.current.start + lap.start, lap.end)
