@@ -141,12 +141,18 @@ def main(task: dict[str, Any]) -> None:
 
 
 def _record(executor: Any) -> Callable[[], object]:  # noqa: ANN401
-    """Add a recorder; return what removes its bag."""
+    """Add a recorder; return what ends it and removes its bag."""
     from barc_sim.nodes.recorder import BagRecorder  # noqa: PLC0415 (in ours alone)
 
     folder = tempfile.TemporaryDirectory()
-    executor.add_node(BagRecorder(Path(folder.name)))
-    return folder.cleanup
+    recorder = BagRecorder(Path(folder.name))
+    executor.add_node(recorder)
+
+    def end() -> None:
+        recorder.close()  # it makes a bag that is removed anew
+        folder.cleanup()
+
+    return end
 
 
 def _play(executor: Any, players: list[Player], rounds: Rounds, task: dict[str, Any]) -> None:  # noqa: ANN401
