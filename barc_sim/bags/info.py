@@ -34,7 +34,7 @@ def describe(path: Path) -> dict[str, Any]:
         'path': str(path),
         'files': {file.name: file.stat().st_size for file in sorted(files)},
         'start': (span.start or 0) / 1e9,
-        'duration': (span.end - (span.start or 0)) / 1e9,
+        'duration': span.duration / 1e9,
         'messages': span.count,
         'topics': [
             {'name': name, 'type': topic.type, 'messages': contents.counts[name]}

@@ -116,10 +116,15 @@ class Span:
             min(self.start, other.start), max(self.end, other.end), self.count + other.count
         )
 
+    @property
+    def duration(self) -> int:
+        """From the first message to the last [ns]."""
+        return self.end - (self.start or 0)
+
     def as_metadata(self) -> dict[str, Any]:
         """Return the entries of the metadata."""
         return {
-            'duration': {'nanoseconds': self.end - (self.start or 0)},
+            'duration': {'nanoseconds': self.duration},
             'starting_time': {'nanoseconds_since_epoch': self.start or 0},
             'message_count': self.count,
         }

@@ -142,7 +142,7 @@ class BagWriter:
     @property
     def _full(self) -> bool:
         file = self._files[-1]
-        span = file.span.end - (file.span.start or 0)
+        span = file.span.duration
         return file.size >= self._limits.size or span >= self._limits.duration * 1e9
 
     def split(self) -> None:

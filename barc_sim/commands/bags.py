@@ -99,5 +99,4 @@ def _recovered(recovered: Recovered) -> Iterator[str]:
     for name, count in sorted(recovered.counts.items()):
         yield f'{count:9} {name}'
     span = recovered.span
-    duration = (span.end - (span.start or 0)) / 1e9
-    yield f'{span.count:9} messages in {duration:.3f} s'
+    yield f'{span.count:9} messages in {span.duration / 1e9:.3f} s'

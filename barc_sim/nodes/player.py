@@ -67,12 +67,13 @@ class BagPlayer(Node):
         self._playback = playback or Playback()
         self._contents = Contents(path)
         self._contents.outline()
-        span, offset = self._contents.span, int(self._playback.start_offset * 1e9)
-        self._first, self._last = (span.start or 0) + offset, span.end
+        span = self._contents.span  # of the whole bag; playing counts anew
+        self._start, self._last = span.start or 0, span.end
+        self._first = self._start + int(self._playback.start_offset * 1e9)
         if self._first > self._last:
             raise UserError(
-                f'{str(path)!r} has {(span.end - (span.start or 0)) / 1e9:.3f} s of messages: give '
-                'a shorter --start-offset'
+                f'{str(path)!r} has {span.duration / 1e9:.3f} s of messages: give a shorter '
+                '--start-offset'
             )
         super().__init__('bag_player', **options)
         self.failure: str | None = None  #: why not all was played, in a sentence
@@ -105,10 +106,10 @@ class BagPlayer(Node):
     @property
     def progress(self) -> str:
         """The line of progress."""
-        start, clock = self._contents.span.start or 0, self.clock_of_bag
+        clock = self.clock_of_bag
         now = min(max(clock.now, self._first), self._last)
         return (
-            f'{(now - start) / 1e9:7.1f} / {(self._last - start) / 1e9:.1f} s  '
+            f'{(now - self._start) / 1e9:7.1f} / {(self._last - self._start) / 1e9:.1f} s  '
             f'{self.played} messages  {"paused" if clock.paused else f"x{self._playback.rate:g}"}'
         )
 
