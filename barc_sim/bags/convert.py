@@ -50,7 +50,7 @@ def convert(
     contents = Contents(path)
     contents.outline()
     names = select([*contents.topics])
-    if output.exists():
+    if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
     if kind in _BAGS:
         others = [name for name in contents.topics if name not in names]

@@ -100,6 +100,13 @@ def test_a_bag_becomes_one_of_another_kind(robot: Path, tmp_path: Path, kind: st
     assert [each.data for each in found if hasattr(each, 'data')] == ['word 0', 'word 1', 'word 2']
 
 
+def test_a_link_to_nothing_is_not_followed(robot: Path, tmp_path: Path) -> None:
+    link, victim = tmp_path / 'out.mat', tmp_path / 'victim'
+    link.symlink_to(victim)
+    line = refused('convert', str(robot), '--to', 'mat', '-o', str(link))
+    assert (line.endswith('name a new --output'), victim.exists()) == (True, False)
+
+
 def test_what_cannot_be_converted_is_one_sentence(robot: Path, tmp_path: Path) -> None:
     assert refused('convert', str(robot), '-o', str(tmp_path)).endswith('name a new --output')
     (robot / 'metadata.yaml').unlink()
