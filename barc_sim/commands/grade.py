@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from barc_sim.cli.parser import Parser
-    from barc_sim.lab.grade.by_hand import ByHand
-    from barc_sim.lab.grade.grade import Failure, Report
-    from barc_sim.lab.grade.roster import Student
-    from barc_sim.lab.grade.rubric import Rubric
+    from barc_sim.lab.grade.classroom import Student
+    from barc_sim.lab.grade.grade import Failure, Grade
+    from barc_sim.lab.grade.rubric import ByHand, Rubric
 
-    _Outcome = tuple[Path, Report | Failure]
+    _Outcome = tuple[Path, Grade | Failure]
 
 _CLASS, _SETTINGS, _RECORD = 'class.csv', 'class.json', 'record.json'
 _RESERVED = {_CLASS, _SETTINGS, 'class.html', 'canvas.csv', 'gradescope.csv'}
@@ -128,24 +127,22 @@ def run(options: Namespace) -> int:
         outcomes = grade.run(
             executor,
             {path: hand for path, (hand, _) in entered.items()},
-            points,
-            Limits(total=options.time_limit),
+            *(points, Limits(total=options.time_limit)),
             sandbox=not options.unconfined,
         )
-        reports, failures, interrupted = _collect(outcomes, out, folders, entered, before)
+        grades, failures, interrupted = _collect(outcomes, out, folders, entered, before)
     found = classroom.entries(
-        before | reports, failures, settings.students, settings.due, settings.passages
+        before | grades, failures, settings.students, settings.due, settings.passages
     )
-    _write(out, out / _CLASS, classroom.as_csv(found, points).encode())
-    console = Console()
+    files = {_CLASS: classroom.as_csv(found, points)}
     if not alone:
-        files = {'class.html': classroom.page(found, points)}
+        files |= {'class.html': classroom.page(found, points), _SETTINGS: settings.as_json()}
         files |= classroom.gradebooks(found, points) if settings.students else {}
-        for name, text in files.items():
-            _write(out, out / name, text.encode())
-        _write(out, out / _SETTINGS, settings.as_json())
-    counted = [each.report for each in found if each.report and not each.newer]
-    console.print(classroom.as_table([*reports.values()] if len(paths) == 1 else counted, points))
+    for name, text in files.items():
+        _write(out, out / name, text.encode())
+    counted = [each.grade for each in found if each.grade and not each.newer]
+    shown = [*grades.values()] if len(paths) == 1 else counted
+    Console().print(classroom.as_table(shown, points))
     print(out if alone else out / 'class.html')  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
@@ -166,24 +163,24 @@ class _Settings(NamedTuple):
     @classmethod
     def of(cls, options: Namespace, out: Path) -> _Settings:
         """Return the options' settings, else those of the class in `out`."""
-        from barc_sim.lab.grade import roster, similarity, submissions  # noqa: PLC0415
+        from barc_sim.lab.grade import classroom, similarity, submissions  # noqa: PLC0415
 
         try:
             kept = json.loads(read_regular(out / _SETTINGS, _MAX_BYTES))
         except (OSError, ValueError):
             kept = {}
-        list_ = options.roster or (Path(kept['roster']) if 'roster' in kept else None)
+        roster = options.roster or (Path(kept['roster']) if 'roster' in kept else None)
         handout = options.handout or (Path(kept['handout']) if 'handout' in kept else None)
         due = options.due or (moment(kept['due']) if 'due' in kept else None)
-        students = roster.read(list_) if list_ else []
+        students = classroom.read_roster(roster) if roster else []
         files = submissions.read(handout).files if handout else {}
-        return cls(list_, due, handout, students, similarity.passages(files))
+        return cls(roster, due, handout, students, similarity.passages(files))
 
-    def as_json(self) -> bytes:
+    def as_json(self) -> str:
         """Return the options as JSON."""
-        paths = {name: getattr(self, name) for name in ('roster', 'handout')}
+        paths = {'roster': self.roster, 'handout': self.handout}
         kept: dict[str, str] = {name: str(path.absolute()) for name, path in paths.items() if path}
-        return json.dumps(kept | ({'due': self.due.isoformat()} if self.due else {})).encode()
+        return json.dumps(kept | ({'due': self.due.isoformat()} if self.due else {}))
 
 
 def moment(text: str) -> datetime:
@@ -202,7 +199,7 @@ def _folder(out: Path, submission: Path) -> Path:
     return out / (f'{name}.submission' if name in _RESERVED else name)
 
 
-def _records(out: Path) -> dict[str, Report]:
+def _records(out: Path) -> dict[str, Grade]:
     """Return what was graded before, by folder."""
     from barc_sim.lab.grade.grade import from_record  # noqa: PLC0415
 
@@ -211,25 +208,22 @@ def _records(out: Path) -> dict[str, Report]:
 
 
 def _entered(
-    folders: dict[Path, Path], before: dict[str, Report], settings: _Settings, points: Rubric
+    folders: dict[Path, Path], before: dict[str, Grade], settings: _Settings, points: Rubric
 ) -> dict[Path, tuple[ByHand, Path]]:
     """Return what is entered by hand for each submission, and the folder that it is from.
 
     For one that is new, that is an earlier folder of the same student.
     """
-    from barc_sim.lab.grade import by_hand  # noqa: PLC0415
-    from barc_sim.lab.grade.roster import owner  # noqa: PLC0415
+    from barc_sim.lab.grade.classroom import owner  # noqa: PLC0415
+    from barc_sim.lab.grade.rubric import ByHand, entered  # noqa: PLC0415
 
     found = {}
     for path, folder in folders.items():
-        hand, source = by_hand.read(folder, points), folder
         student = owner(path.name, settings.students)
-        if not hand and student:
-            for name in before:
-                other = folder.with_name(name)
-                if owner(name, settings.students) is student and not hand:
-                    hand, source = by_hand.read(other, points), other
-        found[path] = hand, source
+        others = [name for name in before if student and owner(name, settings.students) is student]
+        sources = [folder, *(folder.with_name(name) for name in others)]
+        hands = ((hand, source) for source in sources if (hand := entered(source, points)))
+        found[path] = next(hands, (ByHand(), folder))
     return found
 
 
@@ -238,51 +232,50 @@ def _collect(
     out: Path,
     folders: dict[Path, Path],
     entered: dict[Path, tuple[ByHand, Path]],
-    before: dict[str, Report],
-) -> tuple[dict[str, Report], dict[str, Failure], bool]:
+    before: dict[str, Grade],
+) -> tuple[dict[str, Grade], dict[str, Failure], bool]:
     """Write the files of each submission as it finishes; also return whether Ctrl-C came."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
     from rich.progress import track  # noqa: PLC0415
 
-    from barc_sim.lab.grade.grade import Report  # noqa: PLC0415
+    from barc_sim.lab.grade.grade import Failure  # noqa: PLC0415
 
     stderr = Console(stderr=True)
-    reports: dict[str, Report] = {}
+    grades: dict[str, Grade] = {}
     failures: dict[str, Failure] = {}
     try:
         for path, outcome in track(
             outcomes, 'Grading', len(folders), console=stderr, transient=True
         ):
             folder = folders[path]
-            if not isinstance(outcome, Report):
+            if isinstance(outcome, Failure):
                 failures[folder.name] = outcome
                 continue
             source = entered[path][1]
             note = _look_again(source, before.get(source.name), outcome)
-            report = outcome._replace(notes=(*outcome.notes, *note), files={})
+            grade = outcome._replace(notes=(*outcome.notes, *note), files={})
+            files = {**outcome.files, _RECORD: grade.record()}
+            if folder == out:  # of a submission alone
+                del files[_RECORD], files[BY_HAND]
+            elif grade.is_by_hand and source == folder:
+                del files[BY_HAND]
+            elif grade.is_by_hand:
+                files[BY_HAND] = read_regular(source / BY_HAND, _MAX_BYTES)
             with uninterrupted():  # a submission has all of its files, and a row, or none
-                for name, data in outcome.files.items():
-                    if name != BY_HAND:
-                        _write(out, folder / name, data)
-                    elif folder != out and (not report.is_by_hand or source != folder):
-                        mine = (
-                            read_regular(source / name, _MAX_BYTES) if report.is_by_hand else data
-                        )
-                        _write(out, folder / name, mine)
-                if folder != out:
-                    _write(out, folder / _RECORD, report.record())
-                reports[folder.name] = report
+                for name, data in files.items():
+                    _write(out, folder / name, data)
+                grades[folder.name] = grade
     except KeyboardInterrupt:
-        return reports, failures, True
-    return reports, failures, False
+        return grades, failures, True
+    return grades, failures, False
 
 
-def _look_again(source: Path, prior: Report | None, report: Report) -> list[str]:
+def _look_again(source: Path, prior: Grade | None, grade: Grade) -> list[str]:
     """Return a note where points were entered for other code, until the file is edited again."""
-    if not (report.is_by_hand and prior):
+    if not (grade.is_by_hand and prior):
         return []
     edited = (source / BY_HAND).stat().st_mtime_ns > (source / _RECORD).stat().st_mtime_ns
-    if prior.code != report.code:
+    if prior.hashes != grade.hashes:
         return [f'{_AGAIN}: they were entered for {source.name}, and the code has changed']
     return [] if edited else [note for note in prior.notes if note.startswith(_AGAIN)]
 

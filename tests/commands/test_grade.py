@@ -25,8 +25,9 @@ from barc_sim.__main__ import main as barc
 from barc_sim.commands import grade
 from barc_sim.errors import UserError
 from barc_sim.lab.confined.process import check
-from barc_sim.lab.grade.by_hand import ByHand
-from barc_sim.lab.grade.grade import Report
+from barc_sim.lab.grade.grade import Grade
+from barc_sim.lab.grade.rubric import ByHand
+from barc_sim.lab.handout import BY_HAND
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -333,13 +334,15 @@ def test_ctrl_c_between_two_files_of_a_submission_waits_for_the_last(
         path.write_bytes(data)
 
     monkeypatch.setattr(grade, '_write', write)
-    done = Report('ada', 1.0, 1.0, {}, '', {'report.html': b'1', 'results.json': b'2'})
+    done = Grade(
+        'ada', '', 0, '', (), files={'report.html': b'1', 'results.json': b'2', BY_HAND: b''}
+    )
     path = tmp_path / 'ada'
     outcomes = [(path, done), (path, done)]
-    reports, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
+    grades, _, interrupted = grade._collect(  # noqa: SLF001 (at that very moment)
         outcomes, tmp_path, {path: tmp_path}, {path: (ByHand(), tmp_path)}, {}
     )
-    assert ([each.name for each in reports.values()], interrupted) == (['ada'], True)
+    assert ([each.name for each in grades.values()], interrupted) == (['ada'], True)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['report.html', 'results.json']
 
 

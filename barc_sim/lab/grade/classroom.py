@@ -1,4 +1,4 @@
-"""The grades of a class: a list, gradebooks of Canvas and Gradescope, a table and an HTML page.
+"""A class: its roster, and its grades as a list, gradebooks, a table and an HTML page.
 
 Task 3 is on top: its points have a sum and a mean of their own, so that no mean is of 100 for some
 and of 120 for others.
@@ -10,16 +10,17 @@ import csv
 import io
 import re
 import secrets
+import unicodedata
 from collections import Counter
+from dataclasses import dataclass
 from statistics import mean, median
 from typing import TYPE_CHECKING, NamedTuple
-from urllib.parse import quote
 
 from rich.markup import escape
 from rich.table import Table
 
-from barc_sim.errors import one_line
-from barc_sim.lab.grade.roster import owner
+from barc_sim.cli.files import read_regular
+from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.similarity import alike, in_words
 from barc_sim.lab.hills.lab import LABELS
 from barc_sim.lab.html import render
@@ -27,12 +28,22 @@ from barc_sim.lab.html import render
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from datetime import datetime
+    from pathlib import Path
 
-    from barc_sim.lab.grade.grade import Failure, Report
-    from barc_sim.lab.grade.roster import Student
+    from barc_sim.lab.grade.grade import Failure, Grade
     from barc_sim.lab.grade.rubric import Rubric
     from barc_sim.lab.grade.similarity import Passages
 
+_MAX_BYTES = 4 << 20
+#: The headers of a column, in lower case: those of Canvas and of Gradescope among them.
+_HEADERS = {
+    'name': ('name', 'student', 'full name'),
+    'first': ('first name', 'given name'),
+    'last': ('last name', 'surname', 'family name'),
+    'id': ('id', 'sid', 'student id', 'sis user id'),
+    'login': ('sis login id', 'login', 'email', 'e-mail'),
+    'section': ('section', 'sections'),
+}
 _BINS = 10  # of the distribution
 _MISTAKES = 8  # rows
 _SHORT = 30  # characters of a clause that needs the next one
@@ -41,99 +52,179 @@ _PLACE = re.compile(r'^(call \d+, after [\d.]+ s on the road: )?([\w .()-]+\.py,
 # What a spreadsheet takes for a formula, at the beginning of a cell: after any separator, as each
 # splits at its own. Some of East Asia take the wide signs, too.
 _FORMULA = re.compile(r'(^|[;,\t|])([\s"\'\\]*)(?=[=+\-@\uff1d\uff0b\uff0d\uff20])')
-_ELSEWHERE = ('alike: ', 'no points')  # the looks that other columns show
 _CANVAS = ('Student', 'ID', 'SIS User ID', 'SIS Login ID', 'Section')
+
+
+@dataclass(frozen=True, eq=False)
+class Student:
+    """A row of the roster."""
+
+    name: str
+    id: str
+    section: str
+    login: str  #: or address
+    ids: frozenset[str]  #: all that can stand in the name of a folder, as words
+    columns: dict[str, str]  #: of the file, by header
+
+
+def read_roster(path: Path) -> list[Student]:
+    """Return the students of a CSV file with the columns name, id and section, or a UserError.
+
+    An export of the gradebook of Canvas, and a roster of Gradescope, are such files.
+    """
+    try:
+        text = read_regular(path, _MAX_BYTES).decode('utf-8-sig')
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise UserError(f'the roster {str(path)!r} cannot be read: {reason}') from None
+    rows = csv.DictReader(io.StringIO(text))
+    headers = {header.strip().lower(): header for header in rows.fieldnames or () if header}
+    if not {'name', 'student', 'full name', 'last name'} & headers.keys():
+        raise UserError(
+            f'the roster {str(path)!r} has no column name: expected a first line such as '
+            'name,id,section'
+        )
+    return [student for row in rows if (student := _student(row, headers))]
+
+
+def _student(row: dict[str, str], headers: dict[str, str]) -> Student | None:
+    found = {
+        field: next((row[headers[h]] or '' for h in known if h in headers), '').strip()
+        for field, known in _HEADERS.items()
+    }
+    name = found['name'] or f'{found["first"]} {found["last"]}'.strip()
+    if not name or name == 'Points Possible':  # the second line of Canvas
+        return None
+    texts = [row[headers[h]] or '' for h in (*_HEADERS['id'], *_HEADERS['login']) if h in headers]
+    ids = frozenset(''.join(_words(text.partition('@')[0])) for text in texts) - {''}
+    columns = {header: value or '' for header, value in row.items() if header}
+    return Student(name, found['id'], found['section'], found['login'], ids, columns)
+
+
+def owner(folder: str, students: Sequence[Student]) -> Student | None:
+    """Return whose folder or archive this is, by its name; None where that is not clear.
+
+    Canvas names a file `chenli_123457_998878_my_lab-2.zip`. An id counts more than a name.
+    """
+    words = _words(folder)
+    by_id = [student for student in students if student.ids.intersection(words)]
+    if len(by_id) == 1:
+        return by_id[0]
+    named = [(size, each) for each in by_id or students if (size := _name_in(words, each.name))]
+    longest = max((size for size, _ in named), default=0)
+    found = [student for size, student in named if size == longest]
+    return found[0] if len(found) == 1 else None
+
+
+def _name_in(words: list[str], name: str) -> int:
+    """Return how many words of a name are in those of a folder, if all are; in one word, too."""
+    parts = _words(name)
+    turned = {''.join(parts[k:] + parts[:k]) for k in range(len(parts))}
+    return len(parts) if turned.intersection(words) or set(parts) <= set(words) else 0
+
+
+def _words(text: str) -> list[str]:
+    """Return the words of a text: no accents, no capitals."""
+    plain = unicodedata.normalize('NFKD', text.casefold())
+    bare = ''.join(each for each in plain if not unicodedata.combining(each))
+    return re.findall(r'[^\W_]+', bare)
 
 
 class Entry(NamedTuple):
     """A line of the class: a submission, or a student who handed in nothing."""
 
     folder: str = ''
-    report: Report | None = None
+    grade: Grade | None = None
     student: Student | None = None
     newer: str = ''  #: the folder of a later submission of the same student, which counts
     alike: str = ''
     late: str = ''  #: by how much
-    looks: tuple[str, ...] = ()  #: why a person looks at it
+    looks: tuple[str, ...] = ()  #: why a person looks at it, beside `alike` and no points
+
+    @property
+    def name(self) -> str:
+        """The student's name, else the folder's."""
+        return self.student.name if self.student else self.folder
+
+    @property
+    def section(self) -> str:
+        """The student's section."""
+        return self.student.section if self.student else ''
 
     @property
     def remark(self) -> str:
-        """What is to be said of it, in one line."""
-        own = self.report.remark if self.report else '' if self.folder else 'nothing handed in'
-        newer = f'handed in again as {self.newer}' if self.newer else ''
-        more = [look for look in self.looks if look not in own and not look.startswith(_ELSEWHERE)]
-        return '; '.join(filter(None, (newer, *more, own)))
+        """What its grade has to remark, in one line."""
+        return self.grade.remark if self.grade else '' if self.folder else 'nothing handed in'
+
+    @property
+    def flags(self) -> list[str]:
+        """The words by which the page shows some of the class."""
+        flags = {
+            'look': self.looks or self.alike or (self.grade and _has_no_points(self.grade)),
+            'late': self.late,
+            'open': self.grade and self.grade.open,
+            'alike': self.alike,
+            'older': self.newer,
+            'missing': not self.folder,
+        }
+        return [name for name, is_set in flags.items() if is_set]
+
+
+def _has_no_points(grade: Grade) -> bool:
+    return not grade.score and not grade.open
 
 
 def entries(
-    reports: Mapping[str, Report],
+    grades: Mapping[str, Grade],
     failures: Mapping[str, Failure],
     students: Sequence[Student],
     due: datetime | None,
     handout: Passages,
 ) -> list[Entry]:
-    """Return the class, by section and name; `reports` and `failures` are by folder."""
-    owners = {name: owner(name, students) for name in {**reports, **failures}}
+    """Return the class, by section and name; `grades` and `failures` are by folder."""
+    owners = {name: owner(name, students) for name in {**grades, **failures}}
     newest: dict[Student | str, str] = {}
-    for name in sorted(owners, key=lambda name: (_handed_in(reports.get(name)), name)):
+    for name in sorted(owners, key=lambda name: (name in grades and grades[name].handed_in, name)):
         newest[owners[name] or name] = name
-    counted = {name: report.passages for name, report in reports.items() if name in newest.values()}
+    counted = {name: grade.passages for name, grade in grades.items() if name in newest.values()}
     similar = alike(counted, handout)
     found = [Entry(student=student) for student in students if student not in newest]
     for name, student in owners.items():
-        report = reports.get(name)
-        newer = newest[student or name]
-        others = in_words(similar.get(name, []))
+        grade, newer = grades.get(name), newest[student or name]
         looks = [f'not graded: {failures[name].reason}'] if name in failures else []
-        if report:
-            looks += [*report.notes, *([f'alike: {others}'] if others else [])]
-            eye = ', '.join(LABELS[criterion] for criterion in report.open)
-            looks += [f'judge by eye: {eye}'] if eye else []
-            looks += ['no points'] if not report.score and not report.open else []
+        if grade:
+            eye = ', '.join(LABELS[criterion] for criterion in grade.open)
+            looks += [*grade.notes, *([f'judge by eye: {eye}'] if eye else [])]
         looks += ['not in the roster'] if students and not student else []
-        found.append(
-            Entry(
-                *(name, report, student, newer if newer != name else '', others),
-                *(_late(name, report, due), tuple(looks)),
-            )
-        )
-    return sorted(found, key=lambda each: (_section(each), _name(each).casefold(), each.folder))
+        again, others = newer if newer != name else '', in_words(similar.get(name, []))
+        late = _late(name, grade, due)
+        found.append(Entry(name, grade, student, again, others, late, tuple(looks)))
+    return sorted(found, key=lambda each: (each.section, each.name.casefold(), each.folder))
 
 
-def _handed_in(report: Report | None) -> float:
-    return report.handed_in if report else 0.0
-
-
-def _late(name: str, report: Report | None, due: datetime | None) -> str:
+def _late(name: str, grade: Grade | None, due: datetime | None) -> str:
     """Return by how much a submission is late; Canvas has a word for it in the file's name."""
-    if due and report and (seconds := report.handed_in - due.timestamp()) > 0.0:
+    if due and grade and (seconds := grade.handed_in - due.timestamp()) > 0.0:
         minutes = round(seconds / 60.0)
         return f'{minutes // 60}:{minutes % 60:02} h'
     return 'yes' if '_LATE_' in name else ''
 
 
-def _section(entry: Entry) -> str:
-    return entry.student.section if entry.student else ''
-
-
-def _name(entry: Entry) -> str:
-    return entry.student.name if entry.student else entry.folder
-
-
 def as_csv(found: Sequence[Entry], rubric: Rubric) -> str:
     """Return a line for each entry; open points, and those of what was not graded, are empty."""
     student = ['student', 'id', 'section'] if any(each.student for each in found) else []
-    own = ['name', *student, 'score', 'max_score', *rubric.points]
     rows = []
     for each in found:
         row: dict[str, object] = {'name': each.folder, 'late': each.late, 'alike': each.alike}
         if each.student:
-            whose = each.student
-            row |= {'student': whose.name, 'id': whose.id, 'section': whose.section}
-        if report := each.report:
-            row |= {'score': report.score, 'max_score': report.max_score, **report.points}
-            row |= {'open': sum(report.open.values()) or '', 'comment': report.comment}
-        rows.append({**row, 'remark': each.remark})
+            row |= {'student': each.name, 'id': each.student.id, 'section': each.section}
+        if grade := each.grade:
+            row |= {'score': grade.score, 'max_score': grade.max_score, **grade.points}
+            row |= {'open': sum(grade.open.values()) or '', 'comment': grade.comment}
+        newer = f'handed in again as {each.newer}' if each.newer else ''
+        looks = (look for look in each.looks if look not in each.remark)
+        rows.append({**row, 'remark': '; '.join(filter(None, (newer, *looks, each.remark)))})
+    own = ['name', *student, 'score', 'max_score', *rubric.points]
     return _lines([*own, 'open', 'late', 'alike', 'comment', 'remark'], rows)
 
 
@@ -150,69 +241,82 @@ def _cell(text: str) -> str:
     return _FORMULA.sub(r"\1\2'", one_line(text))
 
 
+class _Task(NamedTuple):
+    """The required criteria of a rubric, or the optional ones of Task 3."""
+
+    title: str
+    criteria: list[str]
+    worth: float
+
+    def score(self, grade: Grade | None) -> float | None:
+        """Return the points for these criteria; None: open, or not handed in."""
+        own = (
+            [grade.points[name] for name in self.criteria if name in grade.points] if grade else []
+        )
+        is_open = grade and not grade.open.keys().isdisjoint(self.criteria)
+        return round(sum(own), 2) if own and not is_open else None
+
+
+def _tasks(rubric: Rubric, title: str) -> list[_Task]:
+    kinds = {title: False, f'{title}: Task 3' if title != 'Score' else 'Task 3': True}
+    found = []
+    for name, is_optional in kinds.items():
+        own = [each for each in rubric.points if (each in rubric.optional) == is_optional]
+        found.append(_Task(name, own, round(sum(rubric.points[each] for each in own), 2)))
+    return [task for task in found if task.worth]
+
+
 def gradebooks(found: Sequence[Entry], rubric: Rubric) -> dict[str, str]:
     """Return the files for the gradebooks of Canvas and of Gradescope, by name.
 
     A score with open points is empty: a person gives these first.
     """
-    title = one_line(rubric.title, 70) or 'Lab'
-    third = f'{title}: Task 3'
-    parts = {title: rubric.max_score, third: _sum(rubric, rubric.optional)}
-    parts = {name: worth for name, worth in parts.items() if worth}
-    canvas: list[dict[str, object]] = [{'Student': '    Points Possible', **parts}]
+    tasks = _tasks(rubric, one_line(rubric.title, 70) or 'Lab')
+    worth = {task.title: task.worth for task in tasks}
+    canvas: list[dict[str, object]] = [{'Student': '    Points Possible', **worth}]
     gradescope: list[dict[str, object]] = []
     for each in found:
         if not each.student or each.newer:
             continue
-        student, report = each.student, each.report
+        student, grade = each.student, each.grade
         own = {'Student': student.name, 'SIS User ID': student.id, 'SIS Login ID': student.login}
         own |= {'Section': student.section} | {
             name: value for name, value in student.columns.items() if name in _CANVAS
         }
-        tasks = _tasks(report, rubric) if report else (None, None)
-        canvas.append(own | dict(zip((title, third), tasks, strict=True)))
-        is_whole = report is not None and not report.open
+        canvas.append(own | {task.title: task.score(grade) for task in tasks})
+        is_whole = grade is not None and not grade.open
         gradescope.append(
             {
                 'Name': student.name,
                 'SID': student.id,
                 'Email': student.login,
                 'Sections': student.section,
-                'Total Score': report.score if report and is_whole else '',
-                'Max Points': report.max_score if report else rubric.max_score,
-                'Status': 'Graded' if is_whole else 'Ungraded' if report else 'Missing',
+                'Total Score': grade.score if grade and is_whole else '',
+                'Max Points': grade.max_score if grade else rubric.max_score,
+                'Status': 'Graded' if is_whole else 'Ungraded' if grade else 'Missing',
                 'Lateness (H:M:S)': each.late.replace(' h', ':00'),
             }
         )
     return {
-        'canvas.csv': _lines([*_CANVAS, *parts], canvas),
+        'canvas.csv': _lines([*_CANVAS, *worth], canvas),
         'gradescope.csv': _lines([*(gradescope or [{'Name': ''}])[0]], gradescope),
     }
 
 
-def _sum(rubric: Rubric, criteria: Iterable[str]) -> float:
-    return round(sum(rubric.points[name] for name in criteria), 2)
-
-
-def _tasks(report: Report, rubric: Rubric) -> tuple[float | None, float | None]:
-    """Return the points of the required criteria, and of Task 3; None: open, or not handed in."""
-
-    def points(is_optional: bool) -> float | None:
-        names = [name for name in rubric.points if (name in rubric.optional) == is_optional]
-        if any(name in report.open for name in names):
-            return None
-        own = [report.points[name] for name in names if name in report.points]
-        return round(sum(own), 2) if own else None
-
-    return points(is_optional=False), points(is_optional=True)
-
-
-class _Part(NamedTuple):
-    """Figures of the points that the whole class can get."""
+class _Row(NamedTuple):
+    """Points of several submissions: for a criterion, or for a task."""
 
     title: str
     worth: float
     scores: list[float]
+
+    @property
+    def mean(self) -> float:
+        return mean(self.scores)
+
+    @property
+    def full(self) -> str:
+        return f'{sum(each >= self.worth for each in self.scores)} of {len(self.scores)}'
 
     @property
     def words(self) -> str:
@@ -220,55 +324,52 @@ class _Part(NamedTuple):
         return f'median {median(self.scores):g}, {low:g} to {high:g}'
 
 
-def _parts(reports: Sequence[Report], rubric: Rubric) -> list[_Part]:
-    both = [*zip(*(_tasks(report, rubric) for report in reports), strict=True)] or [(), ()]
-    titles = {'Score': rubric.max_score, 'Task 3': _sum(rubric, rubric.optional)}
+def _task_rows(grades: Sequence[Grade], rubric: Rubric) -> list[_Row]:
+    rows = []
+    for task in _tasks(rubric, 'Score'):
+        scores = [score for grade in grades if (score := task.score(grade)) is not None]
+        rows.append(_Row(task.title, task.worth, scores))
+    return [row for row in rows if row.scores]
+
+
+def _criterion_rows(grades: Sequence[Grade], rubric: Rubric) -> list[_Row]:
+    points = {
+        name: [grade.points[name] for grade in grades if name in grade.points]
+        for name in rubric.points
+    }
     return [
-        _Part(title, worth, [each for each in scores if each is not None])
-        for (title, worth), scores in zip(titles.items(), both, strict=True)
+        _Row(LABELS[name], rubric.points[name], points[name]) for name in points if points[name]
     ]
 
 
-def as_table(reports: Sequence[Report], rubric: Rubric) -> Table:
+def as_table(grades: Sequence[Grade], rubric: Rubric) -> Table:
     """Return the points of one submission by criterion, or the means of several."""
-    alone = len(reports) == 1
-    title = escape(one_line(rubric.title, 70))
-    table = Table(title=title, box=None, title_justify='left')
+    alone = len(grades) == 1
+    table = Table(title=escape(one_line(rubric.title, 70)), box=None, title_justify='left')
     table.add_column('Criterion')
     table.add_column('Points' if alone else 'Mean', justify='right')
     table.add_column('of', justify='right')
-    if not alone:
-        table.add_column('Full marks')
-    for criterion, worth in rubric.points.items():
-        points = [report.points[criterion] for report in reports if criterion in report.points]
-        is_open = any(criterion in report.open for report in reports)
-        if not points and not is_open and criterion in rubric.optional:
-            continue
-        value = f'{mean(points):.2f}' if points else 'open' if is_open else ''
-        full = f'{sum(each >= worth for each in points)} of {len(points)}'
-        table.add_row(LABELS[criterion], value, f'{worth:g}', *([] if alone else [full]))
+    table.add_column('' if alone else 'Full marks')
+    for row in _criterion_rows(grades, rubric):
+        table.add_row(row.title, f'{row.mean:.2f}', f'{row.worth:g}', '' if alone else row.full)
+    still_open = Counter(name for grade in grades for name in grade.open)
+    for name, count in still_open.items():
+        table.add_row(LABELS[name], 'open', f'{rubric.points[name]:g}', '' if alone else f'{count}')
     table.add_section()
-    for part in _parts(reports, rubric):
-        if part.scores:
-            words = [] if alone else [part.words]
-            table.add_row(part.title, f'{mean(part.scores):.2f}', f'{part.worth:g}', *words)
+    for row in _task_rows(grades, rubric):
+        table.add_row(row.title, f'{row.mean:.2f}', f'{row.worth:g}', '' if alone else row.words)
     return table
 
 
 def page(found: Sequence[Entry], rubric: Rubric) -> str:
     """Return the class as one HTML page, with links to the reports beside it."""
-    counted = [each.report for each in found if each.report and not each.newer]
-    parts = [part for part in _parts(counted, rubric) if part.scores]
+    counted = [each.grade for each in found if each.grade and not each.newer]
+    tasks = _task_rows(counted, rubric)
     bins = Counter(
-        min(int(_BINS * score / part.worth), _BINS - 1)
-        for part in parts[:1]
-        for score in part.scores
+        min(int(_BINS * score / task.worth), _BINS - 1)
+        for task in tasks[:1]
+        for score in task.scores
     )
-    criteria = [
-        (LABELS[name], mean(points), worth, sum(each >= worth for each in points), len(points))
-        for name, worth in rubric.points.items()
-        if (points := [report.points[name] for report in counted if name in report.points])
-    ]
     return render(
         'class',
         title=rubric.title,
@@ -276,31 +377,28 @@ def page(found: Sequence[Entry], rubric: Rubric) -> str:
         numbers={
             'submissions': len(counted),
             'late': sum(bool(each.late) for each in found if not each.newer),
-            'to judge by eye': sum(bool(report.open) for report in counted),
+            'to judge by eye': sum(bool(grade.open) for grade in counted),
             'nothing handed in': sum(not each.folder for each in found),
         },
-        parts=[
-            (part.title, mean(part.scores), part.worth, part.words, len(part.scores))
-            for part in parts
-        ],
+        tasks=tasks,
         bins=[(k * 100 // _BINS, (k + 1) * 100 // _BINS, bins[k]) for k in range(_BINS)],
         tallest=max(bins.values(), default=1),
-        criteria=criteria,
+        criteria=_criterion_rows(counted, rubric),
         mistakes=_mistakes(counted),
-        sections=sorted({_section(each) for each in found} - {''}),
-        rows=[_row(each) for each in found],
+        sections=sorted({each.section for each in found} - {''}),
+        entries=found,
     )
 
 
-def _mistakes(reports: Iterable[Report]) -> list[tuple[str, str, int]]:
+def _mistakes(grades: Iterable[Grade]) -> list[tuple[str, str, int]]:
     """Return the commonest mistakes: criterion, message, and how many made it."""
     counts: Counter[str] = Counter()
     criteria: dict[str, str] = {}
-    for report in reports:
-        found = {_in_general(text): name for name, text in reversed([*report.mistakes.items()])}
+    for grade in grades:
+        found = {_in_general(item.message): LABELS[item.criterion] for item in grade.mistakes}
         counts.update([*found])
         criteria |= found
-    return [(LABELS[criteria[text]], text, n) for text, n in counts.most_common(_MISTAKES)]
+    return [(criteria[text], text, n) for text, n in counts.most_common(_MISTAKES)]
 
 
 def _in_general(message: str) -> str:
@@ -311,30 +409,3 @@ def _in_general(message: str) -> str:
     if others and len(first) < _SHORT:
         first = f'{first}: {others[0]}'
     return one_line(re.sub(r'(?<![\w*])\d[\d.,]*\b', '\N{HORIZONTAL ELLIPSIS}', first), 90)
-
-
-def _row(entry: Entry) -> dict[str, object]:
-    report = entry.report
-    flags = {
-        'look': bool(entry.looks),
-        'late': bool(entry.late),
-        'open': bool(report and report.open),
-        'alike': bool(entry.alike),
-        'older': bool(entry.newer),
-        'missing': not entry.folder,
-    }
-    return {
-        'name': _name(entry),
-        'folder': entry.folder if entry.student else '',
-        'section': _section(entry),
-        'link': f'{quote(entry.folder)}/report.html' if report else '',
-        'score': report.score if report else None,
-        'max_score': report.max_score if report else None,
-        'open': sum(report.open.values()) if report else 0,
-        'late': entry.late,
-        'flags': ' '.join(name for name, is_set in flags.items() if is_set),
-        'looks': entry.looks,
-        'newer': entry.newer,
-        'comment': report.comment if report else '',
-        'remark': report.remark if report else '' if entry.folder else 'nothing handed in',
-    }

@@ -13,7 +13,6 @@ import tempfile
 import threading
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing import connection
 from pathlib import Path
@@ -33,9 +32,9 @@ from barc_sim.lab.html import data_url, render
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from barc_sim.lab.check.code import Finding
     from barc_sim.lab.confined.process import Limits
-    from barc_sim.lab.grade.by_hand import ByHand
-    from barc_sim.lab.grade.rubric import Rubric
+    from barc_sim.lab.grade.rubric import ByHand, Rubric
     from barc_sim.lab.grade.submissions import Submission
 
 
@@ -53,25 +52,28 @@ class Item(NamedTuple):
     points: float  #: rounded to hundredths
     max_points: float
     message: str
-    evidence: Comparison | Trajectory | None
     open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
+    evidence: Comparison | Trajectory | None = None  #: what the report's figure shows
 
 
-@dataclass(frozen=True)
-class Grade:
-    """The points of a submission, with its notes and output."""
+class Grade(NamedTuple):
+    """The points of a submission, with its notes and output, and the files of its report."""
 
     name: str
     title: str  #: the rubric's
     seed: int
     visibility: str
     items: tuple[Item, ...]
-    notes: tuple[str, ...]
-    printed: str  #: the first output of its code
-    hashes: tuple[tuple[str, str], ...]  #: file, SHA-256
+    notes: tuple[str, ...] = ()
+    printed: str = ''  #: the first output of its code
+    hashes: Mapping[str, str] = {}  #: SHA-256, by file
     gains: str = ''  #: that drove the roads, and where they come from
     tolerated: tuple[str, ...] = ()  #: a phrase each
     comment: str = ''  #: of a person
+    is_by_hand: bool = False  #: whether a person has entered anything
+    handed_in: float = 0.0  #: [s] since the epoch
+    passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
+    files: Mapping[str, bytes] = {}  #: by name
 
     @property
     def score(self) -> float:
@@ -84,9 +86,47 @@ class Grade:
         return round(sum(item.max_points for item in self.items), 2)
 
     @property
+    def points(self) -> dict[str, float]:
+        """Return the points by criterion, without the open ones."""
+        return {item.criterion: item.points for item in self.items if not item.open}
+
+    @property
     def open(self) -> dict[str, float]:
         """Return the points of the criteria that are judged by eye."""
         return {item.criterion: item.max_points for item in self.items if item.open}
+
+    @property
+    def mistakes(self) -> list[Item]:
+        """Return the items that lost points, the most first."""
+        lost = [item for item in self.items if item.points < item.max_points and not item.open]
+        return sorted(lost, key=lambda item: item.points - item.max_points)
+
+    @property
+    def remark(self) -> str:
+        """Return the notes, and the message of the criterion that lost most points."""
+        worst = [f'{LABELS[item.criterion]}: {item.message}' for item in self.mistakes[:1]]
+        return '; '.join((*self.notes, *worst))
+
+    def record(self) -> bytes:
+        """Return all but the files as JSON; `from_record` reads it."""
+        values = self._asdict() | {'files': {}, 'passages': sorted(self.passages)}
+        return json.dumps(values, ensure_ascii=False, indent=1).encode() + b'\n'
+
+
+def from_record(data: bytes) -> Grade:
+    """Return the grade of a record."""
+    found = Grade(**json.loads(data))
+    return found._replace(
+        items=tuple(Item(*item) for item in found.items),
+        notes=tuple(found.notes),
+        passages=frozenset(found.passages),
+    )
+
+
+class Failure(NamedTuple):
+    """A submission that could not be graded, because of an error of the grader."""
+
+    reason: str
 
 
 def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
@@ -105,24 +145,54 @@ def grade(submission: Submission, rubric: Rubric, limits: Limits, *, sandbox: bo
         submission.write(Path(folder))
         found = judge_folder(Path(folder), rubric.settings, limits, sandbox=sandbox)
     findings = {finding.criterion: finding for finding in found.findings}
-    items = []
-    for criterion, worth in rubric.worth(findings.values()).items():
-        finding = findings[criterion]
-        points = rubric.points_for(finding)
-        message = escaped(finding.message)
-        items.append(Item(criterion, points, worth, message, finding.evidence, finding.open))
     return Grade(
         name=submission.name,
         title=rubric.title,
         seed=rubric.seed,
         visibility=rubric.visibility,
-        items=tuple(items),
+        items=tuple(
+            _item(findings[name], worth, rubric)
+            for name, worth in rubric.worth(findings.values()).items()
+        ),
         notes=notes,
+        printed=escaped(found.printed),
+        hashes={name: hashlib.sha256(submission.files[name]).hexdigest() for name in files},
         gains=escaped(str(found.gains or '')),
         tolerated=tuple(map(escaped, found.tolerated)),
-        printed=escaped(found.printed),
-        hashes=tuple((name, hashlib.sha256(submission.files[name]).hexdigest()) for name in files),
+        handed_in=submission.handed_in,
+        passages=passages(submission.files),
     )
+
+
+def _item(found: Finding, worth: float, rubric: Rubric) -> Item:
+    points, message = rubric.points_for(found), escaped(found.message)
+    return Item(found.criterion, points, worth, message, found.open, found.evidence)
+
+
+def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
+    """Return the grade with what is entered in place of what was computed."""
+    items = {item.criterion: item for item in grade.items}
+    for name, (points, comment) in hand.points.items():
+        computed = items.get(name) or Item(name, 0.0, rubric.points[name], '', open=True)
+        was = 'open' if computed.open else f'{computed.points:g}'
+        texts = (comment, f'by hand (computed: {was})', computed.message)
+        message = '; '.join(filter(None, texts))
+        items[name] = computed._replace(points=points, message=message, open=False)
+    order = tuple(items[name] for name in rubric.points if name in items)
+    return grade._replace(items=order, comment=hand.comment, is_by_hand=bool(hand))
+
+
+def report(path: Path, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool) -> Grade:
+    """Grade the submission at `path`, with its files; what is entered by hand counts."""
+    computed = grade(read(path), rubric, limits, sandbox=sandbox)
+    found = _merged(computed, hand, rubric)
+    files = {
+        'results.json': gradescope(found).encode(),
+        'report.html': page(found, _figure(found)).encode(),
+        BY_HAND: _empty(computed).encode(),
+    }
+    items = tuple(item._replace(evidence=None) for item in found.items)
+    return found._replace(items=items, files=files)
 
 
 def _empty(grade: Grade) -> str:
@@ -133,91 +203,6 @@ def _empty(grade: Grade) -> str:
         for item in grade.items
     ]
     return f'{_HEAD}comment:\npoints:\n{"".join(lines)}'
-
-
-def _merged(grade: Grade, hand: ByHand, rubric: Rubric) -> Grade:
-    """Return the grade with what is entered in place of what was computed."""
-    items = {item.criterion: item for item in grade.items}
-    for name, (points, comment) in hand.points.items():
-        computed = items.get(name)
-        was = 'open' if computed is None or computed.open else f'{computed.points:g}'
-        message = '; '.join(
-            filter(None, (comment, f'by hand (computed: {was})', computed and computed.message))
-        )
-        evidence = computed.evidence if computed else None
-        items[name] = Item(name, points, rubric.points[name], message, evidence)
-    order = tuple(items[name] for name in rubric.points if name in items)
-    return replace(grade, items=order, comment=hand.comment)
-
-
-class Report(NamedTuple):
-    """The numbers of a grade, and the contents of its files by name."""
-
-    name: str
-    score: float
-    max_score: float
-    points: dict[str, float]  #: by criterion
-    remark: str  #: notes, and the message of the criterion that lost most points
-    files: dict[str, bytes]
-    notes: tuple[str, ...] = ()  #: on files that were left out
-    mistakes: Mapping[str, str] = {}  #: message of each criterion that lost points
-    passages: frozenset[int] = frozenset()  #: of its code, see `similarity`
-    open: Mapping[str, float] = {}  #: points of the criteria that are judged by eye
-    comment: str = ''  #: of a person
-    is_by_hand: bool = False  #: whether a person has entered anything
-    code: Mapping[str, str] = {}  #: SHA-256 of its files
-    handed_in: float = 0.0  #: [s] since the epoch
-
-    def record(self) -> bytes:
-        """Return all but the files as JSON; `from_record` reads it."""
-        values = self._asdict() | {'files': {}, 'passages': sorted(self.passages)}
-        return json.dumps(values, ensure_ascii=False, indent=1).encode() + b'\n'
-
-
-def from_record(data: bytes) -> Report:
-    """Return the report of a record."""
-    values = json.loads(data)
-    found = Report(**values | {'passages': frozenset(values['passages'])})
-    return found._replace(notes=tuple(found.notes))
-
-
-def report(
-    submission: Submission, hand: ByHand, rubric: Rubric, limits: Limits, *, sandbox: bool
-) -> Report:
-    """Judge a submission and return its files, in memory; what is entered by hand counts."""
-    computed = grade(submission, rubric, limits, sandbox=sandbox)
-    result = _merged(computed, hand, rubric)
-    worst = max(result.items, key=lambda item: (item.max_points - item.points) * (not item.open))
-    mistakes = {
-        item.criterion: item.message
-        for item in result.items
-        if item.points < item.max_points and not item.open
-    }
-    return Report(
-        name=result.name,
-        score=result.score,
-        max_score=result.max_score,
-        points={item.criterion: item.points for item in result.items if not item.open},
-        open=result.open,
-        comment=result.comment,
-        is_by_hand=bool(hand),
-        code=dict(result.hashes),
-        handed_in=submission.handed_in,
-        remark='; '.join(
-            (
-                *result.notes,
-                *([f'{LABELS[worst.criterion]}: {worst.message}'] if mistakes else ()),
-            )
-        ),
-        files={
-            'results.json': gradescope(result).encode(),
-            'report.html': page(result, _figure(result)).encode(),
-            BY_HAND: _empty(computed).encode(),
-        },
-        notes=result.notes,
-        mistakes=mistakes,
-        passages=passages(submission.files),
-    )
 
 
 def _figure(grade: Grade) -> bytes:
@@ -283,15 +268,9 @@ def gradescope(grade: Grade) -> str:
         'visibility': grade.visibility,
         'stdout_visibility': 'hidden',
         'tests': tests,
-        'extra_data': {'seed': grade.seed, 'sha256': dict(grade.hashes)},
+        'extra_data': {'seed': grade.seed, 'sha256': grade.hashes},
     }
     return json.dumps(content, ensure_ascii=False, indent=2, allow_nan=False) + '\n'
-
-
-class Failure(NamedTuple):
-    """A submission that could not be graded, because of an error of the grader."""
-
-    reason: str
 
 
 @contextmanager
@@ -339,19 +318,13 @@ def _follow(sentinel: int) -> None:
 def run(
     executor: Executor,
     paths: Mapping[Path, ByHand],
-    rubric: Rubric,
-    limits: Limits,
-    *,
+    *how: Any,  # noqa: ANN401 (as `report` takes it)
     sandbox: bool,
-) -> Iterator[tuple[Path, Report | Failure]]:
-    """Yield each submission with its report, in the order of completion; each has its entries."""
-    work = partial(_read_and_report, rubric=rubric, limits=limits, sandbox=sandbox)
-    pending = {executor.submit(work, path, hand): path for path, hand in paths.items()}
+) -> Iterator[tuple[Path, Grade | Failure]]:
+    """Yield each submission with its grade, in the order of completion; each has its entries."""
+    work = partial(report, sandbox=sandbox)
+    pending = {executor.submit(work, path, hand, *how): path for path, hand in paths.items()}
     for future in as_completed([*pending]):
         error = future.exception()
         failure = Failure(f'{type(error).__name__}: {error}') if error else None
         yield pending.pop(future), failure or future.result()
-
-
-def _read_and_report(path: Path, hand: ByHand, **options: Any) -> Report:  # noqa: ANN401 (as there)
-    return report(read(path), hand, **options)

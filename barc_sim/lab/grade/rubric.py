@@ -1,17 +1,22 @@
-"""The rubric: the points of each criterion, from a YAML file."""
+"""Points that a person writes, in YAML files: the rubric, and those for one submission.
+
+The second kind is a file beside a report. `grade` writes it once, with the computed points as
+comments, and then only reads it. It is written again only while nothing is entered in it.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from functools import partial
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import yaml
 
 from barc_sim.cli.files import read_regular
-from barc_sim.errors import UserError
-from barc_sim.lab.handout import RUBRICS
+from barc_sim.errors import UserError, one_line
+from barc_sim.lab.handout import BY_HAND, RUBRICS
 from barc_sim.lab.hills.lab import CRITERIA, Settings
 from barc_sim.lab.hills.loop import Thresholds
 
@@ -22,8 +27,9 @@ if TYPE_CHECKING:
 
     from barc_sim.lab.check.code import Finding
 
+_T = TypeVar('_T')
 VISIBILITIES = ('visible', 'hidden', 'after_due_date', 'after_published')
-_MAX_BYTES = 1 << 20  #: of a rubric
+_MAX_BYTES, _MAX_COMMENT = 1 << 20, 2000
 _MAX_POINTS = 10_000  # for a criterion
 
 
@@ -68,16 +74,60 @@ def load(rubric: str | Path = RUBRICS[0]) -> Rubric:
     """Return the rubric of that name in `RUBRICS`, or in the file at that path, or a UserError."""
     name = str(rubric)
     shipped = Path(__file__).parent / 'rubrics' / f'{name}.yaml'
+    return _read(f'the rubric {name!r}', shipped if name in RUBRICS else Path(name), _rubric)
+
+
+def _read(what: str, path: Path, parse: Callable[[object], _T]) -> _T:
+    """Return what `parse` makes of a YAML file; a UserError names `what` it is."""
     try:
-        found = yaml.safe_load(read_regular(shipped if name in RUBRICS else Path(name), _MAX_BYTES))
-        return _rubric(found)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise UserError(f'the rubric {name!r} cannot be read: {reason}') from None
+        return parse(yaml.safe_load(read_regular(path, _MAX_BYTES)))
+    except OSError as error:
+        raise UserError(f'{what} cannot be read: {error.strerror or error}') from None
     except yaml.YAMLError as error:
-        raise UserError(f'the rubric {name!r} is not YAML: {error}') from None
+        raise UserError(f'{what} is not YAML: {one_line(str(error), 200)}') from None
     except ValueError as error:
-        raise UserError(f'the rubric {name!r}: {error}') from None
+        raise UserError(f'{what}: {error}') from None
+
+
+class ByHand(NamedTuple):
+    """What a person has entered for a submission."""
+
+    points: Mapping[str, tuple[float, str]] = {}  #: and a comment on them, by criterion
+    comment: str = ''  #: on all of it
+
+    def __bool__(self) -> bool:
+        """Return whether anything is entered."""
+        return bool(self.points or self.comment)
+
+
+def entered(folder: Path, rubric: Rubric) -> ByHand:
+    """Return what is entered in the file in `folder`; nothing without one; or a UserError."""
+    path = folder / BY_HAND
+    return _read(repr(str(path)), path, partial(_by_hand, rubric)) if path.exists() else ByHand()
+
+
+def _by_hand(rubric: Rubric, values: object) -> ByHand:
+    found = _mapping('it', values or {}, {'comment': _any, 'points': _any})
+    criteria = dict.fromkeys(rubric.points, _entry)
+    points = _mapping('points', found.get('points') or {}, criteria)
+    given = {name: entry for name, entry in points.items() if entry}
+    return ByHand(given, one_line(str(found.get('comment') or ''), _MAX_COMMENT))
+
+
+def _entry(name: str, value: object) -> tuple[float, str] | None:
+    if value is None:
+        return None
+    number, _, comment = str(value).partition(' ')
+    try:
+        points = float(number)
+    except ValueError:
+        points = -1.0
+    if not 0.0 <= points < inf:
+        raise ValueError(
+            f'{name} is {value!r}: expected points such as 4.5, and after a space a comment if you '
+            'like'
+        )
+    return points, one_line(comment, _MAX_COMMENT)
 
 
 def _rubric(values: object) -> Rubric:
@@ -131,6 +181,9 @@ def _scalar(fits: Callable[[Any], bool], expected: str, sentence: str = '{} is {
         return value
 
     return read
+
+
+_any = _scalar(lambda _: True, '')
 
 
 def _is_number(value: object) -> bool:

@@ -30,9 +30,9 @@ PASSAGE = 20
 LEAST = 40
 #: Two are alike where the one with fewer passages has this share of them in common.
 ALIKE = 0.7
-#: A passage that so many submissions, and more than this share, have is the handout's. A pair's
-#: own is never one.
-EVERYBODYS, EVERYBODYS_SHARE = 3, 0.5
+#: A passage that so many submissions, and more than this share, have is the handout's; in a class
+#: of three, that all have.
+EVERYBODYS, EVERYBODYS_SHARE = 4, 0.5
 _NAMED = 3  # of a submission, the most alike
 _MAX_CHARACTERS = 100_000  # of a file
 _LAYOUT = (tokenize.COMMENT, tokenize.NL, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
@@ -56,7 +56,7 @@ def alike(
     Among them are the published law and the reference. Passages of `handout` do not count.
     """
     counts = Counter(passage for each in submissions.values() for passage in each)
-    least, share = EVERYBODYS, EVERYBODYS_SHARE * len(submissions)
+    least, share = min(EVERYBODYS, max(len(submissions), 3)), EVERYBODYS_SHARE * len(submissions)
     everybodys = {passage for passage, n in counts.items() if n >= least and n > share}
     handout = handout | everybodys
     own = {name: each - handout for name, each in submissions.items()}

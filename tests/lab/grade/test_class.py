@@ -12,8 +12,8 @@ import pytest
 
 from barc_sim.__main__ import main as barc
 from barc_sim.errors import UserError
-from barc_sim.lab.grade import by_hand, roster
-from barc_sim.lab.grade.rubric import Rubric
+from barc_sim.lab.grade.classroom import Student, owner, read_roster
+from barc_sim.lab.grade.rubric import Rubric, entered
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -28,9 +28,9 @@ Ada Byron,123460,B
 
 
 @pytest.fixture
-def students(tmp_path: Path) -> list[roster.Student]:
+def students(tmp_path: Path) -> list[Student]:
     (tmp_path / 'roster.csv').write_text(ROSTER, encoding='utf-8')
-    return roster.read(tmp_path / 'roster.csv')
+    return read_roster(tmp_path / 'roster.csv')
 
 
 @pytest.mark.parametrize(
@@ -49,9 +49,9 @@ def students(tmp_path: Path) -> list[roster.Student]:
     ],
 )
 def test_a_folder_is_its_students_by_id_or_name(
-    students: list[roster.Student], folder: str, name: str | None
+    students: list[Student], folder: str, name: str | None
 ) -> None:
-    found = roster.owner(folder, students)
+    found = owner(folder, students)
     assert (found and found.name) == name
 
 
@@ -62,12 +62,12 @@ def test_rosters_of_canvas_and_gradescope_are_read(tmp_path: Path) -> None:
         '    Points Possible,,,,,10\n"Li, Chen",7,123457,cli,Lab A,9\n',
         encoding='utf-8',
     )
-    (canvas,) = roster.read(file)
+    (canvas,) = read_roster(file)
     assert (canvas.name, canvas.section, sorted(canvas.ids)) == (
         'Li, Chen', 'Lab A', ['123457', '7', 'cli'],
     )  # fmt: skip
     file.write_text('First Name,Last Name,SID,Email\nChen,Li,5,chen@x.org\n', encoding='utf-8')
-    assert (roster.read(file)[0].name, roster.read(file)[0].id) == ('Chen Li', '5')
+    assert (read_roster(file)[0].name, read_roster(file)[0].id) == ('Chen Li', '5')
 
 
 @pytest.mark.parametrize('text', ['a,b\n1,2\n', '', None])
@@ -77,24 +77,24 @@ def test_a_roster_without_names_is_refused(tmp_path: Path, text: str | None) -> 
     with pytest.raises(
         UserError, match=r"the roster '.*r.csv' (has no column name|cannot be read)"
     ):
-        roster.read(tmp_path / 'r.csv')
+        read_roster(tmp_path / 'r.csv')
 
 
 @pytest.mark.parametrize(
     ('text', 'sentence'),
     [
-        ('points: {model.z: 3}', "the rubric has no criterion 'model.z'"),
+        ('points: {model.z: 3}', "'model.z' is unknown: expected one of model.x"),
         ('points: {model.x: much}', "model.x is 'much': expected points such as 4.5"),
         ('points: {model.x: -1}', 'model.x is -1: expected points'),
         ('points: {model.x: nan}', "model.x is 'nan': expected points"),
-        ('points: [', 'cannot be read: while parsing'),
-        ('- 1', 'has no comment and points'),
+        ('points: [', 'is not YAML: while parsing'),
+        ('- 1', 'it is [1]: expected lines'),
     ],
 )
 def test_a_wrong_entry_by_hand_is_a_sentence(tmp_path: Path, text: str, sentence: str) -> None:
     (tmp_path / 'by_hand.yaml').write_text(text, encoding='utf-8')
     with pytest.raises(UserError) as caught:
-        by_hand.read(tmp_path, Rubric({'model.x': 8.0}))
+        entered(tmp_path, Rubric({'model.x': 8.0}))
     assert sentence in str(caught.value)
 
 

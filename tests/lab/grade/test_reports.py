@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,13 +16,14 @@ from rich.console import Console
 from barc_sim.lab.confined.process import Limits
 from barc_sim.lab.grade import classroom
 from barc_sim.lab.grade import grade as report
-from barc_sim.lab.grade.by_hand import ByHand
-from barc_sim.lab.grade.grade import Failure, Grade, Item, Report
-from barc_sim.lab.grade.rubric import Rubric
-from barc_sim.lab.grade.submissions import Submission
+from barc_sim.lab.grade.grade import Failure, Grade, Item
+from barc_sim.lab.grade.rubric import ByHand, Rubric
 from barc_sim.lab.hills.loop import Comparison
 from barc_sim.lab.hills.model import Trajectory
 from barc_sim.simulation.closed_loop import closed_loop
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 LOG = closed_loop(distance=20.0)
@@ -38,18 +40,19 @@ RUBRIC = Rubric(
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
     own = STATES + 0.0
     own[20:] = np.nan
+    states, runs = Trajectory(TIMES, own, STATES), Comparison(LOG, LOG)
     return Grade(
         name=text,
         title='The lab',
         seed=1,
         visibility='after_due_date',
         items=(
-            Item('model.x', points, 3.0, text, Trajectory(TIMES, own, STATES) if drawn else None),
-            Item('loop.lab_road', 7.0, 7.0, text, Comparison(LOG, LOG) if drawn else None),
+            Item('model.x', points, 3.0, text, evidence=states if drawn else None),
+            Item('loop.lab_road', 7.0, 7.0, text, evidence=runs if drawn else None),
         ),
         notes=(text,),
         printed=text,
-        hashes=(('bike_model.py', '0' * 64),),
+        hashes={'bike_model.py': '0' * 64},
     )
 
 
@@ -89,32 +92,30 @@ def test_the_html_report_needs_no_network() -> None:
 
 
 def test_the_report_has_its_figure_where_there_is_one_to_draw(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     for drawn in (True, False):
         monkeypatch.setattr(report, 'grade', lambda *_, d=drawn, **__: grade(HOSTILE, drawn=d))
         one, other = (
-            report.report(Submission('ada'), ByHand(), RUBRIC, Limits(), sandbox=True)
-            for _ in range(2)
+            report.report(tmp_path, ByHand(), RUBRIC, Limits(), sandbox=True) for _ in range(2)
         )
         assert one.files == other.files
         assert (b'data:image/png' in one.files['report.html']) == drawn
 
 
-def report_of(name: str, points: float, remark: str = '', third: float | None = None) -> Report:
-    found = {'model.x': points, 'loop.lab_road': 7.0}
-    found |= {} if third is None else {'relay.rate': third}
-    worth = 10.0 if third is None else 15.0
-    return Report(name, sum(found.values()), worth, found, remark, {})
+def grade_of(name: str, points: float, message: str = 'wrong', third: float | None = None) -> Grade:
+    items = [Item('model.x', points, 3.0, message), Item('loop.lab_road', 7.0, 7.0, '')]
+    items += [] if third is None else [Item('relay.rate', third, 5.0, '', open=third < 0.0)]
+    return Grade(name, '', 0, '', tuple(items))
 
 
-def listed(*reports: Report, **failures: Failure) -> list[classroom.Entry]:
-    return classroom.entries({each.name: each for each in reports}, failures, [], None, frozenset())
+def listed(*grades: Grade, **failures: Failure) -> list[classroom.Entry]:
+    return classroom.entries({each.name: each for each in grades}, failures, [], None, frozenset())
 
 
 def test_the_class_is_listed_by_name() -> None:
     found = listed(
-        report_of('eve', 3.0), report_of('ada', 1.5, 'x is wrong'), bob=Failure('no memory')
+        grade_of('eve', 3.0), grade_of('ada', 1.5, 'x is wrong'), bob=Failure('no memory')
     )
     rows = [*csv.reader(io.StringIO(classroom.as_csv(found, RUBRIC)))]
 
@@ -122,7 +123,7 @@ def test_the_class_is_listed_by_name() -> None:
     rest = ['open', 'late', 'alike', 'comment', 'remark']
     assert rows == [
         ['name', 'score', 'max_score', *criteria, *rest],
-        ['ada', '8.5', '10.0', '1.5', '7.0', '', '', '', '', '', 'x is wrong'],
+        ['ada', '8.5', '10.0', '1.5', '7.0', '', '', '', '', '', 'Model: position x: x is wrong'],
         ['bob', '', '', '', '', '', '', '', '', '', 'not graded: no memory'],
         ['eve', '10.0', '10.0', '3.0', '7.0', '', '', '', '', '', ''],
     ]
@@ -135,32 +136,33 @@ def test_no_cell_is_a_formula_wherever_a_spreadsheet_splits_the_line(
 ) -> None:
     text = before + sign + 'SUM(A1)'
 
-    line = classroom.as_csv(listed(report_of(text, 3.0, text)._replace(comment=text)), RUBRIC)
+    line = classroom.as_csv(listed(grade_of(text, 2.0, text)._replace(comment=text)), RUBRIC)
 
     cells = re.split(r'[,;\t|\n]', line)
     assert not [cell for cell in cells if cell.strip('"\' ').startswith(sign) and "'" not in cell]
 
 
-def printed(*reports: Report) -> list[list[str]]:
+def printed(*grades: Grade) -> list[list[str]]:
     """Return the words in the table of a class."""
     console = Console(width=100, file=io.StringIO(), record=True)
-    console.print(classroom.as_table(reports, RUBRIC))
+    console.print(classroom.as_table(grades, RUBRIC))
     lines = [line.split('  ') for line in console.export_text().splitlines()]
     return [[word.strip() for word in line if word.strip()] for line in lines]
 
 
 def test_the_table_of_a_class_has_means_and_that_of_one_its_points() -> None:
-    words = printed(report_of('ada', 1.0), report_of('eve', 3.0))
+    words = printed(grade_of('ada', 1.0), grade_of('eve', 3.0))
 
     assert ['Model: position x', '2.00', '3', '1 of 2'] in words
     assert ['Score', '9.00', '10', 'median 9, 8 to 10'] in words
-    assert ['Model: position x', '1.00', '3'] in printed(report_of('a', 1.0))
+    assert ['Model: position x', '1.00', '3'] in printed(grade_of('a', 1.0))
     assert printed()  # of none
 
 
 def test_no_mean_is_of_100_for_some_and_of_120_for_others() -> None:
-    open_one = report_of('gus', 0.0)._replace(open={'relay.rate': 5.0}, max_score=15.0)
-    words = printed(report_of('ada', 1.0), report_of('eve', 3.0, third=4.0), open_one)
+    words = printed(
+        grade_of('ada', 1.0), grade_of('eve', 3.0, third=4.0), grade_of('gus', 0.0, third=-1.0)
+    )
 
     assert ['Score', '8.33', '10', 'median 8, 7 to 10'] in words
     assert ['Task 3', '4.00', '5', 'median 4, 4 to 4'] in words
@@ -168,31 +170,28 @@ def test_no_mean_is_of_100_for_some_and_of_120_for_others() -> None:
 
 def test_a_mistake_keeps_the_brackets_of_its_formula() -> None:
     text = 'controller.py, line 7: I is wrong: it is ki * (sum of e * dt)'
-    found = listed(report_of('ada', 1.0)._replace(mistakes={'pid.integral': text}))
+    found = listed(grade_of('ada', 1.0, text))
     assert 'I is wrong: it is ki * (sum of e * dt)' in classroom.page(found, RUBRIC)
 
 
 def test_the_page_has_mistakes_and_who_needs_a_look_and_does_nothing_hostile() -> None:
-    missing = 'controller.py, line {}: I has no {}: add it'
-    reports = [
-        report_of('ada', 1.0)._replace(mistakes={'loop.lab_road': missing.format(7, 'dt')}),
-        report_of('eve', 2.0)._replace(mistakes={'loop.lab_road': missing.format(9, 'dt')}),
-        report_of('gus', -7.0, 'no PID')._replace(mistakes={'model.x': 'wrong in 3 states'}),
-        report_of('hal', 3.0)._replace(notes=('a.csv has more than 1 MiB',)),
-        report_of(HOSTILE, 3.0, HOSTILE)._replace(open={'relay.rate': 5.0}, comment=HOSTILE),
+    missing = 'controller.py, line {}: x has no {}: add it'
+    grades = [
+        grade_of('ada', 1.0, missing.format(7, 'dt')),
+        grade_of('eve', 2.0, missing.format(9, 'dt')),
+        grade_of('gus', -7.0, 'wrong in 3 states'),
+        grade_of('hal', 3.0)._replace(notes=('a.csv has more than 1 MiB',)),
+        grade_of(HOSTILE, 2.5, HOSTILE, -1.0)._replace(comment=HOSTILE),
     ]
-    found = listed(*reports, bob=Failure('no memory'))
+    found = listed(*grades, bob=Failure('no memory'))
     text = classroom.page(found, RUBRIC)
 
     assert text.count(str(escape(HOSTILE))) == 3
     assert text.count('<script') == 1
-    assert re.search(
-        r'>2</td><td><span[^>]*>Cruise control: the lab&#39;s road</span><br>I has', text
-    )
+    assert re.search(r'>2</td><td><span[^>]*>Model: position x</span><br>x has', text)
     looks = {each.folder: each.looks for each in found if each.looks}
     assert looks == {
         'bob': ('not graded: no memory',),
-        'gus': ('no points',),
         'hal': ('a.csv has more than 1 MiB',),
         HOSTILE: ('judge by eye: Relay: commands a second',),
     }

@@ -89,6 +89,16 @@ def test_what_most_of_a_class_has_is_the_handouts() -> None:
     assert any(alike(dict([*works.items()][:2])).values())
 
 
+@pytest.mark.parametrize('others', [1, 2, 3])
+def test_three_who_copy_one_another_are_found_in_a_small_class(others: int) -> None:
+    copies = {f'c{k}': of(MODEL, CONTROLLER) for k in range(3)}
+    works = {f's{k}': of(f'x = {k}\n' * 60 * (k + 1), '') for k in range(others)}
+
+    found = alike(copies | works)
+
+    assert [len(found[name]) for name in copies] == [2, 2, 2]
+
+
 def test_a_pair_is_found_beside_any_handout() -> None:
     main = CONTROLLER[CONTROLLER.index('def controller') :]
     own = of(MODEL, OTHER_CONTROLLER)
