@@ -6,7 +6,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import Driver
-from barc_sim.simulation.closed_loop import log_of
+from barc_sim.simulation.closed_loop import log_of_rows
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
@@ -50,4 +50,4 @@ def drive_by_hand(
             due_ns += dt_ns
         rows.append((seen, command, (False,)))
         plant.advance(command)
-    return log_of(rows, period_ns)
+    return log_of_rows(rows, period_ns)

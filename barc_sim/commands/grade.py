@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from argparse import ArgumentTypeError
 from dataclasses import replace
@@ -97,6 +98,13 @@ def add_arguments(parser: Parser) -> None:
     )
 
 
+def _cores() -> int:
+    """Return the number of cores that this process may use, where the system limits that."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def run(options: Namespace) -> int:
     """Write the reports and print the table; return the exit code.
 
@@ -109,7 +117,6 @@ def run(options: Namespace) -> int:
 
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
     from barc_sim.lab.grade import classroom, grade, rubric, submissions  # noqa: PLC0415
-    from barc_sim.tuning.workers import cores  # noqa: PLC0415
 
     points = rubric.load(options.rubric)
     if options.seed is not None:
@@ -123,7 +130,7 @@ def run(options: Namespace) -> int:
     before = {} if alone else _records(out)
     entered = _entered(folders, before, settings, points)
     check(sandbox=not options.unconfined)
-    with grade.processes(options.jobs or cores()) as executor:
+    with grade.processes(options.jobs or _cores()) as executor:
         outcomes = grade.run(
             executor,
             {path: hand for path, (hand, _) in entered.items()},

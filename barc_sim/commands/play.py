@@ -72,7 +72,7 @@ def add_arguments(parser: Parser) -> None:
 def run(options: Namespace) -> int:
     """Play the bag to its end or until a signal; return the exit code."""
     from barc_sim.bags.playback import Playback  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.control.keyboard import open_terminal  # noqa: PLC0415
+    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415
     from barc_sim.nodes.player import BagPlayer  # noqa: PLC0415
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
@@ -83,7 +83,7 @@ def run(options: Namespace) -> int:
         def create() -> BagPlayer:
             made.append(BagPlayer(options.bag, playback, _show))
             with suppress(UserError):  # without a terminal there are no keys
-                end.enter_context(open_terminal()).listen(made[0].on_key)
+                end.enter_context(Terminal()).listen(made[0].on_key)
             return made[0]
 
         rules = [word for rule in options.remap for word in ('--remap', rule)]

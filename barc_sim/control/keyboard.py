@@ -13,7 +13,7 @@ import re
 import select
 from contextlib import suppress
 from math import inf
-from threading import Event, Lock, Thread, current_thread
+from threading import Lock, Thread, current_thread
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
@@ -24,10 +24,6 @@ try:
     import termios
 except ModuleNotFoundError:  # on Windows
     termios = None  # type: ignore[assignment]
-try:
-    import msvcrt
-except ModuleNotFoundError:  # not on Windows
-    msvcrt = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -218,8 +214,8 @@ class Terminal:
         why = _unusable(fd)
         if why:
             raise UserError(
-                f'{why}: keys are ignored; start it in the foreground of a terminal, or drive with '
-                'another publisher of cmd_vel'
+                f'{why}: keys are ignored; start it in the foreground of a terminal, or drive in '
+                'the page, or with another publisher of cmd_vel'
             )
         self._fd = fd
         self._lock = Lock()
@@ -310,7 +306,7 @@ class Terminal:
 def _unusable(fd: int) -> str | None:
     """Return why no keys can be read from `fd`; None if they can."""
     if not termios:
-        return 'this system has no termios'
+        return 'the system has no terminal of POSIX'
     if not os.isatty(fd):
         return 'standard input is not a terminal'
     try:
@@ -318,53 +314,3 @@ def _unusable(fd: int) -> str | None:
     except OSError:  # not the controlling terminal: reading from it is not stopped
         return None
     return None if foreground == os.getpgrp() else 'this process runs in the background'
-
-
-#: Of a key that is no character, the console gives one of these first, then a letter.
-_PREFIXES = ('\x00', '\xe0')
-_CONSOLE_ARROWS = {'H': 'up', 'P': 'down', 'M': 'right', 'K': 'left'}
-#: [s] Between two looks at the console, which cannot be waited for.
-_PERIOD = 0.01
-
-
-class Console(Terminal):
-    """Reads keys from the console in a thread of its own, from `listen` to `close`.
-
-    It reports repeats of a held key, and no releases.
-    """
-
-    def __init__(self) -> None:
-        """Use the console of the standard input."""
-        if not os.isatty(0):
-            raise UserError('standard input is not a console: keys are ignored; drive in the page')
-        self._closed = Event()
-        self._thread: Thread | None = None
-
-    def listen(self, on_event: Callable[[KeyEvent], object]) -> None:
-        """Call `on_event` from a thread for each key."""
-        self._thread = Thread(target=self._poll, args=(on_event,), name='keys', daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Read no more keys; may be called from any thread, and again."""
-        self._closed.set()
-        if self._thread and self._thread is not current_thread():
-            self._thread.join()
-
-    def _poll(self, on_event: Callable[[KeyEvent], object]) -> None:
-        decoder = KeyDecoder()
-        while not self._closed.wait(_PERIOD):
-            while msvcrt.kbhit():  # type: ignore[attr-defined]
-                key = msvcrt.getwch()  # type: ignore[attr-defined]
-                if key in _PREFIXES:
-                    arrow = _CONSOLE_ARROWS.get(msvcrt.getwch())  # type: ignore[attr-defined]
-                    events = [KeyEvent(arrow)] if arrow else []
-                else:
-                    events = [*decoder.decode(key.encode('latin-1', 'ignore'))]
-                for event in events:
-                    on_event(event)
-
-
-def open_terminal() -> Terminal:
-    """Return the terminal or console of the standard input."""
-    return Console() if msvcrt else Terminal()

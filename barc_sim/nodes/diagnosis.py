@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from barc_sim.simulation.pacing import TOLERATED
+from barc_sim.simulation.timing import TOLERATED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -19,6 +19,7 @@ from barc_sim.bags.messages import split_time
 from barc_sim.nodes.start_gate import PeerWatch, StartGate
 from barc_sim.ros.node_helpers import (
     Heard,
+    RateLimitedWarning,
     RefusedInput,
     declare,
     fill,
@@ -102,7 +103,7 @@ class VehicleSimulator(Node):
         self.stepper = Stepper.of_parameters(values, self, model, self.road)
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
-        self.finished, self.warn = Future(), self.get_logger().warning
+        self.finished, self._warning = Future(), RateLimitedWarning(self, 10.0)
         self.refused = RefusedInput(self)
         self._on_step = on_step
 
@@ -168,6 +169,10 @@ class VehicleSimulator(Node):
     def finish(self) -> None:
         """End the run; may be called from any thread."""
         self.finished.set_result(None)
+
+    def warn(self, sentence: str, about: str = '') -> None:
+        """Warn; about one thing, where that is given, once in 10 s at most."""
+        self._warning.warn(lambda: sentence, about or sentence)
 
     def begin_clock(self) -> bool:
         """Publish `/clock` with each state from now on; return whether this node may do so."""

@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from barc_sim.control.driver import PEDAL
-from barc_sim.control.keyboard import open_terminal
+from barc_sim.control.keyboard import Terminal
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserDriver
 from barc_sim.lab.user_code.calls import UserFunction
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.control.keyboard import Terminal
     from barc_sim.lab.user_code.code import UserCode
     from barc_sim.vehicle.plant import Observation
 
@@ -93,7 +92,7 @@ def teleop(options: Namespace, stop: StopSignals) -> int:
 def _terminal() -> Terminal | None:
     """Return the terminal; None, with a sentence, where its keys cannot be read."""
     try:
-        return open_terminal()
+        return Terminal()
     except UserError as error:
         print(error, file=sys.stderr)  # noqa: T201
     return None

@@ -23,15 +23,7 @@ from barc_sim.control.pid import (
 )
 from barc_sim.control.types import as_controller
 from barc_sim.errors import UserError
-from barc_sim.simulation.log import (
-    COMMAND,
-    ENVIRONMENT,
-    STATE,
-    STATE_ERROR,
-    Log,
-    columns_from,
-    recordable,
-)
+from barc_sim.simulation.log import log_of, recordable
 from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.vehicle.actuators import Actuator
@@ -47,9 +39,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
 
-    from numpy.typing import NDArray
-
     from barc_sim.control.controller import Controller
+    from barc_sim.simulation.log import Log
     from barc_sim.simulation.progress import Progress
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model
@@ -186,6 +177,8 @@ def simulate(
         sensor_delay=sensor_delay,
         ts=ts,
     )
+    if not isinstance(vehicle, Vehicle | None):
+        raise UserError(f'vehicle {vehicle!r} must be a Vehicle, such as Vehicle(mass=1200.0)')
     if reference is None:
         check_ahead(speed_reference, distance)
     force = signal(disturbance, ROWS['disturbance'], FORCE_COLUMN)
@@ -235,8 +228,8 @@ def closed_loop(
 
     `reference`, where given, is the speed to hold over time and measured place. With `progress` the
     drive of a car that never arrives ends, too, as a run does.
-    `plant` and `controller`, those of a run unless given, are left as the run left them. The last
-    row is the first state at or beyond `distance`, with the command that answers it.
+    `plant` and `controller`, those of a run unless given, are not for another run. The last row is
+    the first state at or beyond `distance`, with the command that answers it.
     """
     plant = plant or Plant()
     controller = speed_controller() if controller is None else as_controller(controller)
@@ -265,38 +258,34 @@ def closed_loop(
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
-    return log_of(rows, plant.period_ns, references, terms)
+    return log_of_rows(rows, plant.period_ns, references, terms)
 
 
-def log_of(
+def log_of_rows(
     rows: Sequence[_Row],
     period_ns: int,
     references: Sequence[float] | float = nan,
     terms: Sequence[str] = (),
 ) -> Log:
-    """Return a log of steps of `period_ns`; its columns are the records' fields, and `terms`."""
+    """Return the log of states and their commands, in steps of `period_ns`."""
     seen, commands, values = zip(*rows, strict=True)
-    n = len(seen)
+    _, measured, errors, around, _ = zip(*seen, strict=True)
     saturated, *columns = np.array(values, dtype=np.float64).T.copy()
     recorded = dict(zip(terms, columns, strict=True))
-    return Log(
-        t=np.arange(n) * period_ns / 1e9,
-        **_columns(STATE, [each.measured for each in seen]),
-        **_columns(STATE_ERROR, [each.error for each in seen]),
-        **_columns(COMMAND, commands),
-        missed=np.zeros(n, np.bool_),
-        **_columns(ENVIRONMENT, [each.surroundings for each in seen]),
-        reference=np.full(n, references),
+    unknown = np.full(len(rows), nan)
+    return log_of(
+        period_ns,
+        *map(_arrays, (measured, errors, commands, around)),
+        reference=np.full(len(rows), references),
         saturated=saturated.astype(np.bool_),
-        **{name: recorded.pop(name, np.full(n, nan)) for name in PID.terms},
+        **{name: recorded.pop(name, unknown) for name in PID.terms},
         own_terms=recorded,
     )
 
 
-def _columns(topic: str, records: Sequence[Any]) -> dict[str, NDArray[np.float64]]:
-    """Return an array, shape `(n,)`, for each field of `n` records of a topic's fields."""
-    arrays = np.array(records, dtype=np.float64).T.copy()
-    return columns_from(topic, type(records[0])(*arrays))
+def _arrays(records: Sequence[Any]) -> Any:  # noqa: ANN401 (a record of arrays)
+    """Return `n` records as one, whose fields are arrays of shape `(n,)`."""
+    return type(records[0])(*np.array(records, dtype=np.float64).T.copy())
 
 
 def _with_options(model: Model) -> Model:

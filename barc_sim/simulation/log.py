@@ -226,17 +226,6 @@ class Log:
         """Return the run in a line."""
         return f'<Log: {_in_words(self)}>'
 
-    def _repr_html_(self) -> str:
-        """Return the run in a line and its columns in a table, for a notebook."""
-        rows = ''.join(
-            f'<tr><td>{name}</td><td>{unit}</td><td>{low:.4g}</td><td>{high:.4g}</td></tr>'
-            for name, unit, low, high in _ranges(self)
-        )
-        return (
-            f'<p>Log: {_in_words(self)}</p><table><thead><tr><th>column</th><th>unit</th>'
-            f'<th>minimum</th><th>maximum</th></tr></thead><tbody>{rows}</tbody></table>'
-        )
-
 
 _TERM_UNIT = 'm/s²'
 _OWN = 'own_terms/'  #: before the names of own terms in a file
@@ -282,6 +271,30 @@ def columns_from(topic: str, record: Any) -> dict[str, Any]:  # noqa: ANN401 (a 
     return {columns[name]: values for name, values in record._asdict().items()}
 
 
+def log_of(
+    period_ns: int,
+    measured: Any,  # noqa: ANN401 (records of arrays)
+    error: Any,  # noqa: ANN401
+    command: Any,  # noqa: ANN401
+    around: Any,  # noqa: ANN401
+    **controller: Any,  # noqa: ANN401
+) -> Log:
+    """Return a log of steps of `period_ns`: `Observation`s, commands, and the controller's columns.
+
+    The records have arrays of shape `(n,)` as fields.
+    """
+    n = len(around.theta)
+    return Log(
+        t=np.arange(n) * period_ns / 1e9,
+        **columns_from(STATE, measured),
+        **columns_from(STATE_ERROR, error),
+        **columns_from(COMMAND, command),
+        missed=np.zeros(n, np.bool_),
+        **columns_from(ENVIRONMENT, around),
+        **controller,
+    )
+
+
 def recordable(terms: Iterable[str]) -> tuple[str, ...]:
     """Return the terms that can be stored: a PID's, and those whose name no column has."""
     return tuple(name for name in terms if name in PID.terms or name not in COLUMNS)
@@ -297,12 +310,3 @@ def _in_words(log: Log) -> str:
     if missed := np.count_nonzero(log.missed):
         words.append(f'{missed} missed deadlines')
     return ', '.join(words)
-
-
-def _ranges(log: Log) -> Iterator[tuple[str, str, float, float]]:
-    """Yield name, unit, minimum and maximum of each column that has a finite value."""
-    for name, values in log.columns().items():
-        finite = values[np.isfinite(values)]
-        if finite.size:
-            unit = COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT
-            yield name, unit, float(finite.min()) + 0.0, float(finite.max()) + 0.0

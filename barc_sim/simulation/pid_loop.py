@@ -9,27 +9,38 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
-from itertools import repeat
+from itertools import chain, islice, repeat
 from math import cos, inf, isfinite, radians, sin
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from barc_sim.simulation.log import ENVIRONMENT, STATE, STATE_ERROR, Log, columns_from
-from barc_sim.vehicle.bike_model import State, clamped_at_zero, motion, resistance, surroundings
+from barc_sim.simulation.log import log_of
+from barc_sim.vehicle.bike_model import (
+    Command,
+    State,
+    clamped_at_zero,
+    motion,
+    resistance,
+    surroundings,
+)
 from barc_sim.vehicle.sensor import MeasurementError, with_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
     from barc_sim.control.pid import PID
+    from barc_sim.simulation.log import Log
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.plant import Plant
     from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.sensor import Sensor
 
     Floats = NDArray[np.float64]
+
+_BLOCK = 512  #: measurements whose noise is drawn at once
 
 
 class LoopSettings(NamedTuple):
@@ -147,24 +158,14 @@ def _drive(
     return _Trace(*columns, (x, v))
 
 
-class _Commands(NamedTuple):
-    """What a PID computes, shape `(n,)` each, by the names of `Log`."""
-
-    motor: Floats
-    proportional: Floats
-    integral: Floats
-    derivative: Floats
-    saturated: NDArray[np.bool_]
-
-
 @np.errstate(over='ignore', invalid='ignore')  # as with floats
 def _commands(
     gains: tuple[float, float, float],
     settings: LoopSettings,
     trace: _Trace,
     errors: Floats | float,
-) -> _Commands:
-    """Return the commands of a loop and their terms: the sums of `_drive`, for arrays."""
+) -> dict[str, Any]:
+    """Return the columns of the PID's command and terms: the sums of `_drive`, for arrays."""
     kp, ki, kd = gains
     measured = trace.v + errors
     deviation = settings.reference - measured
@@ -175,20 +176,25 @@ def _commands(
     before = np.concatenate([[0.0], trace.integral[:-1]])
     output = proportional + before + increment + derivative
     motor = np.clip(output, settings.low, settings.high)
-    return _Commands(motor, proportional, trace.integral, derivative, motor != output)
+    return {
+        'motor': motor,
+        'proportional': proportional,
+        'integral': trace.integral,
+        'derivative': derivative,
+        'saturated': motor != output,
+    }
 
 
 def pid_log(
     plant: Plant, pid: PID, speed_reference: float, distance: float, steps: int
 ) -> Log | None:
-    """Return the log of `closed_loop`, for a plant that `has_fast_path`.
+    """Return the log of `closed_loop` for a plant that `has_fast_path`; both stay as they are.
 
-    Plant and controller are left as the run left them. Where the controller is not at its
-    beginning, or a number is not finite, nothing is done, and None returned.
+    None: the controller is not at its beginning, or a number is not finite.
     """
     if pid.previous is not None or pid.integral:
         return None
-    state, vehicle, road = plant.state, plant.vehicle, plant.road
+    state, vehicle = plant.state, plant.vehicle
     gains = pid.kp, pid.ki, pid.kd
     settings = LoopSettings(
         reference=speed_reference,
@@ -199,55 +205,47 @@ def pid_log(
         dt=plant.period_ns / 1e9,
         distance=distance,
     )
-    sensor, motor = plant.sensor, plant.actuators.motor
-    waiting = [] if plant.actuators.is_ideal else motor.waiting
-    segments = RoadSegments.of(road, vehicle)
-    drawn, errors, place = steps + 1, None, None
-    if sensor.is_noisy:  # about as many measurements as a run at this speed takes, and some more
-        expected = 1.02 * distance / max(speed_reference * plant.ts, 1e-6) + 32.0
-        drawn = int(min(drawn, max(expected, 1.0)))
-    while True:
-        if sensor.is_noisy:
-            errors, place = sensor.draw(drawn)
-        # An error of -0.0 also leaves a speed of -0.0 as it is.
-        of_speed = repeat(-0.0, drawn) if errors is None else errors[3].tolist()
-        trace = _drive(
-            gains, settings, segments, of_speed, (state.x, state.v), [*waiting], motor.early
-        )
-        n = len(trace.v)
-        if n < drawn or drawn > steps:
-            break
-        sensor.go_back(place, 0)
-        drawn = min(4 * drawn, steps + 1)
-    error = None if errors is None else MeasurementError(*errors[:, :n])
-    computed = _commands(gains, settings, trace, -0.0 if error is None else error.v_x)
-    last = {name: values[-1].item() for name, values in computed._asdict().items()}
-    is_finite = all(map(isfinite, (*trace.after, *last.values())))
-    if sensor.is_noisy:
-        sensor.go_back(place, n if is_finite else 0)
-    if not is_finite:
+    motor = plant.actuators.motor
+    blocks: list[Floats] = []
+    # An error of -0.0 also leaves a speed of -0.0 as it is.
+    errors: Iterable[float] = repeat(-0.0)
+    if plant.sensor.is_noisy:
+        errors = chain.from_iterable(_speed_errors(plant.sensor.again(), blocks))
+    trace = _drive(
+        gains,
+        settings,
+        RoadSegments.of(plant.road, vehicle),
+        islice(errors, steps + 1),
+        (state.x, state.v),
+        [] if plant.actuators.is_ideal else motor.waiting,
+        motor.early,
+    )
+    n = len(trace.v)
+    zero: Any = np.zeros(n)
+    error: Any = MeasurementError(*[zero] * 6)
+    if blocks:
+        error = MeasurementError(*np.concatenate(blocks, axis=1)[:, :n])
+    computed = _commands(gains, settings, trace, error.v_x if blocks else -0.0)
+    if not all(map(isfinite, (*trace.after, *(each[-1] for each in computed.values())))):
         return None
     x = np.add.accumulate(np.append(state.x, plant.ts * trace.v[:-1]))
-    zero: Any = np.zeros(n)
-    columns: Any = [np.full(n, value) for value in state]
-    states = State(*columns)._replace(x=x, psi=zero, v=trace.v)  # type: ignore[arg-type]
-    true = motion(states, 0.0, vehicle)
-    measured = true if error is None else with_error(true, error, cos(state.psi), sin(state.psi))
-    previous = float(measured.v_x[-1])  # type: ignore[index]  # arrays
-    for name in ('proportional', 'integral', 'derivative', 'saturated'):
-        setattr(pid, name, last[name])
-    pid.previous = previous
-    taken = computed.motor if x[-1] < distance else computed.motor[:-1]
-    plant.follow(taken[-len(waiting) - 1 :].tolist(), *trace.after)
-    around = surroundings(trace.v, road.at(x), vehicle)  # type: ignore[arg-type]
-    recorded: Any = MeasurementError(*[zero] * 6) if error is None else error
-    return Log(
-        t=np.arange(n) * plant.period_ns / 1e9,
-        **columns_from(STATE, measured),
-        **columns_from(STATE_ERROR, recorded),
-        servo=zero,
-        missed=np.zeros(n, np.bool_),
-        **columns_from(ENVIRONMENT, around),
+    states = State(x, np.full(n, state.y), zero, trace.v)  # type: ignore[arg-type]
+    measured = motion(states, 0.0, vehicle)
+    if blocks:
+        measured = with_error(measured, error, cos(state.psi), sin(state.psi))
+    return log_of(
+        plant.period_ns,
+        measured,
+        error,
+        Command(computed.pop('motor'), zero),
+        surroundings(trace.v, plant.road.at(x), vehicle),  # type: ignore[arg-type]
         reference=np.full(n, speed_reference),
-        **computed._asdict(),
+        **computed,
     )
+
+
+def _speed_errors(sensor: Sensor, blocks: list[Floats]) -> Iterator[list[float]]:
+    """Yield the errors of the speed, and keep those of all signals in `blocks`."""
+    while True:
+        blocks.append(sensor.draw(_BLOCK))
+        yield blocks[-1][3].tolist()

@@ -13,8 +13,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 from barc_sim.errors import UserError
-from barc_sim.simulation.commands import Commands, out_of_order
-from barc_sim.simulation.pacing import TOLERATED, Pace
+from barc_sim.simulation.timing import TOLERATED, Commands, Pace, out_of_order
 from barc_sim.vehicle.bike_model import Command
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import (
@@ -39,7 +38,6 @@ DISTANCE = Parameter(
 )
 LAPS = Parameter('laps', 1, 'the run ends after so many; 0: it goes on', (0, 10**6), read_only=True)
 _NANOSECONDS = 1_000_000_000
-_WARNING_PERIOD = 10.0  #: [s] between two warnings about one thing
 
 
 class Settings(NamedTuple):
@@ -106,8 +104,8 @@ class Outputs(Protocol):
     def finish(self) -> None:
         """End the run; may be called from any thread."""
 
-    def warn(self, sentence: str) -> None:
-        """Warn."""
+    def warn(self, sentence: str, about: str = '') -> None:
+        """Warn; about one thing, where that is given, once in 10 s at most."""
 
     def begin_clock(self) -> bool:
         """Publish the simulated time from now on; return whether that is allowed."""
@@ -198,8 +196,8 @@ class Stepper:
         self.paused = False
         self.states = self.missed = self.laps = 0
         self.stamp_lag = 0.0
-        self._warned = False  # that stamps are behind, since the start or the latest reset
-        self._next_warning: dict[str, float] = {}  # [s] by what it is about
+        self._warned_of_lag = False  # since the start or the latest reset
+        self._warned_of_stamps = False
         self._first_state = self._first_stamp = self.stamp = 0
         self._request: Literal['step', 'reset'] | None = None  # once the state is answered
         self._undecided: Literal['punctual', 'late'] | None = None  # the deadline that has passed
@@ -231,7 +229,7 @@ class Stepper:
         self.stamp = self.stamp + self._period_ns if self.stamp else self._wall_clock()
         if self._settings.realtime_factor == 1.0:
             self.stamp = max(self.stamp, self._wall_clock())
-        self._first_stamp, self._warned = self.stamp, False
+        self._first_stamp, self._warned_of_lag = self.stamp, False
         self._commands.start_timeout(self._clock())
         self._publish()
         self._start_deadlines()
@@ -282,10 +280,10 @@ class Stepper:
                 self._pace.slipped += 1
                 return
             self.missed += 1
-            self._warn(
+            self._outputs.warn(
+                f'missed deadlines: {self.missed} so far; no command answers state '
+                f'{self.states - 1} in time, and the last one holds',
                 'missed deadlines',
-                f'{self.missed} so far; no command answers state {self.states - 1} in time, and '
-                'the last one holds',
             )
         self._step()
 
@@ -366,8 +364,10 @@ class Stepper:
             plant.place(self._place)
             self._place, self._ends = None, False
         elif self._commands.timed_out(self._clock()):
-            timeout = f'no command for {settings.command_timeout:g} s'
-            self._warn(timeout, 'the car brakes to a standstill')
+            self._outputs.warn(
+                f'no command for {settings.command_timeout:g} s: the car brakes to a standstill',
+                'timeout',
+            )
             plant.brake(settings.timeout_braking)
         else:
             plant.advance(self._commands.latest)
@@ -389,8 +389,8 @@ class Stepper:
     def _publish(self) -> None:
         if self._settings.realtime_factor == 1.0:
             self.stamp_lag = max((self._wall_clock() - self.stamp) / _NANOSECONDS, 0.0)
-            if self.stamp_lag > TOLERATED and not self._warned:
-                self._warned = True
+            if self.stamp_lag > TOLERATED and not self._warned_of_lag:
+                self._warned_of_lag = True
                 self._warn_of_lag()
         t = (self.states - self._first_state) * self._plant.ts
         self._outputs.publish_state(t, self._plant.observe(), self.stamp)
@@ -405,28 +405,21 @@ class Stepper:
             'reset the run'
         )
 
-    def _warn(self, about: str, sentence: str) -> None:
-        """Warn about one thing once in 10 s at most."""
-        now = self._clock()
-        if now >= self._next_warning.get(about, -inf):
-            self._next_warning[about] = now + _WARNING_PERIOD
-            self._outputs.warn(f'{about}: {sentence}')
-
     def _check_stamp(self, stamp: int) -> None:
         """Warn, once, of a command with a stamp [ns] that no state has."""
         since = stamp - self._first_stamp
         # A command from before a reset may arrive after it.
         is_of_this_start = since > 0 or not self._first_state
         is_late_answer = stamp < self.stamp and not since % self._period_ns
-        if self.phase is Phase.STARTING or is_late_answer or not is_of_this_start:
+        starting = self.phase is Phase.STARTING
+        if self._warned_of_stamps or starting or is_late_answer or not is_of_this_start:
             return
-        if 'stamps' not in self._next_warning:
-            self._next_warning['stamps'] = inf
-            away = (stamp - self.stamp) / _NANOSECONDS
-            self._outputs.warn(
-                f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave '
-                'the stamp 0'
-            )
+        self._warned_of_stamps = True
+        away = (stamp - self.stamp) / _NANOSECONDS
+        self._outputs.warn(
+            f'commands arrive stamped {away:+.3g} s from the state: copy its header, or leave the '
+            'stamp 0'
+        )
 
     def _restart(self, why: str = RESET) -> None:
         if self.phase is Phase.FINISHED:

@@ -107,8 +107,8 @@ class Course:
     @cached_property
     def errors(self) -> list[float]:
         """The measurement error [m/s] of each state's speed: the same for all loops."""
-        errors, _ = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
-        return list(map(float, errors[3]))
+        errors = Sensor(NoiseLevels(v_x=self.noise), self.seed).draw(self.steps + 1)
+        return list(errors[3].tolist())
 
 
 class Sums(NamedTuple):

@@ -125,10 +125,7 @@ def _weight(text: str, cost: str) -> float:
 
 @dataclass(frozen=True)
 class Goal:
-    """The mean cost over courses; a call with gains returns what each costs.
-
-    It can be pickled for other processes, if `new_controller` can.
-    """
+    """The mean cost over courses; a call with gains returns what each costs."""
 
     courses: tuple[Course, ...]
     cost: Cost

@@ -21,8 +21,6 @@ from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.profile import Signal
 
@@ -110,13 +108,6 @@ class Plant:
         if command is not None:
             self._held = command
         self._step(self.actuators.advance(self._held))
-
-    def follow(self, motor: Iterable[float], x: float, v: float) -> None:
-        """Take over position and speed to which these latest commands have led, straight ahead."""
-        for acceleration in motor:
-            self._held = Command(acceleration, 0.0)
-            self.actuators.advance(self._held)
-        self.state = self.state._replace(x=x, v=v)
 
     def retune(
         self,

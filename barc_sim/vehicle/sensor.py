@@ -68,6 +68,7 @@ class Sensor:
         self.noise = noise or NoiseLevels()
         self.delay, self._ts = delay, ts
         self._past: list[Motion] = []  # from the one that a measurement needs first
+        self._seed = seed
         self._random = Random(int(seed))  # noqa: S311 (a simulation, not a secret)
 
     @property
@@ -106,8 +107,12 @@ class Sensor:
         along, across = cos(true.psi), sin(true.psi)
         return seen, MeasurementError(x * along + y * across, y * along - x * across, *others)
 
-    def draw(self, n: int) -> tuple[Floats, object]:
-        """Return the errors of the next `n` measurements, shape `(6, n)`, and a place to go back.
+    def again(self) -> Sensor:
+        """Return such a sensor before its first measurement."""
+        return Sensor(self.noise, self._seed, delay=self.delay, ts=self._ts)
+
+    def draw(self, n: int) -> Floats:
+        """Return the errors of the next `n` measurements, shape `(6, n)`.
 
         They are those of `measure` to the last bit: the same numbers of the generator, all at
         once, and the transform of two of them to two errors that `Random.gauss` makes. Its
@@ -116,7 +121,6 @@ class Sensor:
         """
         import numpy as np  # noqa: PLC0415 (a sensor alone does not need it)
 
-        place = self._random.getstate()
         words = np.frombuffer(self._random.getrandbits(384 * n).to_bytes(48 * n, 'little'), '<u4')
         high, low = words.reshape(n, 6, 2).transpose(2, 1, 0)
 
@@ -137,13 +141,7 @@ class Sensor:
                     errors[j] = sigma * (exactly(function, angle) * radius + 0.0)
                 else:
                     errors[j] = 0.0 * roughly(angle)
-        return errors, place
-
-    def go_back(self, place: object, n: int) -> None:
-        """Continue after the first `n` measurements since `place`, which `draw` returned."""
-        self._random.setstate(place)  # type: ignore[arg-type]
-        if n:
-            self._random.getrandbits(384 * n)
+        return errors
 
 
 def with_error(true: Motion, error: MeasurementError, cos_psi: float, sin_psi: float) -> Motion:

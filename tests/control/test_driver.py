@@ -35,10 +35,6 @@ def test_full_throttle_is_the_greatest_acceleration_and_half_is_half_of_it() -> 
     assert driver.command(0.05, 0.0) == (LIMITS.acceleration / 2, 0.0)
 
 
-def test_no_input_is_coasting() -> None:
-    assert Driver().command(0.0, 5.0) == (0.0, 0.0)
-
-
 @pytest.mark.parametrize('direction', [1.0, -1.0])
 def test_against_the_motion_is_deceleration_down_to_a_standstill(direction: float) -> None:
     driver = Driver()
@@ -103,15 +99,6 @@ def test_the_wheel_turns_at_its_rate_up_to_its_limit() -> None:
     angles = [driver.command(0.0, 0.0).servo for _ in range(20)]
     assert angles[0] == pytest.approx(LIMITS.steering_rate * driver.dt)
     assert angles[-1] == LIMITS.steering
-
-
-def test_right_is_left_mirrored() -> None:
-    left, right = Driver(), Driver()
-    for k in range(20):
-        turn = 1.0 if k < 5 else 0.0
-        left.receive(DriverInput(turn=turn), 0.0)
-        right.receive(DriverInput(turn=-turn), 0.0)
-        assert left.command(0.0, 0.0).servo == -right.command(0.0, 0.0).servo
 
 
 def test_the_wheel_let_go_returns_to_straight_and_not_past_it() -> None:

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from barc_sim.control.lqr import LQR, feedback_gain
 from barc_sim.simulation.closed_loop import closed_loop
 from barc_sim.simulation.metrics import summary
-from barc_sim.vehicle.plant import Plant
-from barc_sim.vehicle.sensor import NoiseLevels
 
 DT = 0.02
 WEIGHTS = st.floats(1e-3, 1e6)
@@ -76,9 +74,3 @@ def test_it_holds_the_speed_on_the_labs_road() -> None:
     np.testing.assert_array_equal(
         np.clip(terms['feedback'] + terms['compensation'], -8.0, 8.0), log.motor
     )
-
-
-def test_it_bears_noise_and_a_delay() -> None:
-    plant = Plant(noise=NoiseLevels(v_x=0.05), seed=1)
-    log = closed_loop(plant, LQR(100.0, observer_gain=0.1, output_min=-8.0, output_max=8.0))
-    assert summary(log).rms_error_after_run_up < 0.2

@@ -170,27 +170,6 @@ def test_changed_ki_does_not_rescale_the_past() -> None:
     assert pid.acc_calculate(8.0, 7.0, 0.5) == 5.0
 
 
-def test_changed_kp_and_kd_count_at_once() -> None:
-    pid = PID(1.0, 0.0, 1.0)
-    pid.acc_calculate(8.0, 7.0, 0.5)
-    pid.kp, pid.kd = 2.0, 3.0
-    assert pid.acc_calculate(8.0, 6.0, 0.5) == 2.0 * 2.0 + 3.0 * 2.0
-
-
-@properties
-@given(past=samples, future=samples)
-def test_reset_controller_is_like_a_new_one(
-    past: list[tuple[float, float, float]], future: list[tuple[float, float, float]]
-) -> None:
-    used, new = (PID(3.0, 4.0, 0.5, output_min=-8.0, output_max=8.0) for _ in range(2))
-    for sample in past:
-        used.acc_calculate(*sample)
-    used.reset()
-    assert vars(used) == vars(new)
-    for sample in future:
-        assert used.acc_calculate(*sample) == new.acc_calculate(*sample)
-
-
 # What is not finite
 
 

@@ -120,12 +120,9 @@ def test_without_pandas_the_frame_is_refused_in_a_sentence(
         log.to_frame()
 
 
-def test_repr_is_a_line_and_html_a_table(log: Log) -> None:
+def test_repr_is_a_line(log: Log) -> None:
     error = f'{summary(log).rms_error:.3f}'
     assert repr(log) == f'<Log: 51 states, 1.00 s, 3.9 m, speed error {error} m/s RMS>'
-    html = log._repr_html_()
-    assert html.count('<tr>') == 1 + len(COLUMNS)
-    assert '<td>v_x</td><td>m/s</td><td>0</td>' in html
     assert repr(log.map(lambda column: column[:0])) == '<Log: no states>'
 
 

@@ -45,7 +45,7 @@ roads = st.lists(st.tuples(st.floats(0.5, 20.0), st.floats(-60.0, 60.0)), min_si
     noise=st.sampled_from([NoiseLevels(), NoiseLevels(v_x=0.3), NOISE]),
     delay=st.just(0.0) | st.floats(0.0, 0.2) | st.integers(1, 5).map(lambda n: n * 0.02),
 )
-def test_log_and_what_is_left_are_those_of_the_general_loop(
+def test_the_log_is_that_of_the_general_loop(
     stretches: list[tuple[float, float]],
     state: State,
     resistance: tuple[float, float, float],
@@ -71,14 +71,9 @@ def test_log_and_what_is_left_are_those_of_the_general_loop(
         )
         plant.place(state)
         pid = make(*gains, output_min=low, output_max=high)
-        for distance in (10.0, 20.0):  # the second run goes on from the first
-            log = closed_loop(
-                plant, pid, speed_reference=reference, distance=distance, max_duration=4.0
-            )
-            columns = [each.tobytes() for each in log.columns().values()]
-            terms = (pid.proportional, pid.integral, pid.derivative, pid.saturated, pid.previous)
-            found.append((columns, plant.state, plant.observe(), terms))
-    assert found[:2] == found[2:]
+        log = closed_loop(plant, pid, speed_reference=reference, distance=20.0, max_duration=8.0)
+        found.append([each.tobytes() for each in log.columns().values()])
+    assert found[0] == found[1]
 
 
 def test_numbers_that_grow_without_bound_are_left_to_the_general_loop() -> None:

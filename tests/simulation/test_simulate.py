@@ -100,6 +100,11 @@ def test_gains_beside_a_controller_are_refused() -> None:
         simulate(kp=1.0, kd=2.0, controller=LabPid())
 
 
+def test_a_vehicle_that_is_none_is_refused() -> None:
+    with pytest.raises(UserError, match="vehicle 'x' must be a Vehicle"):
+        simulate(vehicle='x')  # type: ignore[arg-type]
+
+
 def test_a_model_is_called_as_bikefe() -> None:
     def lab_model(*args: float) -> list[float]:
         return bikeFE(*args)
@@ -110,11 +115,6 @@ def test_a_model_is_called_as_bikefe() -> None:
     expected = simulate(distance=30.0)
     assert_same(simulate(model=lab_model, distance=30.0), expected)
     assert_same(simulate(model=with_options, distance=30.0), expected)
-
-
-def test_a_car_that_never_arrives_stands_for_10_minutes() -> None:
-    log = simulate(0.0, 0.0, 0.0)
-    assert (log.t[-1], log.x[-1]) == (600.0, 0.0)
 
 
 # A reference that changes, a disturbance, a late sensor

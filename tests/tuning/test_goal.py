@@ -13,7 +13,7 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import controller_of
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.metrics import summary
-from barc_sim.tuning import batch, workers
+from barc_sim.tuning import batch
 from barc_sim.tuning.batch import Course
 from barc_sim.tuning.goal import Cost, Goal, Scores, scores, sweep
 
@@ -137,32 +137,6 @@ def test_an_edited_file_counts_at_once(controller: Path) -> None:
     before = goal(GAINS)
     controller.write_text(CONTROLLER.replace('return ', 'return 0.5 * '), encoding='utf-8')
     assert goal(GAINS)[0] > before[0]
-
-
-def test_processes_share_the_work_and_give_it_back_in_order(controller: Path) -> None:
-    goal = goal_of(controller, Course(distance=30.0))
-    gains = np.random.default_rng(0).random((20, 3)) * [40.0, 300.0, 0.5]
-    with workers.processes(goal) as cost:
-        assert cost(gains).tolist() == goal(gains).tolist()
-
-
-def test_what_a_controller_does_wrong_in_a_process_is_an_error(controller: Path) -> None:
-    controller.write_text(CONTROLLER.replace("print('step', dt)", '1 / 0'), encoding='utf-8')
-    goal = goal_of(controller)
-    with (
-        workers.processes(goal) as cost,
-        pytest.raises(UserError, match=r'controller.py, line 9.*ZeroDivisionError'),
-    ):
-        cost(GAINS)
-
-
-def test_a_controller_that_ends_its_process_is_an_error(controller: Path) -> None:
-    controller.write_text(
-        CONTROLLER.replace("print('step', dt)", 'import os; os._exit(0)'), encoding='utf-8'
-    )
-    goal = goal_of(controller)
-    with workers.processes(goal) as cost, pytest.raises(UserError, match='has died'):
-        cost(GAINS)
 
 
 @pytest.mark.parametrize(

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from barc_sim.commands.tune import GAINS
 from barc_sim.errors import UserError
 from barc_sim.tuning.batch import Course
-from barc_sim.tuning.command_line import GAINS
 from barc_sim.tuning.goal import Cost, Goal
 from barc_sim.tuning.search import free_axes, rounded, search, surface
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -62,12 +59,6 @@ def test_no_gains_beyond_the_ranges_are_tried_and_no_others_twice() -> None:
     assert found.evaluations == len(everywhere)
 
 
-def test_what_is_found_is_never_worse_than_the_start() -> None:
-    start = np.array([1.0, 1.0, 1.0])
-    found = search(rastrigin, LOW, HIGH, start, population=8, generations=0)
-    assert found.gains.tolist() == start.tolist()
-
-
 def test_infinite_costs_are_passed_by() -> None:
     def cost(places: Floats) -> Floats:
         return np.where(places[:, 0] > 0.0, np.sum(places**2, axis=1), np.inf)
@@ -86,14 +77,6 @@ def test_it_ends_where_all_cost_the_same() -> None:
         on_generation=lambda number, _: calls.append(number),
     )
     assert calls == [0]
-
-
-def test_progress_tells_of_each_generation_and_its_least_cost() -> None:
-    told: list[Any] = []
-    search(rastrigin, LOW, HIGH, LOW, generations=4, on_generation=lambda *what: told.append(what))
-    assert [number for number, _ in told] == [0, 1, 2, 3]
-    costs = [cost for _, cost in told]
-    assert costs == sorted(costs, reverse=True)
 
 
 def test_gains_have_four_significant_digits() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from math import atan2, atanh, cos, cosh, exp, isfinite, log, log2, pi, radians, sin, sqrt, tanh
+from math import atan2, atanh, cos, cosh, exp, isfinite, log, log2, radians, sin, sqrt, tanh
 
 import numpy as np
 import pytest
@@ -19,7 +19,6 @@ from barc_sim.vehicle.bicycles import (
     eigenvalues,
     lateral_matrix,
     rates,
-    rk4,
 )
 from barc_sim.vehicle.bike_model import Command, Motion, State, Vehicle, motion
 
@@ -94,12 +93,6 @@ def test_amplification_is_what_a_step_does(name: str, rate: float) -> None:
     method = INTEGRATORS[name]
     (after,) = method.step(lambda at: (rate * at[0],), (1.0,), 0.05)
     assert method.amplification(rate * 0.05) == pytest.approx(abs(after))
-
-
-@pytest.mark.parametrize(('name', 'limit'), [('euler', 2.0), ('rk4', 2.785)])
-def test_decay_becomes_growth_at_the_methods_limit(name: str, limit: float) -> None:
-    method = INTEGRATORS[name]
-    assert method.amplification(-0.999 * limit) < 1.0 < method.amplification(-1.001 * limit)
 
 
 # The dynamic bicycle
@@ -188,33 +181,7 @@ def test_linearised_equations_are_the_textbooks_matrix(v: float) -> None:
     assert by_servo[1] / h == pytest.approx(1.1 * OVERSTEERING.front_stiffness / 4000.0)
 
 
-def test_free_response_turns_and_decays_with_the_eigenvalues() -> None:
-    v = 40.0
-    (rate, _) = eigenvalues(CAR, UNDERSTEERING, v)
-    assert rate.imag > 0.0
-    derivative = rates(Command(), flat, CAR, UNDERSTEERING)
-    (a, b), _ = lateral_matrix(CAR, UNDERSTEERING, v)
-    # The real part of an eigenvector's motion: half a turn later it is the negative, decayed.
-    begin = (1e-6, 1e-6 * ((rate - a) / b).real)
-    half_turn, n = pi / rate.imag, 400
-    state = begin
-    for _ in range(n):
-        state = rk4(lambda at: derivative((0.0, 0.0, 0.0, v, *at))[4:], state, half_turn / n)
-    decay = -exp(rate.real * half_turn)
-    assert state == pytest.approx(tuple(decay * part for part in begin), rel=1e-6)
-
-
 # Physics
-
-
-def test_straight_car_is_the_kinematic_one() -> None:
-    vehicle, held = Vehicle(), Command(1.0, 0.0)
-    bicycle, kinematic = DynamicBicycle(integrator='rk4'), KinematicBicycle('rk4')
-    state = other = State(v=2.0)
-    for _ in range(1000):
-        state = bicycle.step(state, held, lambda x: 0.2 * sin(x / 9.0), vehicle, TS)
-        other = kinematic.step(other, held, lambda x: 0.2 * sin(x / 9.0), vehicle, TS)
-    assert state == pytest.approx(other, rel=1e-12)
 
 
 @properties

@@ -101,23 +101,6 @@ def test_downhill_speed_follows_tanh_at_first_order() -> None:
     assert order(error, 0.005) == pytest.approx(1.0, abs=0.02)
 
 
-def test_coasting_against_friction_alone_slows_evenly() -> None:
-    vehicle = Vehicle(mass=1000.0, air_drag_coeff=0.0, friction=50.0)
-    assert drive(10.0, TS, v=20.0, vehicle=vehicle).v == pytest.approx(20.0 - 50.0 / 1e3 * 10.0)
-    assert drive(10.0, TS, v=-20.0, vehicle=vehicle).v == pytest.approx(-20.0 + 50.0 / 1e3 * 10.0)
-
-
-@properties
-@given(v=speeds, a0=st.floats(0.0, 1e3), friction=st.floats(0.0, 1e6))
-@example(v=5e-324, a0=0.0, friction=1.0)
-@example(v=-5e-324, a0=0.0, friction=1.0)
-def test_friction_alone_never_reverses_the_car(v: float, a0: float, friction: float) -> None:
-    for _ in range(3):
-        v_next = bikeFE(0.0, 0.0, 0.0, v, 0.0, 0.0, a0, MASS, friction, 0.0, TS)[3]
-        assert 0.0 <= v_next <= v or v <= v_next <= 0.0
-        v = v_next
-
-
 @properties
 @given(
     v=speeds | st.floats(-1e-3, 1e-3),
@@ -146,11 +129,6 @@ def test_coasting_car_comes_to_rest_and_stays() -> None:
     assert at_rest.v == 0.0
     assert at_rest.x > 0.0
     assert drive(21.0, TS, v=5.0, vehicle=vehicle) == at_rest
-
-
-def test_command_takes_the_car_through_zero() -> None:
-    assert drive(2.0, TS, v=4.0, a=-4.0, vehicle=Vehicle()).v == pytest.approx(-4.0, abs=1e-3)
-    assert drive(2.0, TS, v=-4.0, a=4.0, vehicle=Vehicle()).v == pytest.approx(4.0, abs=1e-3)
 
 
 # Circles
@@ -197,12 +175,6 @@ def test_reverse_is_the_mirror_of_forward(v: float, a: float, d_f: float, theta:
 
 
 # The records over the same arithmetic
-
-
-def test_step_is_bike_fe_with_the_vehicles_parameters() -> None:
-    car = {'a0': 0.7, 'm': 1700.0, 'Ff': 90.0, 'l_f': 1.1, 'l_r': 1.9, 'g': 3.7}
-    stepped = step(State(1.0, 2.0, 0.3, 4.0), Command(0.5, 0.2), 0.1, ODD_VEHICLE, TS)
-    assert [*stepped] == bikeFE(1.0, 2.0, 0.3, 4.0, 0.5, 0.2, theta=0.1, ts=TS, **car)
 
 
 @properties

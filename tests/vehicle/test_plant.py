@@ -61,14 +61,6 @@ def test_last_command_holds_until_the_next() -> None:
     assert held.state == repeated.state
 
 
-def test_replaced_vehicle_counts_from_the_next_step() -> None:
-    plant = plant_at(STATE)
-    plant.vehicle = Vehicle()
-    assert plant.observe().surroundings == surroundings(6.0, HILL.at(25.0), Vehicle())
-    plant.advance(Command(1.0))
-    assert plant.state == step(STATE, Command(1.0), radians(-7.0), Vehicle(), 0.05)
-
-
 def test_another_model_is_stepped_in_the_place_of_the_labs() -> None:
     def backwards(x: float, *arguments: float, **_: float) -> list[float]:
         return [x - 1.0, *arguments[:3]]
@@ -149,14 +141,6 @@ def test_brake_stops_the_car_whatever_is_on(on: dict[str, Any], x: float, v: flo
     assert plant.state == pytest.approx(still, abs=1e-12)
 
 
-def test_brake_keeps_the_wheel_on_its_way() -> None:
-    plant = Plant(road=Road.flat(), servo=Actuator(rate=1.0))
-    plant.state = State(v=12.0)
-    plant.advance(Command(0.0, 0.1))
-    plant.brake(1.0)
-    assert plant.observe().acting.servo == pytest.approx(0.04)
-
-
 # Integrator and dynamics
 
 
@@ -192,14 +176,6 @@ def own_model(*arguments: float, **keywords: float) -> list[float]:
 def test_what_does_not_go_together_is_refused(options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(UserError, match=sentence):
         Plant(**options)
-
-
-def test_model_of_ones_own_goes_with_actuators() -> None:
-    own, labs = (Plant(motor=SLOW, servo=SLOW, model=model) for model in (own_model, bikeFE))
-    for _ in range(50):
-        own.advance(Command(3.0, 0.1))
-        labs.advance(Command(3.0, 0.1))
-    assert own.state == labs.state
 
 
 def test_noise_can_be_turned_on_between_two_steps() -> None:

@@ -1,13 +1,34 @@
-"""Which command holds, whether it is the answer, and when it counts as lost."""
+"""Deadlines by the wall clock; and which command holds, whether it answers, when it is lost."""
 
 from __future__ import annotations
 
 import pytest
 
-from barc_sim.simulation.commands import Commands
+from barc_sim.simulation.timing import PUNCTUAL, Commands, Pace
 from barc_sim.vehicle.bike_model import Command
 
 GO, STOP = Command(motor=1.0), Command(motor=-1.0)
+
+
+@pytest.fixture
+def pace() -> Pace:
+    pace = Pace(0.02)
+    pace.begin(100.0)
+    return pace
+
+
+def test_deadlines_are_a_period_apart_however_early_or_late_each_is_noticed(pace: Pace) -> None:
+    assert pace.pass_deadline(100.0199)
+    assert pace.pass_deadline(100.04 + 0.99 * PUNCTUAL * 0.02)
+    assert not pace.pass_deadline(100.06 + 1.01 * PUNCTUAL * 0.02)
+    assert pace.slipped == 0
+
+
+def test_whole_periods_that_were_lost_are_counted_and_given_up(pace: Pace) -> None:
+    assert not pace.pass_deadline(100.071)  # due at 100.02, 2.55 periods ago
+    assert pace.slipped == 2
+    assert pace.pass_deadline(100.0805)
+    assert pace.slipped == 2
 
 
 def test_a_command_answers_the_state_of_its_stamp_only() -> None:
@@ -50,12 +71,6 @@ def test_what_came_before_it_or_comes_after_it_cannot_keep_the_answer_out(stamp:
     commands.store(STOP, stamp, present=20, t=0.0)
     assert commands.store(GO, stamp=20, present=20, t=0.0)
     assert (commands.latest, commands.answered) == (GO, True)
-
-
-def test_a_command_without_a_stamp_is_usable_at_any_time() -> None:
-    commands = Commands()
-    commands.store(GO, stamp=20, present=20, t=0.0)
-    assert commands.store(STOP, stamp=0, present=20, t=0.0)
 
 
 def test_what_answers_no_state_makes_none_due_where_commands_come_as_they_please() -> None:
