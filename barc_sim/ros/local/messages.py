@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import array
 from functools import cache
-from struct import Struct, calcsize, error
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -25,9 +23,9 @@ LACKS = 'is not part of what stands in for ROS 2 here (barc_sim/ros/local): inst
 _EMPTY = 'structure_needs_at_least_one_member'  # of a message without fields
 #: Fields whose default is not zero; rosbags keeps none.
 _DEFAULTS: dict[tuple[str, str], Any] = {('geometry_msgs/msg/Quaternion', 'w'): 1.0}
-_NUMBERS = 'bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64'
-#: The code of each, as `struct` and `array` have it.
-_CODES = dict(zip(_NUMBERS.split(), '?cBfdbBhHiIqQ', strict=True))
+_NUMBERS = 'char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64'
+#: The code of each, as NumPy and `array` have it; of all else rclpy has lists.
+_CODES = dict(zip(_NUMBERS.split(), 'BfdbBhHiIqQ', strict=True))
 _ZERO = {'bool': False, 'string': '', 'byte': b'\0', 'float32': 0.0, 'float64': 0.0}
 _PARTS = ('Request', 'Response')
 _RESULT = 'bool success\nstring message'
@@ -82,6 +80,27 @@ def message_type(name: str) -> type[Any]:
     raise LookupError(f'{name} has no definition here')
 
 
+class _Byte(bytes):
+    """A `byte`, which rosbags takes for a signed number."""
+
+    def __index__(self) -> int:
+        return int.from_bytes(self, 'big', signed=True)
+
+
+class _List(list):  # type: ignore[type-arg]
+    """A list; rosbags serializes what numbers `view` returns, here of `bool` or `byte`."""
+
+    def view(self, _: object) -> bytes:
+        return bytes(each.__index__() & 255 for each in self)
+
+
+class _Array(array.array):  # type: ignore[type-arg]
+    """Numbers as rclpy keeps them, and as rosbags serializes them."""
+
+    def view(self, _: object) -> bytes:
+        return self.tobytes()
+
+
 class Message:
     """A message; the classes of types derive from it."""
 
@@ -96,30 +115,26 @@ class Message:
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other) and all(
-            np.array_equal(getattr(self, name), getattr(other, name)) for name in self.__fields__
+            _plain(getattr(self, name)) == _plain(getattr(other, name)) for name in self.__fields__
         )
 
     __hash__ = None  # type: ignore[assignment]
 
     def __serialize__(self) -> bytes:
-        """Return the message in CDR, as rosbags makes it."""
-        return bytes(store().serialize_cdr(_to_wire(self.__copy__()), self.__msgtype__))
+        """Return the message in CDR."""
+        return bytes(store().serialize_cdr(self.__copy__(), self.__msgtype__))
 
 
 def _shown(value: Any) -> str:
-    return repr(list(value)) if isinstance(value, array.array) else repr(value)
+    return repr(_plain(value) if isinstance(value, array.array) else value)
 
 
-def _to_wire(message: Any) -> Any:
-    """Return a message with its values as rosbags serializes them."""
-    values = {
-        name: field.to_wire(getattr(message, name)) for name, field in message.__fields__.items()
-    }
-    return SimpleNamespace(**values or {_EMPTY: 0})
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, 'tolist') else value
 
 
 class _Field:
-    """How the values of one field are made, checked, copied and put on the wire."""
+    """How the values of one field are made, checked and copied."""
 
     def __init__(self, owner: str, name: str, kind: Nodetype, of: Any) -> None:
         self.name, self.fixed = name, kind == Nodetype.ARRAY
@@ -128,26 +143,23 @@ class _Field:
         (kind, of), self.bound = of if self.is_many else ((kind, of), 0)
         self.base = of[0] if kind == Nodetype.BASE else ''  #: empty: a message
         self.code = _CODES.get(self.base, '')
-        self.default = _DEFAULTS.get((owner, name), _ZERO.get(self.base, 0))
-        self.type: type[Any] = type(self.default) if self.base else _message(of)
-        bits = 8 * calcsize(self.code) if self.type is int else 0
-        is_signed = bool(bits) and self.code.islower()
-        self.low = -(1 << bits - 1) if is_signed else 0
-        self.high = (1 << bits >> is_signed) - 1
+        default = _DEFAULTS.get((owner, name), _ZERO.get(self.base, 0))
+        self.type: type[Any] = type(default) if self.base else _message(of)
+        self._make_one = (lambda: default) if self.base else self.type
+        limits = np.iinfo(self.code) if self.type is int else None
+        self.low, self.high = (int(limits.min), int(limits.max)) if limits else (0, 0)
 
     def make(self) -> Any:
         """Return the default."""
         if not self.is_many:
-            return self.default if self.base else self.type()
-        return self._of(
-            [self.default if self.base else self.type() for _ in range(self.bound * self.fixed)]
-        )
+            return self._make_one()
+        return self._of([self._make_one() for _ in range(self.bound * self.fixed)])
 
-    def _of(self, items: list[Any]) -> Any:
+    def _of(self, items: Any) -> Any:
         """Return items as rclpy keeps them: numbers in arrays."""
-        if self.code in '?c':  # or none
-            return items
-        return np.array(items, self.code) if self.fixed else array.array(self.code, items)
+        if not self.code:
+            return _List(items)
+        return np.array(items, self.code) if self.fixed else _Array(self.code, items)
 
     def copy(self, value: Any) -> Any:
         """Return a copy of `value`.
@@ -159,14 +171,14 @@ class _Field:
         """
         if not self.is_many:
             return self._copy_one(value)
-        length = f'length {"" if self.fixed else "<= "}{self.bound}'
         if isinstance(value, (str, dict)) or not hasattr(value, '__len__'):
             self._refuse('a set or sequence')
         if self.bound and (len(value) > self.bound or (self.fixed and len(value) < self.bound)):
+            length = f'length {"" if self.fixed else "<= "}{self.bound}'
             self._refuse(f'a set or sequence with {length}')
-        if isinstance(value, (array.array, np.ndarray)):
-            value = value.tolist()
-        return self._of([self._copy_one(each) for each in value])
+        if isinstance(value, array.array) and value.typecode == self.code:
+            return self._of(value)
+        return self._of([self._copy_one(each) for each in _plain(value)])
 
     def _copy_one(self, value: Any) -> Any:
         if not isinstance(value, self.type) or (self.base == 'byte' and len(value) != 1):
@@ -177,22 +189,12 @@ class _Field:
             self._refuse(f'{sign} in [{self.low}, {self.high}]')
         if self.base == 'float32':
             return float(np.float32(value))
+        if self.base == 'byte':
+            return _Byte(value)
         return self.type(value) if self.base else value.__copy__()
 
-    def _refuse(self, expected: str) -> None:
+    def _refuse(self, expected: str) -> NoReturn:
         raise AssertionError(f'The {self.name!r} field must be {expected}')
-
-    def to_wire(self, value: Any) -> Any:
-        """Return the value as rosbags serializes it."""
-        if not self.is_many:
-            return self._one_to_wire(value)
-        items = [self._one_to_wire(each) for each in value]
-        return np.array(items, self.code.replace('c', 'b')) if self.code else items
-
-    def _one_to_wire(self, value: Any) -> Any:
-        if self.base == 'byte':
-            return int.from_bytes(value, 'big', signed=True)
-        return value if self.base else _to_wire(value)
 
     @property
     def quick_copy(self) -> str:
@@ -215,16 +217,6 @@ class {short}(Message):
         made = new({short}){copy}
         return made
 """
-#: Of a message of numbers and texts: while its texts are empty, all has a fixed place.
-_SERIALIZE = """
-    def __serialize__(self):
-        try:
-            if not ({texts}):
-                return pack(256, {values})
-        except (error, AttributeError):
-            pass  # what follows names the field
-        return Message.__serialize__(self)
-"""
 
 
 @cache
@@ -233,7 +225,7 @@ def _message(name: str) -> type[Any]:
     package, _, short = name.split('/')
     constants, described = store().fielddefs[name]
     fields = {each: _Field(name, each, *of) for each, of in described if each != _EMPTY}
-    scope: dict[str, Any] = {'Message': Message, 'new': object.__new__, 'error': error}
+    scope: dict[str, Any] = {'Message': Message, 'new': object.__new__}
     for each, field in fields.items():
         scope |= {
             f'type_{each}': field.type,
@@ -251,32 +243,12 @@ def _message(name: str) -> type[Any]:
         init=lines('self.{n} = make_{n}() if {n} is None else {n}'),
         copy=lines('v = self.{n}; made.{n} = {f.quick_copy}'),
     )
-    if layout := _layout(fields, 'self'):
-        form, size = '<I', 0
-        for code, _ in layout:
-            width = calcsize(code or 'I')
-            form += f'{-size % width}x{code or "Ix"}'
-            size += -size % width + width + (not code)
-        scope['pack'] = Struct(form).pack
-        texts = ' or '.join(value for code, value in layout if not code) or False
-        values = ', '.join(value if code else '1' for code, value in layout)
-        source += _SERIALIZE.format(texts=texts, values=values)
     exec(source, scope)  # noqa: S102 (from the definitions)
     made: type[Any] = scope[short]
     made.__module__ = f'{package}.{"srv" if short.endswith(_PARTS) else "msg"}._{short.lower()}'
     made.__msgtype__, made.__fields__ = name, fields
+    if not fields:
+        setattr(made, _EMPTY, 0)  # rosbags serializes it
     for constant, kind, value in constants:
         setattr(made, constant, bytes([int(value)]) if kind == 'byte' else value)
     return made
-
-
-def _layout(fields: dict[str, _Field], owner: str) -> list[tuple[str, str]]:
-    """Return code and expression of each number, and of each text without code; none of lists."""
-    found = []
-    for name, field in fields.items():
-        value = f'{owner}.{name}'
-        within = [(field.code, value)] if field.base else _layout(field.type.__fields__, value)
-        if field.is_many or not within:
-            return []
-        found += within
-    return found
