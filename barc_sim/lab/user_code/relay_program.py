@@ -32,7 +32,7 @@ from barc_sim.lab.user_code.source import UserCodeError
 from barc_sim.lab.user_code.terminal import CODES, LAYOUTS, STOP, Terminal
 from barc_sim.ros.local import find_module
 from barc_sim.ros.local import world as in_world
-from barc_sim.ros.local.context import Context, HistoryPolicy, QoSProfile
+from barc_sim.ros.local.context import HistoryPolicy, QoSProfile, init, shutdown
 from barc_sim.ros.local.executor import SECOND, EndOfTimeError, Executor, World
 from barc_sim.ros.local.messages import message_type
 from barc_sim.ros.local.node import Node
@@ -247,9 +247,8 @@ class RelayWorld(World):
         self._speed = self._distance = self._motor = self._moved = 0.0
         state, ecu = map(message_type, ('barc_interfaces/msg/ZDynBkMdl', 'barc_interfaces/msg/ECU'))
         with in_world(self):
-            context = Context()
-            context.init([])
-            self.node = Node('car', context=context, enable_rosout=False)
+            init(args=[])
+            self.node = Node('car', enable_rosout=False)
             self._state, self._state_pub = (
                 state(),
                 self.node.create_publisher(state, _STATE, _ALL),
@@ -259,8 +258,9 @@ class RelayWorld(World):
                 self.at(t, partial(self.drive, linear_x, angular_z))
             self._publish_state()
             self.node.create_timer(_STATE_PERIOD, self._publish_state)
-            self._executor = Executor(context=context)
+            self._executor = Executor()
             self._executor.add_node(self.node)
+            shutdown()  # the program begins by itself
         self.around.append(self._executor)
 
     def at(self, t: float, call: Callable[[], object]) -> None:

@@ -11,6 +11,7 @@ import select
 import sys
 import threading
 from collections import deque
+from math import inf
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -68,8 +69,8 @@ class Terminal:
         """Let time pass until there is a character, at most for so long."""
         self.use = self.use or 'reads the terminal'
         now = self._world.now_ns
-        until = None if seconds is None else now + max(int(seconds * SECOND), _TICK)
-        while not self._typed and (until is None or self._world.now_ns < until):
+        until = inf if seconds is None else now + max(int(seconds * SECOND), _TICK)
+        while not self._typed and self._world.now_ns < until:
             self._world.pass_time(until)
         return bool(self._typed)
 

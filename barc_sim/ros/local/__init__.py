@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
@@ -17,32 +18,29 @@ from barc_sim.ros.local.messages import LACKS, message_type, packages
 
 __all__ = ['World', 'find_module', 'install', 'world']
 
-#: rclpy's modules with their names; before each `:` stands the module of this package.
+#: rclpy's modules with their names, which the modules here define.
 _NAMES = {
-    'rclpy': """context: Context SignalHandlerOptions get_default_context init ok shutdown
-        try_shutdown executor: Future parameters: Parameter
-        node: create_node spin spin_once spin_until_future_complete""",
-    'rclpy.callback_groups': """executor: CallbackGroup MutuallyExclusiveCallbackGroup
-        ReentrantCallbackGroup""",
-    'rclpy.client': 'node: Client',
-    'rclpy.clock': 'executor: Clock ClockType',
-    'rclpy.context': 'context: Context',
-    'rclpy.duration': 'executor: Duration',
-    'rclpy.exceptions': """context: NotInitializedException node: InvalidTopicNameException
-        parameters: InvalidParameterTypeException InvalidParameterValueException
-        ParameterAlreadyDeclaredException ParameterException ParameterNotDeclaredException""",
-    'rclpy.executors': """executor: Executor ExternalShutdownException MultiThreadedExecutor
+    'rclpy': """Future Parameter SignalHandlerOptions create_node init ok shutdown spin spin_once
+        spin_until_future_complete try_shutdown""",
+    'rclpy.callback_groups': 'CallbackGroup MutuallyExclusiveCallbackGroup ReentrantCallbackGroup',
+    'rclpy.client': 'Client',
+    'rclpy.clock': 'Clock ClockType',
+    'rclpy.duration': 'Duration',
+    'rclpy.exceptions': """InvalidParameterTypeException InvalidParameterValueException
+        InvalidTopicNameException NotInitializedException ParameterAlreadyDeclaredException
+        ParameterException ParameterNotDeclaredException""",
+    'rclpy.executors': """Executor ExternalShutdownException MultiThreadedExecutor
         SingleThreadedExecutor""",
-    'rclpy.logging': 'context: LoggingSeverity get_logger',
-    'rclpy.node': 'node: Node',
-    'rclpy.parameter': 'parameters: Parameter parameter_value_to_python',
-    'rclpy.publisher': 'node: Publisher',
-    'rclpy.qos': """context: DurabilityPolicy HistoryPolicy QoSProfile ReliabilityPolicy
+    'rclpy.logging': 'LoggingSeverity get_logger',
+    'rclpy.node': 'Node',
+    'rclpy.parameter': 'Parameter parameter_value_to_python',
+    'rclpy.publisher': 'Publisher',
+    'rclpy.qos': """DurabilityPolicy HistoryPolicy QoSProfile ReliabilityPolicy
         qos_profile_sensor_data qos_profile_system_default""",
-    'rclpy.signals': 'context: SignalHandlerOptions',
-    'rclpy.subscription': 'node: Subscription',
-    'rclpy.task': 'executor: Future',
-    'rclpy.time': 'executor: Time',
+    'rclpy.signals': 'SignalHandlerOptions',
+    'rclpy.subscription': 'Subscription',
+    'rclpy.task': 'Future',
+    'rclpy.time': 'Time',
 }
 
 
@@ -61,26 +59,22 @@ class _StandIn(ModuleType):
         raise ImportError(f'{self.__name__}.{name} {LACKS}')
 
 
-_made: dict[str, ModuleType] = {}
-
-
+@cache
 def _modules() -> dict[str, ModuleType]:
     """Return the stand-ins by name."""
-    if not _made:
-        kinds = packages()
-        for name in [*_NAMES, *(kind.partition('.')[0] for kind in kinds), *kinds]:
-            module = _made.setdefault(name, _StandIn(name))
-            module.__path__ = []
-            parent, _, child = name.rpartition('.')
-            if parent:
-                setattr(_made[parent], child, module)
-            source: Any = None
-            for word in _NAMES.get(name, '').split():
-                if word.endswith(':'):
-                    source = import_module(f'{__name__}.{word[:-1]}')
-                else:
-                    setattr(module, word, getattr(source, word))
-    return _made
+    names: dict[str, Any] = {}
+    for source in ('context', 'executor', 'node', 'parameters'):
+        names |= vars(import_module(f'{__name__}.{source}'))
+    kinds = packages()
+    made: dict[str, ModuleType] = {}
+    for name in (*_NAMES, *(kind.partition('.')[0] for kind in kinds), *kinds):
+        module = made.setdefault(name, _StandIn(name))
+        module.__path__ = []
+        vars(module).update({word: names[word] for word in _NAMES.get(name, '').split()})
+        parent, _, child = name.rpartition('.')
+        if parent:
+            setattr(made[parent], child, module)
+    return made
 
 
 def find_module(name: str) -> ModuleType | None:

@@ -19,8 +19,6 @@ from barc_sim.ros.local.messages import message_type
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_PARAMETER, _REMAPPING = ('-p', '--param'), ('-r', '--remap')
-
 
 class NotInitializedException(Exception):
     pass
@@ -48,31 +46,28 @@ class Arguments:
                         self._add(option, next(rest, ''), world)
 
     def _add(self, option: str, text: str, world: World) -> None:
-        target, assigned, value = text.partition(':=')
+        target, _, value = text.rpartition(':=')
         node, _, name = target.rpartition(':')
         if option == '--log-level':
-            level = (value if assigned else text).upper()
-            if level not in LoggingSeverity.__members__:
+            if value.upper() not in LoggingSeverity.__members__:
                 raise RuntimeError(f"Couldn't parse log level rule: '--log-level {text}'")
-            world.log_levels[target if assigned else ''] = LoggingSeverity[level]
+            world.log_levels[target] = LoggingSeverity[value.upper()]
         elif option == '--params-file':
             self._parameters += _of_file(Path(text))
-        elif option not in _PARAMETER + _REMAPPING:
+        elif option not in ('-p', '--param', '-r', '--remap'):
             raise RuntimeError(f'found unknown ROS arguments: {option!r}')
-        elif not (assigned and target):
-            kind = 'param' if option in _PARAMETER else 'remap'
+        elif not target:
+            kind = 'param' if 'p' in option[:3] else 'remap'
             raise RuntimeError(f"Couldn't parse {kind} rule: {text!r}: expected NAME:=VALUE")
-        elif option in _PARAMETER:
+        elif option in ('-p', '--param'):
             self._parameters.append(_Rule(node, name, _value(value)))
         else:
             self._remappings.append(_Rule(node, name, value))
 
     def remap(self, node: str, *names: str) -> str | None:
         """Return the new name by the node's first rule for one of `names`, if there is one."""
-        for rule in self._remappings:
-            if rule.node in ('', node) and rule.name in names:
-                return str(rule.value)
-        return None
+        rules = (rule for rule in self._remappings if rule.node in ('', node))
+        return next((rule.value for rule in rules if rule.name in names), None)
 
     def of(self, node: str) -> dict[str, Any]:
         """Return the parameters for the node of this full name; the last one given counts."""
@@ -114,72 +109,35 @@ def _flat(tree: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
             yield path, value
 
 
-class Context:
-    """What `init` begins and `shutdown` ends."""
-
-    def __init__(self) -> None:
-        self.world = current()
-        self.is_ok = self.has_begun = False
-
-    def init(self, args: list[str] | None = None) -> None:
-        if self.has_begun:
-            raise RuntimeError('Context.init() must only be called once')
-        words = [] if self.world.simulated else sys.argv
-        self.arguments = Arguments(words if args is None else args, self.world)
-        if not (os.environ.get('ROS_DOMAIN_ID') or '0').isdecimal():
-            raise RuntimeError('ROS_DOMAIN_ID is not an integral number')
-        self.is_ok = self.has_begun = True
-
-    def all(self, kind: str, name: str) -> list[Any]:
-        """Return what nodes have of a kind, as `publishers`, under this full name."""
-        every = (each for node in self.world.nodes for each in getattr(node, kind))
-        return [each for each in every if each.topic_name == name]
-
-    def ok(self) -> bool:
-        return self.is_ok
-
-    def shutdown(self) -> None:
-        if not self.is_ok:
-            raise RuntimeError('failed to shutdown: the context is not initialized')
-        self.try_shutdown()
-
-    def try_shutdown(self) -> None:
-        self.is_ok = False
-
-    def get_domain_id(self) -> int:
-        return int(os.environ.get('ROS_DOMAIN_ID') or 0)
-
-
-def get_default_context() -> Context:
-    world = current()
-    world.default_context = world.default_context or Context()
-    return world.default_context  # type: ignore[no-any-return]
-
-
 SignalHandlerOptions = IntEnum('SignalHandlerOptions', 'NO SIGINT SIGTERM ALL', start=0)
 
 
-def init(*, args: list[str] | None = None, context: Context | None = None, **_: Any) -> None:
+def init(*, args: list[str] | None = None, signal_handler_options: Any = None) -> None:
     """Begin; Ctrl-C is a KeyboardInterrupt with any options."""
-    default = get_default_context()
-    if context is None and default.has_begun and not default.is_ok:
-        default = default.world.default_context = Context()
-    (context or default).init(args)
+    del signal_handler_options
+    world = current()
+    if world.is_ok:
+        raise RuntimeError('Context.init() must only be called once')
+    words = [] if world.simulated else sys.argv
+    world.arguments = Arguments(words if args is None else args, world)
+    world.is_ok = True
 
 
-def shutdown(*, context: Context | None = None, **_: Any) -> None:
-    (context or get_default_context()).shutdown()
+def shutdown() -> None:
+    if not current().is_ok:
+        raise RuntimeError('failed to shutdown: the context is not initialized')
+    try_shutdown()
 
 
-def try_shutdown(*, context: Context | None = None, **_: Any) -> None:
-    (context or get_default_context()).try_shutdown()
+def try_shutdown() -> None:
+    current().is_ok = False
 
 
-def ok(*, context: Context | None = None) -> bool:
-    context = context or get_default_context()
-    if context.world.simulated:
-        context.world.sleep(SECOND // 1000)  # a loop that asks comes to its end
-    return context.is_ok
+def ok() -> bool:
+    world = current()
+    if world.simulated:
+        world.sleep(SECOND // 1000)  # a loop that asks comes to its end
+    return world.is_ok
 
 
 HistoryPolicy = IntEnum('HistoryPolicy', 'SYSTEM_DEFAULT KEEP_LAST KEEP_ALL UNKNOWN', start=0)
@@ -232,9 +190,6 @@ class Logger:
         self.name, self._world, self.rosout = name, world, rosout
         self._last: dict[tuple[Any, int], float] = {}  # [s] of each place that logs
 
-    def get_child(self, name: str) -> Logger:
-        return Logger(f'{self.name}.{name}', self._world, self.rosout)
-
     def set_level(self, level: int) -> None:
         self._world.log_levels[self.name] = level
 
@@ -250,7 +205,6 @@ class Logger:
         message: str,
         *,
         throttle_duration_sec: float = 0.0,
-        skip_first: bool = False,
         once: bool = False,
     ) -> bool:
         if self._world.is_silent or severity < self.get_effective_level():
@@ -258,9 +212,7 @@ class Logger:
         frame = sys._getframe(1)  # noqa: SLF001 (who logs)
         place, now = (frame.f_code, frame.f_lineno), self._world.now() / SECOND
         last = self._last.get(place)
-        if last is None:
-            self._last[place] = now
-        if skip_first if last is None else once or now < last + throttle_duration_sec:
+        if last is not None and (once or now < last + throttle_duration_sec):
             return False
         self._last[place] = now
         sec, nanosec = divmod(self._world.date(), SECOND)
@@ -271,18 +223,13 @@ class Logger:
             text = text.replace(f'{{{key}}}', value)
         print(text, file=sys.stderr, flush=True)  # noqa: T201
         if self.rosout:
-            stamp = message_type('builtin_interfaces/msg/Time')(sec=sec, nanosec=nanosec)
-            self.rosout.publish(
-                message_type('rcl_interfaces/msg/Log')(
-                    stamp=stamp,
-                    level=int(severity),
-                    name=self.name,
-                    msg=message,
-                    file=frame.f_code.co_filename,
-                    function=frame.f_code.co_name,
-                    line=frame.f_lineno,
-                )
+            log = message_type('rcl_interfaces/msg/Log')(
+                level=severity, name=self.name, msg=message
             )
+            log.stamp.sec, log.stamp.nanosec = sec, nanosec
+            log.file, log.function = frame.f_code.co_filename, frame.f_code.co_name
+            log.line = frame.f_lineno
+            self.rosout.publish(log)
         return True
 
     debug = partialmethod(_log, LoggingSeverity.DEBUG)

@@ -7,8 +7,8 @@ jumps to the next timer: a minute takes milliseconds, and always takes the same 
 
 from __future__ import annotations
 
-import heapq
 import inspect
+import os
 import threading
 import time
 from collections import deque
@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import IntEnum
 from functools import total_ordering
-from itertools import count
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.ros.local.messages import message_type
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Coroutine, Generator, Iterator
 
 SECOND = 1_000_000_000  #: [ns]
-_LONGEST_SLEEP = 0.1  #: [s] until an executor notices that another thread has ended its context
+_LONGEST_SLEEP = 0.1  #: [s] until an executor notices that another thread has shut down rclpy
 
 
 class EndOfTimeError(BaseException):
@@ -33,29 +33,41 @@ class EndOfTimeError(BaseException):
 
 
 class ExternalShutdownException(Exception):
-    """The context has been shut down while an executor waited."""
+    """rclpy has been shut down while an executor waited."""
 
 
 class World:
-    """What the programs of one process share: the time, the nodes and the levels of the log.
+    """What the nodes of a program share: the time, the graph, and what rclpy has as a context.
 
     `now` returns the time [ns] that paces timers, `date` the one since the epoch, or since the
     start of simulated time.
     """
 
-    end = float('inf')  #: of simulated time [ns]
+    end = inf  #: of simulated time [ns]
     flat_names: Collection[str] = ()  #: topics that have no namespaces
     is_silent = False  #: whether there is no log
+    is_ok = False  #: whether rclpy has begun, and has not ended
+    arguments: Any  #: of `--ros-args`
 
     def __init__(self, *, simulated: bool = False) -> None:
         self.simulated, self.now_ns = simulated, 0
         self.now: Callable[[], int] = (lambda: self.now_ns) if simulated else time.monotonic_ns
         self.date: Callable[[], int] = self.now if simulated else time.time_ns
-        self.default_context: Any = None
         self.nodes: list[Any] = []
         self.log_levels: dict[str, int] = {}
         #: Executors that run while others wait: the world around a program.
         self.around: list[Executor] = []
+
+    def ok(self) -> bool:
+        return self.is_ok
+
+    def get_domain_id(self) -> int:
+        return int(os.environ.get('ROS_DOMAIN_ID') or 0)
+
+    def all(self, kind: str, name: str) -> list[Any]:
+        """Return what nodes have of a kind, as `publishers`, under this full name."""
+        every = (each for node in self.nodes for each in getattr(node, kind))
+        return [each for each in every if each.topic_name == name]
 
     def sleep(self, nanoseconds: int) -> None:
         """Let time pass."""
@@ -66,19 +78,19 @@ class World:
         while self.now_ns < until:
             self.pass_time(until)
 
-    def pass_time(self, until: int | None) -> None:
+    def pass_time(self, until: float) -> None:
         """In simulated time, run the next callback around, or jump to `until` [ns]."""
-        waiting = [(due, each) for each in self.around if (due := each.next_due()) is not None]
-        due, executor = min(waiting, key=lambda each: each[0], default=(until, None))
-        if due is None:
-            raise RuntimeError('nothing will ever end this wait: simulated time has no more events')
-        if executor is None or (until is not None and due > until):
+        waiting = ((each.next_due(), each) for each in self.around)
+        due, executor = min(waiting, key=lambda each: each[0], default=(inf, None))
+        if executor is None or due > until:
             self._jump(until)
         elif due <= self.now_ns or self._jump(due):
             executor.turn(due)
 
-    def _jump(self, to: Any) -> bool:
+    def _jump(self, to: float) -> bool:
         """Move time to `to` [ns], or to its end: False."""
+        if min(to, self.end) == inf:
+            raise RuntimeError('nothing will ever end this wait: simulated time has no more events')
         self.now_ns = int(min(max(to, self.now_ns), self.end))
         if to < self.end:
             return True
@@ -145,8 +157,6 @@ class Time(Duration):
         self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: Any = ClockType.SYSTEM_TIME
     ) -> None:
         super().__init__(seconds=seconds, nanoseconds=nanoseconds)
-        if self.nanoseconds < 0:
-            raise ValueError('a time must not be negative')
         self.clock_type = clock_type
 
     def __add__(self, other: Duration) -> Time:
@@ -171,103 +181,81 @@ class Clock:
         ns = self._world.now() if steady else self._world.date()
         return Time(nanoseconds=ns, clock_type=self.clock_type)
 
-    def sleep_for(self, rel_time: Duration) -> bool:
-        self._world.sleep(max(rel_time.nanoseconds, 0))
-        return True
-
 
 class Timer:
     """Calls back by the wall, or by simulated time; a late one leaves out what has passed."""
 
     def __init__(self, node: Any, period: int, callback: Any) -> None:
         self.node, self.callback, self.timer_period_ns = node, callback, period
-        self.due: int | None = None
-        self._now = node.context.world.now
+        self.due = inf  #: [ns]; infinity: it is cancelled
+        self._now = node.context.now
 
-    def schedule(self) -> None:
-        """Enter the executor's agenda."""
-        if self.due is not None and self.node.executor is not None:
-            self.node.executor.at(self.due, self)
+    def _set(self, due: float) -> None:
+        self.due = due
+        if self.node.executor is not None:
+            self.node.executor.expect(due)
 
     def run(self) -> Any:
         """Call back, if it is still time."""
         now, period = self._now(), self.timer_period_ns
-        if self.due is None or now < self.due:
+        if now < self.due:
             return None
-        self.due += period * (1 + (now - self.due) // period) if period else now - self.due
-        self.schedule()
+        self._set(self.due + period * (1 + (now - self.due) // period) if period else now)
         return self.callback()
 
     def reset(self) -> None:
-        self.due = self._now() + self.timer_period_ns
-        self.schedule()
+        self._set(self._now() + self.timer_period_ns)
 
     def cancel(self) -> None:
-        self.due = None
+        self.due = inf
 
     destroy = cancel
 
     def is_canceled(self) -> bool:
-        return self.due is None
+        return self.due == inf
 
 
 class Future:
     _result: Any = None
-    _is_done = False
+    is_done = False
 
     def __init__(self) -> None:
         self._callbacks: list[Callable[[Future], object]] = []
 
     def __await__(self) -> Generator[Future, None, Any]:
-        if not self._is_done:
+        if not self.is_done:
             yield self
         return self._result
 
     def done(self) -> bool:
-        return self._is_done
+        return self.is_done
 
     def result(self) -> Any:
         return self._result
 
     def set_result(self, result: Any) -> None:
-        self._result, self._is_done = result, True
+        self._result, self.is_done = result, True
         while self._callbacks:
             self._callbacks.pop(0)(self)
 
     def add_done_callback(self, callback: Callable[[Future], object]) -> None:
-        if self._is_done:
+        if self.is_done:
             callback(self)
         else:
             self._callbacks.append(callback)
 
 
-class _Coroutine:
-    """A callback that awaits; it continues when the future that it awaits is done."""
-
-    node: Any = None
-
-    def __init__(self, coroutine: Coroutine[Future, None, Any], executor: Executor) -> None:
-        self._coroutine, self._executor = coroutine, executor
-
-    def run(self) -> None:
-        with suppress(StopIteration):
-            awaited = self._coroutine.send(None)
-            awaited.add_done_callback(lambda _: self._executor.push(self))
-
-
 class Executor:
     """Calls back in one thread, in the order of arrival."""
 
-    def __init__(self, num_threads: int | None = None, *, context: Any = None) -> None:
+    def __init__(self, num_threads: int | None = None) -> None:
         del num_threads
-        self.context = context or current().default_context
-        self.world: World = self.context.world
+        self.world = current()
         self._nodes: list[Any] = []
         self._ready: deque[Any] = deque()
-        self._agenda: list[tuple[int, int, Timer]] = []
-        self._numbers = count()
+        self._soonest: float = 0  #: [ns] of the timers, or before
         self._is_shutdown = self._waits = False
-        self._asleep = threading.Lock()
+        self._awake = threading.Event()
 
     def __enter__(self) -> Executor:  # noqa: PYI034 (Self is newer than Python 3.10)
         return self
@@ -281,14 +269,17 @@ class Executor:
         if node.executor is not None:
             node.executor.remove_node(node)
         self._nodes.append(node)
-        node.use_executor(self)
+        node.executor = self
+        for receiver in node.waiting():
+            self.push(receiver)
+        self.expect(0)
         return True
 
     def remove_node(self, node: Any) -> None:
         if node in self._nodes:
             self._nodes.remove(node)
             self._ready = deque(each for each in self._ready if each.node is not node)
-            node.use_executor(None)
+            node.executor = None
 
     def get_nodes(self) -> list[Any]:
         return [*self._nodes]
@@ -297,64 +288,63 @@ class Executor:
         """Call `receiver` once it is its turn; from any thread."""
         self._ready.append(receiver)
         if self._waits:
-            self.wake()
+            self._awake.set()
 
-    def at(self, due: int, timer: Timer) -> None:
-        """Call `timer` at `due` [ns]; from any thread."""
-        heapq.heappush(self._agenda, (due, next(self._numbers), timer))
+    def expect(self, due: float) -> None:
+        """Look at the timers again at `due` [ns]; from any thread."""
+        self._soonest = min(self._soonest, due)
         if self._waits:
-            self.wake()
+            self._awake.set()
 
-    def wake(self) -> None:
-        with suppress(RuntimeError):  # awake already
-            self._asleep.release()
-
-    def next_due(self) -> int | None:
-        """Return when there is something to call [ns]."""
+    def next_due(self) -> float:
+        """Return when there is something to call [ns]; infinity: never."""
         if self._ready:
             return self.world.now()
-        agenda = self._agenda
-        while agenda and not self._is_current(*agenda[0]):
-            heapq.heappop(agenda)
-        return agenda[0][0] if agenda else None
+        self._soonest = min((each.due for each in self._timers()), default=inf)
+        return self._soonest
 
-    def _is_current(self, due: int, _: int, timer: Timer) -> bool:
-        return timer.due == due and timer.node.executor is self
+    def _timers(self) -> list[Timer]:
+        return [timer for node in self._nodes for timer in node.timers]
 
-    def turn(self, until: int | None) -> bool:
+    def turn(self, until: float) -> bool:
         """Call back once; where nothing is ready, wait for it, but not beyond `until` [ns]."""
-        agenda = self._agenda
-        while agenda and agenda[0][0] <= self.world.now():
-            entry = heapq.heappop(agenda)
-            if self._is_current(*entry):
-                self._ready.append(entry[2])
+        now = self.world.now()
+        if now >= self._soonest:
+            timers = sorted(self._timers(), key=lambda timer: timer.due)
+            self._ready += [timer for timer in timers if timer.due <= now]
+            self._soonest = min((timer.due for timer in timers if timer.due > now), default=inf)
         if self._ready:
             result = self._ready.popleft().run()
             if result is not None and inspect.iscoroutine(result):
-                _Coroutine(result, self).run()
+                self._continue(result)
             return True
         self._waits = True
         try:
-            soonest = self.next_due()
-            self._wait(min((t for t in (soonest, until) if t is not None), default=None))
+            self._wait(min(self.next_due(), until))
         finally:
             self._waits = False
-        if not self.context.is_ok and not self._is_shutdown:
+        if not (self.world.is_ok or self._is_shutdown):
             raise ExternalShutdownException
         return False
 
-    def _wait(self, until: int | None) -> None:
+    def _continue(self, coroutine: Coroutine[Future, None, Any]) -> None:
+        """Run a callback to what it awaits, and on as soon as that is done."""
+        with suppress(StopIteration):
+            coroutine.send(None).add_done_callback(lambda _: self._continue(coroutine))
+
+    def _wait(self, until: float) -> None:
         if self.world.simulated:
             self.world.pass_time(until)
-        elif not self._ready:
-            left = _LONGEST_SLEEP if until is None else (until - time.monotonic_ns()) / SECOND
-            self._asleep.acquire(timeout=min(max(left, 0.0), _LONGEST_SLEEP))
+        else:
+            left = (until - time.monotonic_ns()) / SECOND
+            self._awake.wait(min(max(left, 0.0), _LONGEST_SLEEP))
+            self._awake.clear()
 
     def spin(self) -> None:
         self._spin(Future(), None)
 
     def spin_until_future_complete(self, future: Future, timeout_sec: float | None = None) -> None:
-        future.add_done_callback(lambda _: self.wake())
+        future.add_done_callback(lambda _: self._awake.set())
         self._spin(future, timeout_sec)
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
@@ -362,10 +352,9 @@ class Executor:
 
     def _spin(self, future: Future, timeout: float | None, *, once: bool = False) -> None:
         forever = timeout is None or timeout < 0
-        until = None if forever else self.world.now() + int((timeout or 0) * SECOND)
-        context, turn, is_done = self.context, self.turn, future.done
-        while context.is_ok and not self._is_shutdown and not is_done():
-            if (turn(until) and once) or (until is not None and self.world.now() >= until):
+        until = inf if forever else self.world.now() + int((timeout or 0) * SECOND)
+        while self.world.is_ok and not self._is_shutdown and not future.is_done:
+            if (self.turn(until) and once) or (until != inf and self.world.now() >= until):
                 return
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
@@ -373,7 +362,7 @@ class Executor:
         self._is_shutdown = True
         for node in self.get_nodes():
             self.remove_node(node)
-        self.wake()
+        self._awake.set()
         return True
 
 

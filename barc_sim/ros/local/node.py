@@ -5,16 +5,15 @@ from __future__ import annotations
 import re
 from collections import deque
 from functools import partial, partialmethod
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 from barc_sim.ros.local.context import (
     QOS_ROSOUT,
-    Context,
     DurabilityPolicy,
     Logger,
     NotInitializedException,
     QoSProfile,
-    get_default_context,
     qos_profile_parameter_events,
     qos_profile_system_default,
 )
@@ -26,12 +25,14 @@ from barc_sim.ros.local.executor import (
     Executor,
     Future,
     Timer,
+    World,
+    current,
 )
 from barc_sim.ros.local.messages import LACKS, message_type
 from barc_sim.ros.local.parameters import Parameter, Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 _DOCUMENTED = '(create|destroy|get|set|add|remove|count|declare|undeclare|describe|wait)_'
 #: What a node has, by kind.
@@ -141,8 +142,6 @@ class Service(_Entity):
         if self.queue:
             request, client, future = self.queue.popleft()
             response = self.callback(request, self.kind.Response())
-            if not isinstance(response, self.kind.Response):
-                raise TypeError(f'Expected {self.kind.Response}, got {type(response)}')
             client.offer((future, response.__copy__()))
 
 
@@ -164,9 +163,9 @@ class Client(_Entity):
         return bool(self.node.context.all('services', self.topic_name))
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        world = self.node.context.world
-        end = float('inf') if timeout_sec is None else world.now() + timeout_sec * SECOND
-        while not self.service_is_ready() and world.now() < end and self.node.context.ok():
+        world = self.node.context
+        end = inf if timeout_sec is None else world.now() + timeout_sec * SECOND
+        while not self.service_is_ready() and world.now() < end and world.is_ok:
             world.sleep(SECOND // 100)
         return self.service_is_ready()
 
@@ -183,18 +182,18 @@ class Node(Parameters):
         self,
         node_name: str,
         *,
-        context: Context | None = None,
         namespace: str | None = None,
         enable_rosout: bool = True,
         start_parameter_services: bool = True,
         parameter_overrides: list[Parameter] | None = None,
     ) -> None:
-        self.context = context or get_default_context()
+        self.context: World = current()
         if not self.context.is_ok:
             raise NotInitializedException('rclpy.init() has not been called: cannot create node')
         self.default_callback_group = CallbackGroup()
         remap = self.context.arguments.remap
-        self._name = remap('', '__node', '__name') or _checked(node_name)
+        name = _checked(node_name)
+        self._name = remap('', '__node', '__name') or name
         space = (remap(self._name, '__ns') or namespace or '').strip('/')
         self._namespace = f'/{_checked(space) if space else ""}'
         self.publishers: list[Publisher] = []
@@ -203,10 +202,10 @@ class Node(Parameters):
         self.clients: list[Client] = []
         self.timers: list[Timer] = []
         self.guards: list[GuardCondition] = []
-        self.context.world.nodes.append(self)
+        self.context.nodes.append(self)
         self._clock = Clock(clock_type=ClockType.ROS_TIME)
         name = self.get_fully_qualified_name()
-        self._logger = Logger(name.strip('/').replace('/', '.'), self.context.world)
+        self._logger = Logger(name.strip('/').replace('/', '.'), self.context)
         if enable_rosout:
             log = message_type('rcl_interfaces/msg/Log')
             self._logger.rosout = self.create_publisher(log, '/rosout', QOS_ROSOUT)
@@ -214,7 +213,7 @@ class Node(Parameters):
         events = self.create_publisher(event, '/parameter_events', qos_profile_parameter_events)
         given = self.context.arguments.of(name)
         given |= {each.name: each.value for each in parameter_overrides or ()}
-        super().__init__(self, events, given)
+        super().__init__(events, given)
         if self.declare_parameter('use_sim_time', False).value:
             raise ValueError('use_sim_time is for nodes of ROS 2: there is no /clock without it')
         self.declare_parameter('start_type_description_service', True)
@@ -240,15 +239,10 @@ class Node(Parameters):
     def get_logger(self) -> Logger:
         return self._logger
 
-    def use_executor(self, executor: Executor | None) -> None:
-        """Let `executor` call back, beginning with what has arrived already."""
-        self.executor = executor
-        if executor is not None:
-            for entity in (*self.subscriptions, *self.services, *self.clients, *self.guards):
-                for _ in entity.queue:
-                    executor.push(entity)
-            for timer in self.timers:
-                timer.schedule()
+    def waiting(self) -> Iterator[_Entity]:
+        """Yield a receiver for each message, request or response that has arrived."""
+        for entity in (*self.subscriptions, *self.services, *self.clients, *self.guards):
+            yield from [entity] * len(entity.queue)
 
     def _expanded(self, name: str) -> str:
         name = _checked(name.replace('{node}', self._name).replace('{ns}', self._namespace[1:]))
@@ -259,7 +253,7 @@ class Node(Parameters):
     def resolve_topic_name(self, topic: str) -> str:
         full = self._expanded(topic)
         last = full.rpartition('/')[2]
-        if last in self.context.world.flat_names:
+        if last in self.context.flat_names:
             return f'/{last}'
         new = self.context.arguments.remap(self._name, topic, full)
         return self._expanded(new) if new else full
@@ -347,7 +341,7 @@ class Node(Parameters):
     destroy_guard_condition = partialmethod(_destroy, 'guards')
 
     def destroy_node(self) -> None:
-        nodes = self.context.world.nodes
+        nodes = self.context.nodes
         if self in nodes:
             for kind in _KINDS:
                 for entity in [*getattr(self, kind)]:
@@ -357,7 +351,7 @@ class Node(Parameters):
                 self.executor.remove_node(self)
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(each.get_name(), each.get_namespace()) for each in self.context.world.nodes]
+        return [(each.get_name(), each.get_namespace()) for each in self.context.nodes]
 
     def get_node_names(self) -> list[str]:
         return [name for name, _ in self.get_node_names_and_namespaces()]
@@ -365,14 +359,13 @@ class Node(Parameters):
     def _types(self, kinds: tuple[str, ...], *of: str) -> list[tuple[str, list[str]]]:
         """Return names and types of all nodes' entities, or of the node of a name and namespace."""
         found: dict[str, set[str]] = {}
-        for node in self.context.world.nodes:
+        for node in self.context.nodes:
             if not of or (node.get_name(), node.get_namespace()) == of:
                 for each in (each for kind in kinds for each in getattr(node, kind)):
                     found.setdefault(each.topic_name, set()).add(each.topic_type)
         return [(name, sorted(types)) for name, types in sorted(found.items())]
 
     get_topic_names_and_types = partialmethod(_types, ('publishers', 'subscriptions'))
-    get_service_names_and_types = partialmethod(_types, ('services',))
     get_publisher_names_and_types_by_node = partialmethod(_types, ('publishers',))
     get_subscriber_names_and_types_by_node = partialmethod(_types, ('subscriptions',))
 
@@ -394,7 +387,7 @@ create_node = Node
 
 
 def _spin(how: str, node: Node, *given: Any, executor: Any = None, **options: Any) -> None:
-    executor = executor or Executor(context=node.context)
+    executor = executor or Executor()
     before = node.executor
     executor.add_node(node)
     try:

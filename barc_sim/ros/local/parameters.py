@@ -90,10 +90,14 @@ def _result(reason: str = '') -> Any:
 
 
 class Parameters:
-    """The parameters of a node."""
+    """The parameters of a node, which derives from this."""
 
-    def __init__(self, node: Any, events: Any, overrides: dict[str, Any]) -> None:
-        self._node, self._events, self._overrides = node, events, overrides
+    get_fully_qualified_name: Any
+    get_clock: Any
+    create_service: Any
+
+    def __init__(self, events: Any, overrides: dict[str, Any]) -> None:
+        self._events, self._overrides = events, overrides
         self._parameters: dict[str, Parameter] = {}
         self._descriptors: dict[str, Any] = {}
         self._on_set: list[Callable[[list[Parameter]], Any]] = []
@@ -137,16 +141,10 @@ class Parameters:
     def get_parameters(self, names: list[str]) -> list[Parameter]:
         return [self.get_parameter(name) for name in names]
 
-    def get_parameter_or(self, name: str, alternative_value: Any = None) -> Parameter:
-        return self._parameters.get(name) or alternative_value or Parameter(name)
-
     def list_parameters(self, prefixes: list[str], depth: int) -> Any:
-        names = [
-            name
-            for name in self._parameters
-            if (not depth or name.count('.') < depth)
-            and (not prefixes or f'{name}.'.startswith(tuple(f'{each}.' for each in prefixes)))
-        ]
+        within = tuple(f'{each}.' for each in prefixes) or ''
+        shallow = (each for each in self._parameters if not depth or each.count('.') < depth)
+        names = [each for each in shallow if f'{each}.'.startswith(within)]
         return _interface('ListParametersResult')(names=names)
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
@@ -170,8 +168,8 @@ class Parameters:
             if not result.successful:
                 return result
         self._descriptors = descriptors
-        event = _interface('ParameterEvent')(node=self._node.get_fully_qualified_name())
-        event.stamp = self._node.get_clock().now().to_msg()
+        event = _interface('ParameterEvent')(node=self.get_fully_qualified_name())
+        event.stamp = self.get_clock().now().to_msg()
         kind = event.new_parameters if declared else event.changed_parameters
         for each in parameters:
             kind.append(each.to_parameter_msg())
@@ -190,8 +188,8 @@ class Parameters:
     def serve(self) -> None:
         """Serve the parameters under rclpy's names."""
         get, set_ = _interface('GetParameters', 'srv'), _interface('SetParameters', 'srv')
-        self._node.create_service(get, '~/get_parameters', self._on_get_request)
-        self._node.create_service(set_, '~/set_parameters', self._on_set_request)
+        self.create_service(get, '~/get_parameters', self._on_get_request)
+        self.create_service(set_, '~/set_parameters', self._on_set_request)
 
     def _on_get_request(self, request: Any, response: Any) -> Any:
         if all(map(self.has_parameter, request.names)):
@@ -220,9 +218,4 @@ def _fault(parameter: Parameter, descriptor: Any) -> str:
         if not low <= value <= high:
             mark = '.' if is_whole else ''
             return f'Parameter {name} out of range{mark} Min: {low}, Max: {high}, value: {value}'
-        if allowed.step and (value - low) % allowed.step and value != high:
-            return (
-                f'The parameter value for {name} is not a valid step. Min: {low}, max: {high}, '
-                f'value: {value}, step: {allowed.step}'
-            )
     return ''

@@ -59,7 +59,7 @@ class LocalSubscriptions:
     def _receiver(self, name: str, kind: str) -> Callable[[Any, int], None]:
         """Return what keeps a message of a topic."""
         described, keep = topic(name, kind, store()), self._messages.append
-        messages, depth, date = self._messages, self._depth, self._node.context.world.date
+        messages, depth, date = self._messages, self._depth, self._node.context.date
         made = partial(tuple.__new__, Message)  # quicker than its own __new__
 
         def receive(msg: Any, number: int) -> None:
