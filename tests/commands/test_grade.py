@@ -209,6 +209,7 @@ def test_what_is_printed_is_shown_and_not_run(graded: Graded) -> None:
     assert '[and more]' in page
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('graded')  # where code can be confined
 def test_what_works_counts_where_the_rest_hangs_by_seed_and_rubric(tmp_path: Path) -> None:
     rubric = tmp_path / 'rubric.yaml'

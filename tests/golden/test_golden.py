@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 #: One for each of ROS's parts; the others are slow, as their physics is that of the loops below.
-QUICK = {'noise', 'ten_cars', 'user_code', 'steered_dynamic_rk4', 'teleop_user_code'}
+QUICK = {'noise', 'user_code', 'steered_dynamic_rk4', 'teleop_user_code'}
 
 
 @pytest.fixture(scope='module')

@@ -11,7 +11,7 @@ pytest.importorskip('rclpy')
 from command_line import call
 from golden.make_golden import differences, figures
 from golden.scenarios import SCENARIOS
-from golden.test_golden import golden
+from golden.test_golden import QUICK, golden
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
@@ -90,7 +90,9 @@ NAMES = [
 ]
 
 
-@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize(
+    'name', [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in NAMES]
+)
 def test_run_without_ros_gives_the_golden_figures(
     golden: dict[str, Any], name: str, tmp_path: Path
 ) -> None:

@@ -38,7 +38,7 @@ def lap_of(log: Log, number: int) -> dict[str, np.ndarray]:  # type: ignore[type
     return {name: values for name, values in columns.items() if name != 't'}
 
 
-@pytest.mark.parametrize('engine', ['local', 'ros'])
+@pytest.mark.parametrize('engine', ['local', pytest.param('ros', marks=pytest.mark.slow)])
 def test_each_lap_is_the_run_of_one_lap_to_the_last_bit(tmp_path: Path, engine: str) -> None:
     _, single = drive(tmp_path / 'single', engine)
     out, several = drive(tmp_path / 'several', engine, '--laps', '2')

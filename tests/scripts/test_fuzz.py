@@ -31,9 +31,9 @@ SOAK = 'BARC_SIM_SOAK' in os.environ
 @pytest.mark.parametrize(
     ('kind', 'count'),
     [
-        ('limits', 1_000 if SOAK else 2),
-        ('zips', 5_000 if SOAK else 20),
-        ('bags', 10_000 if SOAK else 5),
+        ('limits', 1_000 if SOAK else 1),
+        ('zips', 5_000 if SOAK else 5),
+        ('bags', 10_000 if SOAK else 2),
         pytest.param('links', 1_000 if SOAK else 8, marks=pytest.mark.slow),
         pytest.param('limits', 8, marks=pytest.mark.slow),
         pytest.param('zips', 200, marks=pytest.mark.slow),

@@ -131,8 +131,8 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
     code = lab(model.replace('sin(theta)', 'sin(theta)**3'), controller.replace('0.02', '0.03'))
-    assert judge(code, Settings(seed=3)) == judge(code, Settings(seed=3))
-    assert judge(code, Settings(seed=3)) != judge(code, Settings(seed=4))
+    findings = judge(code, Settings(seed=3))
+    assert findings == judge(code, Settings(seed=3)) != judge(code, Settings(seed=4))
 
 
 def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
