@@ -55,7 +55,7 @@ class Budget:
 
     def __init__(self, files: Sequence[Path], *, timed: bool = True) -> None:
         """Begin the reading of a bag's files, which takes time from now on if it is `timed`."""
-        size = sum(file.stat().st_size for file in files)
+        size = sum(file.lstat().st_size for file in files)
         self.file = files[0]
         self._bytes = 4 * MAX_RECORD + 1000 * size
         self._records = 10_000 + size // 8
@@ -143,10 +143,9 @@ def check_topics(path: Path, topics: int, definitions: int = 0) -> None:
         refuse(path, found, f'{MAX_TOPICS} and {MAX_DEFINITIONS}')
 
 
-def check_attachments(path: Path, attached: dict[str, bytes]) -> None:
-    """Refuse attached files that are longer than those of a run."""
-    size = sum(map(len, attached.values()))
-    if size > MAX_ATTACHED or any(len(name) > MAX_TEXT for name in attached):
+def check_attached(path: Path, size: int) -> None:
+    """Refuse more bytes of attached files than those of a run."""
+    if size > MAX_ATTACHED:
         refuse(path, f'{size} bytes of attached files', f'{MAX_ATTACHED}')
 
 

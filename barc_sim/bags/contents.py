@@ -2,97 +2,125 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from heapq import heappop, heappush
-from typing import TYPE_CHECKING
+from itertools import chain
+from typing import TYPE_CHECKING, Any
 
-import zstandard
-from mcap.records import Channel, Metadata, Schema, Statistics
-from mcap.records import Message as Record
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from barc_sim.bags import bounds
 from barc_sim.bags.bounds import Budget
 from barc_sim.bags.messages import Message
-from barc_sim.bags.recording import METADATA_NAME, Span, Topic
-from barc_sim.bags.records import Channels, Damage, budget_of, files, records
+from barc_sim.bags.recording import Span, Topic
+from barc_sim.bags.records import Damage, McapFile, files, unpacked
+from barc_sim.bags.schemas import definition
 from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
-
-    from rosbags.interfaces import Connection
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins what rosbag2 has compressed; CDR begins with a zero
 #: [ns] by which a message may stand behind later ones.
 _DISORDER = 2_000_000_000
+_IDL = '=' * 80 + '\nIDL: '
+_LOSSES = ('lost ', 'lost_messages', 'not recorded ')
 
 
 class Contents:
-    """What is in a bag. `outline` and `messages` fill the attributes as they read.
+    """What is in a bag: what its files describe at once, the rest as `messages` reads them.
 
     Attributes
     ----------
     topics
         By name.
-    sources
-        Its files, or a directory whose files rosbags reads.
+    sources, files
+        Its files; and of these the MCAP files, unless rosbags reads the bag.
     counts
         The number of messages that were read, by topic.
     span
         Of all messages, or of those that were read.
-    metadata
-        The run's own.
+    metadata, attachments
+        The run's own, and the attached files by their names.
     damages
         By the damaged files' names.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Find the files of the bag at `path`: its directory, or one of the files.
+    def __init__(self, path: Path, *, run: bool = False) -> None:
+        """Find and describe the bag at `path`: its directory, or one of the files.
+
+        Of a `run` there are only MCAP files, and to read them takes limited time.
 
         Raises
         ------
         UserError
-            There is none.
+            There is no bag, it cannot be read, or it exceeds a bound.
         """
         self.path = path
         self.topics: dict[str, Topic] = {}
         self.counts: Counter[str] = Counter()
         self.span = Span()
         self.metadata: dict[str, str] = {}
+        self.attachments: dict[str, bytes] = {}
         self.damages: dict[str, Damage] = {}
+        self.files: list[McapFile] = []
         # What rosbags reads: a whole directory if it can be, as its files may be compressed.
-        self._others = _others(path)
-        self._files = [] if self._others else files(path)
-        self.sources = self._others or self._files
-
-    def outline(self) -> None:
-        """Read topics and span: from the files' summaries, and from all messages without them."""
+        self._others = [] if run else _others(path)
+        of_others = (each.iterdir() if each.is_dir() else [each] for each in self._others)
+        self.sources = sorted(chain(*of_others)) or files(path)
+        self._budget = Budget(self.sources, timed=run)
         for source in self._others:
-            list(self._of_other(source, messages=False))
-        budget = budget_of(self._files) if self._files else None
-        for file in self._files:
-            channels, found = Channels(file), []
-            for record in records(file, budget, messages=False, damage=Damage()):
-                channels.add(record)
-                found += [record] if isinstance(record, Statistics) else []
-            self._add(channels)
-            for each in found:
-                span = Span(each.message_start_time, each.message_end_time, each.message_count)
-                self.span += span if span.count else Span()
-            if not found:
-                self.span += sum((Span(m.received, m.received, 1) for m in self._of(file)), Span())
+            self._describe_other(source)
+        for file in [] if self._others else self.sources:
+            self.files.append(McapFile(file, self._budget))
+            self._describe(self.files[-1])
+            self.span += self.files[-1].span or Span()
+
+    def _describe(self, file: McapFile) -> None:
+        self.topics |= file.topics
+        self.metadata |= file.metadata
+        self.attachments |= {name: each.data for name, each in file.attachments.items()}
+        if file.damage:
+            self.damages[file.path.name] = file.damage
+        bounds.check_topics(self.path, len(self.topics))
+        bounds.check_entries(self.path, self.metadata)
+        bounds.check_attached(self.path, sum(map(len, self.attachments.values())))
+
+    def _describe_other(self, source: Path) -> None:
+        try:
+            with Reader(source) as reader:
+                self.metadata |= getattr(reader.storage.metadata, 'custom', None) or {}
+                self.topics |= {each.topic: _topic(each) for each in reader.connections}
+                self.span += Span(reader.start_time, reader.end_time - 1, reader.message_count)
+        except Exception as error:  # noqa: BLE001 (damage may raise anything)
+            raise UserError(f'{str(source)!r} cannot be read ({error}): name another bag') from None
+
+    def complete(self) -> None:
+        """Find topics and span in the messages where a file has no summary of them."""
+        if any(file.span is None for file in self.files):
+            deque(self.messages(), maxlen=0)
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in the order of the bag, up to its damage."""
         self.counts, self.span = Counter(), Span()
-        for source in (*map(self._of_other, self._others), *map(self._of, self._files)):
-            for message in source:
-                self.counts[message.topic.name] += 1
-                self.span.add(message.received)
+        for source in self._others:
+            yield from self._counted(self._of_other(source))
+        for file in self.files:
+            yield from self._counted(file.messages())
+            self._describe(file)
+
+    def _counted(self, messages: Iterable[Message]) -> Iterator[Message]:
+        for message in messages:
+            self.counts[message.topic.name] += 1
+            self.span.add(message.received)
+            if message.data.startswith(_ZSTD):
+                yield message._replace(data=self._unpacked(message.data))
+            else:
                 yield message
 
     def in_order(self) -> Iterator[Message]:
@@ -105,49 +133,23 @@ class Contents:
         while waiting:
             yield heappop(waiting)[2]
 
-    def _add(self, topics: Mapping[int, Topic]) -> None:
-        self.topics |= {topic.name: topic for topic in topics.values()}
-
-    def _of(self, file: Path) -> Iterator[Message]:
-        channels, damage = Channels(file), Damage()
-        for record in records(file, Budget([file], timed=False), damage=damage):
-            if isinstance(record, Record):
-                if topic := channels.get(record.channel_id):
-                    yield Message(
-                        topic,
-                        _unpacked(record.data),
-                        record.log_time,
-                        record.publish_time,
-                        record.sequence,
-                    )
-            elif isinstance(record, Metadata) and record.name == METADATA_NAME:
-                self.metadata.update(record.metadata)
-                bounds.check_entries(file, self.metadata)
-            elif isinstance(record, (Schema, Channel)):
-                channels.add(record)
-                self._add(channels)
-        if damage:
-            self.damages[file.name] = damage
-
-    def _of_other(self, source: Path, *, messages: bool = True) -> Iterator[Message]:
-        """Yield what rosbags reads; without `messages` only topics and span are added."""
+    def _of_other(self, source: Path) -> Iterator[Message]:
         try:
             with Reader(source) as reader:
-                self.metadata |= getattr(reader.storage.metadata, 'custom', None) or {}
-                topics = {each.id: _topic(each) for each in reader.connections}
-                self._add(topics)
-                if not messages:
-                    self.span += Span(reader.start_time, reader.end_time - 1, reader.message_count)
-                    return
-                of_all = reader.messages()
-                for number, (connection, time, data) in enumerate(of_all, 1):
-                    yield Message(topics[connection.id], _unpacked(data), time, time, number)
-        except Exception as error:  # noqa: BLE001 (damage may raise anything)
-            if not self.topics:
-                raise UserError(
-                    f'{str(source)!r} cannot be read ({error}): name another bag'
-                ) from None
+                for number, (connection, time, data) in enumerate(reader.messages(), 1):
+                    topic = self.topics[connection.topic]
+                    yield Message(topic, bytes(data), time, time, number)
+        except Exception:  # noqa: BLE001 (damage may raise anything)
             self.damages[source.name] = Damage(unfinished=True)
+
+    def _unpacked(self, data: bytes) -> bytes:
+        """Return a message without the compression that rosbag2 can give it."""
+        try:
+            whole = unpacked(data, bounds.MAX_RECORD)
+        except Exception:  # noqa: BLE001 (damage may raise anything)
+            return data
+        self._budget.charge(len(whole))
+        return whole
 
 
 def _others(path: Path) -> list[Path]:
@@ -160,7 +162,7 @@ def _others(path: Path) -> list[Path]:
     return [path] if (path / 'metadata.yaml').exists() else sorted(path.glob('*.db3'))
 
 
-def _topic(connection: Connection) -> Topic:
+def _topic(connection: Any) -> Topic:  # noqa: ANN401 (rosbags' own)
     return Topic(
         name=connection.topic,
         type=connection.msgtype,
@@ -170,8 +172,49 @@ def _topic(connection: Connection) -> Topic:
     )
 
 
-def _unpacked(data: bytes) -> bytes:
-    """Return a message without the compression that rosbag2 can give it."""
-    if not data.startswith(_ZSTD):
-        return bytes(data)
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=bounds.MAX_RECORD)
+def types_of(topic: Topic) -> dict[str, Any]:
+    """Return the types in a topic's definition; ValueError: it is far beyond those of robots."""
+    text = topic.definition or definition(topic.type)
+    if len(text) > bounds.MAX_SCHEMA:
+        raise ValueError(f'its definition has {len(text)} characters')
+    types: dict[str, Any] = {}
+    if text.startswith(_IDL):
+        for part in text.split('=' * 80 + '\n')[1:]:
+            types |= get_types_from_idl(part.partition('\n')[2])
+    else:
+        types |= get_types_from_msg(text, topic.type)
+    described = [each for _, fields in types.values() for _, each in fields]
+    arrays = [of for node, of in described if node == Nodetype.ARRAY]
+    # rosbags writes code for each element of an array of texts or of messages.
+    written = [n for (node, of), n in arrays if node == Nodetype.NAME or of[0] == 'string']
+    if sum(written) > bounds.MAX_ARRAY:
+        raise ValueError(f'its arrays have {sum(written)} elements')
+    return types
+
+
+def describe(path: Path) -> dict[str, Any]:
+    """Read a whole bag; return what is in it, in JSON's types, times in seconds.
+
+    Raises
+    ------
+    UserError
+        There is no bag, or it cannot be read.
+    """
+    contents = Contents(path)
+    deque(contents.messages(), maxlen=0)
+    span, metadata = contents.span, contents.metadata
+    losses = {k: v for k, v in metadata.items() if k.startswith(_LOSSES)}
+    return {
+        'path': str(path),
+        'files': {file.name: file.stat().st_size for file in contents.sources},
+        'start': (span.start or 0) / 1e9,
+        'duration': span.duration / 1e9,
+        'messages': span.count,
+        'topics': [
+            {'name': name, 'type': topic.type, 'messages': contents.counts[name]}
+            for name, topic in sorted(contents.topics.items())
+        ],
+        'losses': losses,
+        'damages': {name: vars(damage) for name, damage in contents.damages.items()},
+        'metadata': {name: text for name, text in metadata.items() if name not in losses},
+    }

@@ -14,12 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rosbags.convert.converter import ConverterError
 from rosbags.convert.converter import convert as convert_bag
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
-from barc_sim.bags import bounds
-from barc_sim.bags.contents import Contents
-from barc_sim.bags.schemas import definition
+from barc_sim.bags.contents import Contents, types_of
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
     from barc_sim.bags.recording import Topic
 
 _BAGS = ('ros1', 'sqlite3', 'mcap')
-_IDL = '=' * 80 + '\nIDL: '
 _logger = logging.getLogger(__name__)
 
 
@@ -48,7 +44,7 @@ def convert(
         The bag cannot be read, the output exists, or a library is not installed.
     """
     contents = Contents(path)
-    contents.outline()
+    contents.complete()
     names = select([*contents.topics])
     if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
@@ -95,28 +91,11 @@ def _decoder(topic: Topic) -> Callable[[bytes], Any] | None:
     """Return what decodes a topic's messages, by the bag's definition, else the installed one."""
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(_types(topic.type, topic.definition or definition(topic.type)))
+        store.register(types_of(topic))
     except Exception as error:  # noqa: BLE001 (damage may raise anything)
         _logger.warning('%s [%s] is left out: %s', topic.name, topic.type, error)
         return None
     return lambda data: store.deserialize_cdr(data, topic.type)
-
-
-def _types(name: str, text: str) -> dict[str, Any]:
-    """Return the types in a definition; ValueError: it is far beyond those of robots."""
-    if len(text) > bounds.MAX_SCHEMA:
-        raise ValueError(f'its definition has {len(text)} characters')
-    types: dict[str, Any] = {}
-    if text.startswith(_IDL):
-        for part in text.split('=' * 80 + '\n')[1:]:
-            types |= get_types_from_idl(part.partition('\n')[2])
-    else:
-        types |= get_types_from_msg(text, name)
-    for _, described in types.values():
-        for field, (node, of) in described:
-            if node == Nodetype.ARRAY and of[1] > bounds.MAX_ARRAY:
-                raise ValueError(f'its array {field} has {of[1]} elements')
-    return types
 
 
 def _cells(prefix: str, message: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401 (any type)

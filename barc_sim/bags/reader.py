@@ -1,4 +1,4 @@
-"""Reads a run's bag, in one pass and within one budget: its directory -> Bag -> Log."""
+"""Reads a run's bag: its directory -> Bag -> Log."""
 
 from __future__ import annotations
 
@@ -10,14 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 
 from barc_sim.bags import bounds
+from barc_sim.bags.contents import Contents, types_of
 from barc_sim.bags.messages import field_types, fixed_reader, leading_time
-from barc_sim.bags.recording import METADATA_NAME
-from barc_sim.bags.records import budget_of, files, records
 from barc_sim.errors import UserError
 from barc_sim.simulation.log import (
     COMMAND,
@@ -36,6 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from numpy.typing import NDArray
+
+    from barc_sim.bags.messages import Message
+    from barc_sim.bags.recording import Topic
 
 _logger = logging.getLogger(__name__)
 #: Of each topic that a log is made of, the log's column for each field that is read.
@@ -141,100 +141,86 @@ class Bag:
 
 def load(path: Path | str, *, messages: bool = True) -> Bag:
     """Read a bag; without its `messages`, its metadata and its attached files alone."""
-    bag = Bag(Path(path))
-    found = files(bag.path)
-    budget = budget_of(found)
-    decoders: dict[tuple[str, bytes], _Decoder | None] = {}
-    for file in found:
-        reading = _FileReading(bag, decoders)
-        for record in records(file, budget, messages=messages):
-            reading.add(record)
-        if reading.undecodable:
-            _logger.warning(
-                '%s has %d records that cannot be decoded: left out', file, reading.undecodable
-            )
+    contents = Contents(Path(path), run=True)
+    bag = Bag(contents.path, contents.metadata, contents.attachments)
+    if not messages:
+        return bag
+    reading = _Reading(bag)
+    for message in contents.messages():
+        reading.add(message)
+    for file in contents.files:
+        if file.damage:
+            _logger.warning('%s is unfinished or damaged: read what is whole', file.path)
+    if reading.undecodable:
+        count = reading.undecodable
+        _logger.warning('%s has %d messages that cannot be decoded: left out', path, count)
+    for topic, count in contents.counts.items():
+        bag.counts[topic.rpartition('/')[2]] += count
     return bag
 
 
-class _FileReading:
-    """Puts the records of one file into a bag."""
+class _Reading:
+    """Puts messages into a bag's samples."""
 
-    def __init__(self, bag: Bag, decoders: dict[tuple[str, bytes], _Decoder | None]) -> None:
-        self.undecodable = 0  # records
+    def __init__(self, bag: Bag) -> None:
+        self.undecodable = 0  # messages
         self._bag = bag
-        self._decoders = decoders  # of all files, by topic and definition
-        self._schemas: dict[int, Schema] = {}
-        self._topics: dict[int, str] = {}  # by channel, without namespace
-        self._channels: dict[int, tuple[_Decoder, Samples]] = {}
+        self._decoders: dict[tuple[str, str], _Decoder | None] = {}  # by topic and definition
+        self._topics: dict[str, Topic] = {}  # by name
+        self._samples: dict[str, tuple[_Decoder, Samples]] = {}
 
-    def add(self, record: McapRecord) -> None:
-        if isinstance(record, Message):
-            if topic := self._topics.get(record.channel_id):
-                self._bag.counts[topic] += 1
-            if channel := self._channels.get(record.channel_id):
-                self._decode(record, *channel)
-        elif isinstance(record, Schema):
-            if record.name in MESSAGE_TYPES.values() and len(record.data) <= bounds.MAX_SCHEMA:
-                self._schemas[record.id] = record
-            bounds.check_topics(self._bag.path, len(self._schemas))
-        elif isinstance(record, Channel):
-            self._add_channel(record)
-        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
-            self._bag.info.update(record.metadata)
-            bounds.check_entries(self._bag.path, self._bag.info)
-        elif isinstance(record, Attachment):
-            self._bag.attachments[record.name] = record.data
-            bounds.check_attachments(self._bag.path, self._bag.attachments)
-
-    def _decode(self, message: Message, decoder: _Decoder, samples: Samples) -> None:
+    def add(self, message: Message) -> None:
+        topic = message.topic
+        if self._topics.get(topic.name) is not topic:
+            self._topics[topic.name] = topic
+            self._begin(topic)
+        if not (found := self._samples.get(topic.name)):
+            return
+        decoder, samples = found
         try:
             stamp, values, terms = decoder.decode(message.data)
         except Exception:  # noqa: BLE001 (damage may raise anything)
             self.undecodable += 1
         else:
-            samples.add(stamp, message.publish_time, values, terms)
+            samples.add(stamp, message.published, values, terms)
 
-    def _add_channel(self, channel: Channel) -> None:
-        namespace, _, topic = channel.topic.rpartition('/')
-        schema = self._schemas.get(channel.schema_id)
-        self._channels.pop(channel.id, None)
-        self._topics[channel.id] = topic
-        bounds.check_topics(self._bag.path, max(len(self._bag.counts), len(self._bag.samples)))
-        if not schema or schema.name != MESSAGE_TYPES.get(topic):
+    def _begin(self, topic: Topic) -> None:
+        namespace, _, name = topic.name.rpartition('/')
+        self._samples.pop(topic.name, None)
+        if topic.type != MESSAGE_TYPES.get(name):
             return
-        decoder = self._decoder(topic, schema)
-        if decoder is None:
+        key = name, topic.definition
+        if key not in self._decoders and len(self._decoders) < bounds.MAX_SCHEMAS:
+            try:
+                self._decoders[key] = _Decoder(name, topic)
+            except Exception:  # noqa: BLE001 (damage may raise anything)
+                self._decoders[key] = None
+        if not (decoder := self._decoders.get(key)):
             self.undecodable += 1
             return
         # A PID's state and another controller's fill the same columns.
-        topic = PID_STATE if topic == CONTROLLER_STATE else topic
-        samples = self._bag.samples[namespace or '/'].setdefault(
-            topic, Samples(self._bag.path, len(TOPICS[topic]))
+        name = PID_STATE if name == CONTROLLER_STATE else name
+        made = Samples(self._bag.path, len(TOPICS[name]))
+        self._samples[topic.name] = (
+            decoder,
+            self._bag.samples[namespace or '/'].setdefault(name, made),
         )
-        self._channels[channel.id] = decoder, samples
-
-    def _decoder(self, topic: str, schema: Schema) -> _Decoder | None:
-        """Return the decoder of a definition; None if that is damaged, or none of a run."""
-        key = topic, schema.data
-        if key not in self._decoders and len(self._decoders) < bounds.MAX_SCHEMAS:
-            try:
-                self._decoders[key] = _Decoder(topic, schema.data)
-            except Exception:  # noqa: BLE001 (damage may raise anything)
-                self._decoders[key] = None
-        return self._decoders.get(key)
 
 
 class _Decoder:
     """Decodes the messages of a topic by their definition in the bag, if that is the topic's."""
 
-    def __init__(self, topic: str, definition: bytes) -> None:
-        self._type = MESSAGE_TYPES[topic]
-        types = get_types_from_msg(definition.decode(), self._type)
-        _check_types(types)
+    def __init__(self, name: str, topic: Topic) -> None:
+        types = types_of(topic)
+        for kind, (_, described) in types.items():
+            ours = field_types(kind)
+            if any(of != ours.get(field, of) for field, of in described):
+                raise ValueError(kind)
+        self._type = topic.type
         self._store = get_typestore(Stores.EMPTY)
         self._store.register(types)
-        self._named = topic == CONTROLLER_STATE  # the message names its terms
-        self._fields = [*TOPICS[PID_STATE if self._named else topic]]
+        self._named = name == CONTROLLER_STATE  # the message names its terms
+        self._fields = [*TOPICS[PID_STATE if self._named else name]]
         self._fixed = fixed_reader(types[self._type][1], self._fields)
 
     def decode(self, data: bytes) -> tuple[int, Iterable[float], Mapping[str, float]]:
@@ -255,26 +241,6 @@ class _Decoder:
         ]
         stamp = decoded.header.stamp
         return stamp.sec * 10**9 + stamp.nanosec, values, terms
-
-
-def _check_types(types: Mapping[str, Any]) -> None:
-    """Raise ValueError unless the types' fields are those of a run's messages, or plain ones.
-
-    A later version's may be there, too; but none that rosbags would unroll: no arrays of texts or
-    of messages.
-    """
-    for name, (_, fields) in types.items():
-        ours = field_types(name)
-        for field_name, kind in fields:
-            if kind != ours[field_name] if field_name in ours else not _is_plain(*kind):
-                raise ValueError(f'{name} with the field {field_name}')
-
-
-def _is_plain(node: Nodetype, of: Any) -> bool:  # noqa: ANN401 (as rosbags describes a field)
-    if node == Nodetype.ARRAY:
-        (element, (base, *_)), length = of
-        return bool(element == Nodetype.BASE and base != 'string' and length <= bounds.MAX_ARRAY)
-    return node == Nodetype.BASE or bool(node == Nodetype.SEQUENCE and of[0][0] == Nodetype.BASE)
 
 
 class Samples:

@@ -1,4 +1,4 @@
-"""Reads the records of a bag's files, up to the last whole one.
+"""Reads the MCAP files of a bag, up to the last whole record of each.
 
 The records are those of https://mcap.dev/spec, and mcap parses them; what a file claims of itself
 decides neither how much is read nor how much is unpacked.
@@ -6,11 +6,10 @@ decides neither how much is read nor how much is unpacked.
 
 from __future__ import annotations
 
-import logging
 import os
 import re
 import zlib
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
@@ -21,21 +20,13 @@ import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, Message, Metadata, Schema, Statistics
+from mcap.records import Attachment, Channel, Chunk, Metadata, Schema, Statistics
 
-from barc_sim.bags.bounds import (
-    MAX_ATTACHED,
-    MAX_METADATA,
-    MAX_QOS,
-    MAX_RECORD,
-    MAX_TOPICS,
-    Budget,
-    check_topics,
-    from_yaml,
-    refuse,
-)
+from barc_sim.bags import bounds
+from barc_sim.bags.bounds import MAX_RECORD, from_yaml
 from barc_sim.bags.file import CHUNK_SIZE, MAGIC
-from barc_sim.bags.recording import Topic
+from barc_sim.bags.messages import Message
+from barc_sim.bags.recording import METADATA_NAME, Span, Topic
 from barc_sim.cli.files import open_regular
 from barc_sim.errors import UserError
 
@@ -44,23 +35,20 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
-    from mcap.records import McapRecord
+    from barc_sim.bags.bounds import Budget
 
 _HEADER = Struct('<BQ')  # of a record: opcode, length
 _MESSAGE = Struct('<HIQQ')  # channel, sequence number, times of reception and publication
-_FOOTER = Struct('<BQQQI')  # with its header: start of the summary, of its offsets, checksum
 _OPCODES = frozenset(Opcode)
 _OF_MESSAGES = {Opcode.CHUNK, Opcode.MESSAGE, Opcode.MESSAGE_INDEX}
-_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE}
-_PARSED: dict[int, Any] = {
+_DESCRIBING: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
-    Opcode.CHUNK: Chunk,
     Opcode.ATTACHMENT: Attachment,
     Opcode.METADATA: Metadata,
     Opcode.STATISTICS: Statistics,
 }
-_logger = logging.getLogger(__name__)
+_IN_CHUNKS = {Opcode.SCHEMA, Opcode.CHANNEL}
 
 
 @dataclass
@@ -75,40 +63,6 @@ class Damage:
     def __bool__(self) -> bool:
         """Return whether anything is missing."""
         return self.unfinished or self.unreadable_chunks > 0
-
-
-class Channels(dict[int, Topic]):
-    """The topics of a file, by the ID of their channel."""
-
-    def __init__(self, file: Path) -> None:
-        """Begin with none; `file` is named in errors."""
-        self._file = file
-        self._schemas: dict[int, Schema] = {}
-        self._definitions = 0  # bytes
-
-    def add(self, record: McapRecord) -> None:
-        """Add a schema or a channel; other records are ignored."""
-        if isinstance(record, Schema):
-            self._schemas[record.id] = record
-            self._definitions += len(record.data)
-            check_topics(self._file, len(self._schemas), self._definitions)
-        elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
-            self[record.id] = Topic(
-                name=record.topic,
-                type=schema.name,
-                definition=schema.data.decode(errors='replace'),
-                type_hash=record.metadata.get('topic_type_hash', ''),
-                offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
-            )
-            check_topics(self._file, len(self))
-
-
-@lru_cache(maxsize=16)
-def _offered_qos(text: str) -> list[dict[str, Any]]:
-    qos: Any = None
-    with suppress(ValueError):
-        qos = from_yaml(text) if len(text) <= MAX_QOS else None
-    return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
 
 
 def files(path: Path) -> list[Path]:
@@ -128,63 +82,197 @@ def files(path: Path) -> list[Path]:
     return sorted(found, key=order)
 
 
-def budget_of(found: list[Path], *, timed: bool = True) -> Budget:
-    """Return the budget for reading these files."""
-    for file in found:
-        _opened(file).close()
-    return Budget(found, timed=timed)
+class McapFile:
+    """A file of a bag: what its records describe, and its messages, without damaged chunks.
 
-
-def _opened(file: Path) -> BinaryIO:
-    try:
-        return open_regular(file, follow=False)
-    except OSError as error:
-        raise UserError(
-            f'{str(file)!r} cannot be read ({error.strerror}): name another bag'
-        ) from error
-
-
-def records(
-    file: Path,
-    budget: Budget | None = None,
-    *,
-    messages: bool = True,
-    damage: Damage | None = None,
-) -> Iterator[McapRecord]:
-    """Yield a file's records up to the last whole one, without the chunks that are damaged.
-
-    These are the schemas, channels, messages, attachments and metadata; without `messages` the
-    chunks are skipped. `budget` is that of the reading of a bag, else of this file. The damage is
-    put into `damage`, else into the log as a warning.
+    Attributes
+    ----------
+    topics
+        By name; those that only a chunk describes, once `messages` has come to it.
+    metadata, attachments
+        The run's own, and the attached files by their names.
+    span
+        Of the messages, by the file's summary; None without one.
+    damage
+        Without that of chunks until `messages` has read them.
     """
-    found = Damage() if damage is None else damage
-    with _opened(file) as stream:
-        budget = budget or Budget([file])
-        size = os.fstat(stream.fileno()).st_size
-        if (magic := stream.read(len(MAGIC))) != MAGIC:
-            what = 'not an MCAP file' if magic else 'empty'
-            raise UserError(f'{str(file)!r} is {what}: name another bag')
-        if messages:
-            yield from _described(stream, size, budget)
-        stream.seek(len(MAGIC))
-        whole = len(MAGIC)
+
+    def __init__(self, path: Path, budget: Budget) -> None:
+        """Read all but the messages; UserError: it is no MCAP file, or exceeds a bound."""
+        self.path = path
+        self.topics: dict[str, Topic] = {}
+        self.metadata: dict[str, str] = {}
+        self.attachments: dict[str, Attachment] = {}
+        self.span: Span | None = None
+        self.damage = Damage()
+        self._budget = budget
+        self._schemas: dict[int, Schema] = {}
+        self._definitions = self._attached = 0  # bytes
+        self._channels: dict[int, Topic] = {}
+        self._whole = 0  # the end of the last whole record
+        with self._records(messages=False) as records:
+            for opcode, body in records:
+                self._add(opcode, body)
+
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages in the order of the file."""
+        with self._records(messages=True) as records:
+            for opcode, body in records:
+                if opcode == Opcode.CHUNK:
+                    yield from self._in_chunk(Chunk.read(ReadDataStream(BytesIO(body))))
+                elif opcode == Opcode.MESSAGE and (message := self._message(body)):
+                    yield message
+
+    @contextmanager
+    def _records(self, *, messages: bool) -> Iterator[Iterator[tuple[int, bytes]]]:
+        """Open the file and provide its records; an exception in reading them is its damage."""
+        self.damage = damage = Damage()
         try:
-            for opcode, body, end in _raw(stream, size, budget, messages=messages):
-                record = _parsed(opcode, body)
-                whole = end
-                if isinstance(record, Chunk):
-                    yield from _whole(record, found, budget)
-                elif record:
-                    yield record
+            stream = open_regular(self.path, follow=False)
+        except OSError as error:
+            raise UserError(
+                f'{str(self.path)!r} cannot be read ({error.strerror}): name another bag'
+            ) from error
+        with stream:
+            size = os.fstat(stream.fileno()).st_size
+            if (magic := stream.read(len(MAGIC))) != MAGIC:
+                what = 'not an MCAP file' if magic else 'empty'
+                raise UserError(f'{str(self.path)!r} is {what}: name another bag')
+            self._whole = len(MAGIC)
+            try:
+                yield self._raw(stream, size, messages=messages)
+            except UserError:
+                raise
+            except Exception:  # noqa: BLE001 (damage may raise anything)
+                damage.unfinished = True
+                damage.unread = size - self._whole
+                stream.seek(self._whole)
+                damage.cut = _is_cut(stream.read(_HEADER.size), damage.unread)
+
+    def _raw(self, stream: BinaryIO, size: int, *, messages: bool) -> Iterator[tuple[int, bytes]]:
+        """Yield opcode and body of each record up to the footer, of those that are asked for."""
+        at = self._whole
+        checksum = zlib.crc32(MAGIC)  # of the data, where all are read
+        opcode = 0
+        while opcode != Opcode.FOOTER:
+            header = stream.read(_HEADER.size)
+            opcode, length = _HEADER.unpack(header)
+            at += _HEADER.size + length
+            if not opcode or at > size or (length > MAX_RECORD and opcode != Opcode.ATTACHMENT):
+                raise ValueError('record')
+            if length > MAX_RECORD:
+                bounds.check_attached(self.path, length)
+            self._budget.charge(length)
+            if not messages and opcode in _OF_MESSAGES:
+                stream.seek(length, os.SEEK_CUR)
+            else:
+                body = stream.read(length)
+                known = int.from_bytes(body[:4], 'little')
+                if messages and opcode == Opcode.DATA_END and known not in {0, checksum}:
+                    raise ValueError('checksum')
+                checksum = zlib.crc32(body, zlib.crc32(header, checksum))
+                yield opcode, body
+            self._whole = at
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise ValueError('end')
+
+    def _add(self, opcode: int, body: bytes) -> None:
+        """Add what a record describes, if it is of use here."""
+        if opcode not in _DESCRIBING or (
+            opcode == Opcode.METADATA and len(body) > bounds.MAX_METADATA
+        ):
+            return  # metadata would take several times its size
+        record: Any = _DESCRIBING[opcode].read(ReadDataStream(BytesIO(body)))
+        if isinstance(record, Schema):
+            if self._schemas.get(record.id) != record:
+                self._definitions += len(record.data)
+            self._schemas[record.id] = record
+            bounds.check_topics(self.path, len(self._schemas), self._definitions)
+        elif isinstance(record, Channel) and (schema := self._schemas.get(record.schema_id)):
+            self._channels[record.id] = self.topics[record.topic] = Topic(
+                name=record.topic,
+                type=schema.name,
+                definition=schema.data.decode(errors='replace'),
+                type_hash=record.metadata.get('topic_type_hash', ''),
+                offered_qos=_offered_qos(record.metadata.get('offered_qos_profiles', '')),
+            )
+            bounds.check_topics(self.path, len(self.topics))
+        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
+            self.metadata.update(record.metadata)
+            bounds.check_entries(self.path, self.metadata)
+        elif isinstance(record, Attachment):
+            self.attachments[record.name] = record
+            self._attached += len(record.data) + len(record.name)
+            bounds.check_attached(self.path, self._attached)
+        elif isinstance(record, Statistics):
+            span = Span(record.message_start_time, record.message_end_time, record.message_count)
+            self.span = span if span.count else Span()
+
+    def _in_chunk(self, chunk: Chunk) -> Iterator[Message]:
+        """Yield the messages of a chunk, up to its damage."""
+        try:
+            for opcode, body in _split(self._unpacked(chunk)):
+                self._budget.charge(0 if opcode == Opcode.MESSAGE else len(body))
+                if opcode == Opcode.MESSAGE:
+                    if message := self._message(body):
+                        yield message
+                elif opcode in _IN_CHUNKS:
+                    self._add(opcode, body)
         except UserError:
             raise
         except Exception:  # noqa: BLE001 (damage may raise anything)
-            found.unfinished = True
-            found.unread = size - whole
-            stream.seek(whole)
-            found.cut = _is_cut(stream.read(_HEADER.size), found.unread)
-    if damage is None and messages and found:
-        _logger.warning('%s is unfinished or damaged: read up to the last whole record', file)
+            self.damage.unreadable_chunks += 1
+
+    def _message(self, body: bytes) -> Message | None:
+        channel, sequence, received, published = _MESSAGE.unpack_from(body)
+        if topic := self._channels.get(channel):
+            return Message(topic, body[_MESSAGE.size :], received, published, sequence)
+        return None
+
+    def _unpacked(self, chunk: Chunk) -> bytes:
+        """Return what is in a chunk: no more than it claims, which is charged before."""
+        size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
+        self._budget.charge(min(size, MAX_RECORD))
+        if size > MAX_RECORD:
+            raise ValueError('size')
+        if chunk.compression == 'zstd':
+            data = unpacked(chunk.data, size)
+        elif chunk.compression == 'lz4':
+            data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
+        elif chunk.compression:
+            raise ValueError(f'unknown compression {chunk.compression!r}')
+        else:
+            data = chunk.data
+        if len(data) != size or chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
+            raise ValueError('size or checksum')
+        return data
+
+
+def _split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield opcode and body of each record in a chunk."""
+    at = 0
+    while at < len(data):
+        opcode, length = _HEADER.unpack_from(data, at)
+        at += _HEADER.size + length
+        if at > len(data):
+            raise ValueError('record')
+        yield opcode, data[at - length : at]
+
+
+def unpacked(data: bytes, most: int) -> bytes:
+    """Return what zstd has made smaller; an exception if it is damaged, or more than `most`."""
+    # The size in the frame's own header decides how much is allocated.
+    if zstandard.frame_content_size(data) > most:
+        raise ValueError('size')
+    return zstandard.ZstdDecompressor().decompress(data, max_output_size=most)
+
+
+@lru_cache(maxsize=16)
+def _offered_qos(text: str) -> list[dict[str, Any]]:
+    qos: Any = None
+    with suppress(ValueError):
+        qos = from_yaml(text) if len(text) <= bounds.MAX_QOS else None
+    return [each for each in qos if isinstance(each, dict)] if isinstance(qos, list) else []
 
 
 def _is_cut(header: bytes, size: int) -> bool:
@@ -194,111 +282,3 @@ def _is_cut(header: bytes, size: int) -> bool:
     opcode, length = _HEADER.unpack(header)
     # The longest is a chunk whose messages cannot be compressed.
     return opcode in _OPCODES and size - len(header) < length < 2 * CHUNK_SIZE
-
-
-def _raw(
-    stream: BinaryIO, size: int, budget: Budget, *, messages: bool = True
-) -> Iterator[tuple[int, bytes, int]]:
-    """Yield opcode, body and end of each record, from where the stream is up to the footer."""
-    at = stream.tell()
-    checksum = zlib.crc32(MAGIC)  # of the data, where they are read from their beginning
-    opcode = 0
-    while opcode != Opcode.FOOTER:
-        header = stream.read(_HEADER.size)
-        opcode, length = _HEADER.unpack(header)
-        at += _HEADER.size + length
-        if not opcode or at > size or (length > MAX_RECORD and opcode != Opcode.ATTACHMENT):
-            raise ValueError('record')
-        if length > MAX_RECORD:
-            refuse(budget.file, f'{length} bytes of attached files', f'{MAX_ATTACHED}')
-        budget.charge(length)
-        if not messages and opcode in _OF_MESSAGES:
-            stream.seek(length, os.SEEK_CUR)
-            continue
-        body = stream.read(length)
-        if opcode == Opcode.DATA_END and messages:
-            known = int.from_bytes(body[:4], 'little')
-            if known not in {0, checksum}:
-                raise ValueError('checksum')
-        checksum = zlib.crc32(body, zlib.crc32(header, checksum))
-        yield opcode, body, at
-    if stream.read(len(MAGIC)) != MAGIC:
-        raise ValueError('end')
-
-
-def _parsed(opcode: int, body: bytes) -> McapRecord | None:
-    """Return a record; None for one of a kind that is of no use here."""
-    if opcode == Opcode.MESSAGE:
-        channel, sequence, received, published = _MESSAGE.unpack_from(body)
-        return Message(channel, received, body[_MESSAGE.size :], published, sequence)
-    if opcode not in _PARSED:
-        return None
-    if opcode == Opcode.METADATA and len(body) > MAX_METADATA:
-        return None  # it would take several times its size
-    record: McapRecord = _PARSED[opcode].read(ReadDataStream(BytesIO(body)))
-    return record
-
-
-def _described(stream: BinaryIO, size: int, budget: Budget) -> list[McapRecord]:
-    """Return the schemas and channels of the summary, as a damaged chunk may hold the others."""
-    found: list[McapRecord] = []
-    try:
-        stream.seek(-_FOOTER.size - len(MAGIC), os.SEEK_END)
-        opcode, _, start, _, _ = _FOOTER.unpack(stream.read(_FOOTER.size))
-        if opcode != Opcode.FOOTER or not start:
-            return []
-        stream.seek(start)
-        for kind, body, _ in _raw(stream, size, budget):
-            if kind in {Opcode.SCHEMA, Opcode.CHANNEL} and (record := _parsed(kind, body)):
-                found.append(record)
-            if len(found) > 2 * MAX_TOPICS:
-                return []
-    except UserError:
-        raise
-    except Exception:  # noqa: BLE001 (damage may raise anything)
-        return []
-    return found
-
-
-def _whole(chunk: Chunk, damage: Damage, budget: Budget) -> Iterator[McapRecord]:
-    """Yield the records of a chunk, up to its damage."""
-    try:
-        yield from _in_chunk(_unpacked(chunk, budget), budget)
-    except UserError:
-        raise
-    except Exception:  # noqa: BLE001 (damage may raise anything)
-        damage.unreadable_chunks += 1
-
-
-def _in_chunk(data: bytes, budget: Budget) -> Iterator[McapRecord]:
-    at = 0
-    while at < len(data):
-        opcode, length = _HEADER.unpack_from(data, at)
-        at += _HEADER.size + length
-        if at > len(data):
-            raise ValueError('record')
-        budget.charge(length if opcode != Opcode.MESSAGE else 0)
-        if opcode in _IN_CHUNKS and (record := _parsed(opcode, data[at - length : at])):
-            yield record
-
-
-def _unpacked(chunk: Chunk, budget: Budget) -> bytes:
-    """Return what is in a chunk: no more than it claims, which is charged before."""
-    size = chunk.uncompressed_size if chunk.compression else len(chunk.data)
-    budget.charge(min(size, MAX_RECORD))
-    if size > MAX_RECORD:
-        raise ValueError('size')
-    if chunk.compression == 'zstd':
-        # The size in the frame's own header decides how much is allocated.
-        if zstandard.frame_content_size(chunk.data) > size:
-            raise ValueError('size')
-        data = zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=size)
-    elif chunk.compression == 'lz4':
-        data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, size)
-    elif chunk.compression:
-        raise ValueError(f'unknown compression {chunk.compression!r}')
-    else:
-        data = chunk.data
-    if len(data) != size or chunk.uncompressed_crc not in {0, zlib.crc32(data)}:
-        raise ValueError('size or checksum')
-    return data

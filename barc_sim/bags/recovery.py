@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
-
-from barc_sim.bags import bounds
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.file import BagFile, is_being_written
-from barc_sim.bags.recording import METADATA_NAME, Span, Topic, information, write_metadata
-from barc_sim.bags.records import Channels, Damage, budget_of, files, records
+from barc_sim.bags.recording import Span, Topic, information, write_metadata
+from barc_sim.bags.records import files
 from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
 
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from barc_sim.bags.bounds import Budget
+    from barc_sim.bags.records import Damage, McapFile
 
 
 @dataclass
@@ -39,6 +37,11 @@ class Recovered:
         """The span of all messages."""
         return sum(self.spans.values(), Span())
 
+    def information(self) -> Mapping[str, Any]:
+        """Return the bag's metadata.yaml."""
+        topics = [(topic, self.counts[name]) for name, topic in self.topics.items()]
+        return information(self.spans, topics, self.metadata)
+
 
 def recover(path: Path) -> Recovered:
     """Rewrite the damaged files of a bag, with their summaries, and its metadata.yaml.
@@ -50,12 +53,10 @@ def recover(path: Path) -> Recovered:
     directory = files(path)[0].parent
     check_plain(directory)
     found = Recovered()
-    damaged = files(directory)
-    budget = budget_of(damaged)
     try:
-        for file in damaged:
-            _recover_file(file, found, budget)
-        write_metadata(directory, _information(found))
+        for file in Contents(directory, run=True).files:
+            _recover_file(file, found)
+        write_metadata(directory, found.information())
     except OSError as error:
         raise UserError(
             f'{str(directory)!r} cannot be recovered ({error.strerror}): copy it to a folder with '
@@ -64,29 +65,33 @@ def recover(path: Path) -> Recovered:
     return found
 
 
-def _recover_file(file: Path, found: Recovered, budget: Budget) -> None:
-    if is_being_written(file):
-        raise UserError(f'{str(file)!r} is being recorded: end the recording first')
-    part = file.with_name(f'.{token_hex(8)}.part')
-    damage = Damage()
-    copy = _Copy(BagFile(part), found)
+def _recover_file(file: McapFile, found: Recovered) -> None:
+    path = file.path
+    if is_being_written(path):
+        raise UserError(f'{str(path)!r} is being recorded: end the recording first')
+    part = path.with_name(f'.{token_hex(8)}.part')
+    copy = BagFile(part)
     try:
-        for record in records(file, budget, damage=damage):
-            copy.add(record)
-        found.spans[file.name] = copy.file.span
-        found.counts.update(copy.file.counts)
-        for topic in copy.file.topics.values():
-            found.topics.setdefault(topic.name, topic)
-        if not damage:
+        copy.add_metadata(file.metadata)
+        for each in file.attachments.values():
+            copy.attach(each.name, each.media_type, each.data, each.create_time)
+        for message in file.messages():
+            if copy.add(*message):
+                copy.commit()
+        found.spans[path.name] = copy.span
+        found.counts.update(copy.counts)
+        found.metadata |= file.metadata
+        found.topics |= {topic.name: topic for topic in copy.topics.values()}
+        if not file.damage:
             return
-        found.damages[file.name] = damage
-        copy.file.finish(_information(found))
-        copy.file.commit()
-        if damage.unreadable_chunks or not damage.cut:
-            found.kept.append(file.rename(_unused(file)))
-        part.replace(file)
+        found.damages[path.name] = file.damage
+        copy.finish(found.information())
+        copy.commit()
+        if file.damage.unreadable_chunks or not file.damage.cut:
+            found.kept.append(path.rename(_unused(path)))
+        part.replace(path)
     finally:
-        copy.file.appender.close()
+        copy.appender.close()
         part.unlink(missing_ok=True)
 
 
@@ -95,36 +100,3 @@ def _unused(file: Path) -> Path:
     while path.exists():
         path, number = file.with_name(f'{file.name}.damaged{number}'), number + 1
     return path
-
-
-class _Copy:
-    """Copies the records of a file."""
-
-    def __init__(self, file: BagFile, found: Recovered) -> None:
-        self.file = file
-        self._found = found
-        self._topics = Channels(file.path)
-
-    def add(self, record: McapRecord) -> None:
-        self._topics.add(record)
-        if isinstance(record, Channel):
-            bounds.check_topics(self.file.path, len(self.file.topics))
-        elif isinstance(record, Metadata) and record.name == METADATA_NAME:
-            self._found.metadata.update(record.metadata)
-            bounds.check_entries(self.file.path, self._found.metadata)
-            self.file.end_chunk()
-            self.file.add_metadata(record.metadata)
-        elif isinstance(record, Attachment):
-            self.file.end_chunk()
-            self.file.attach(record.name, record.media_type, record.data, record.create_time)
-        elif isinstance(record, Message) and record.channel_id in self._topics:
-            topic = self._topics[record.channel_id]
-            if self.file.add(
-                topic, record.data, record.log_time, record.publish_time, record.sequence
-            ):
-                self.file.commit()
-
-
-def _information(found: Recovered) -> Mapping[str, Any]:
-    topics = [(topic, found.counts[name]) for name, topic in found.topics.items()]
-    return information(found.spans, topics, found.metadata)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.errors import escaped
 from barc_sim.runs.options import add_topic_choice
@@ -39,11 +40,31 @@ def run_info(options: Namespace) -> None:
     """Read the bag, and print what is in it."""
     import json  # noqa: PLC0415 (not for --help)
 
-    from barc_sim.bags.info import describe, lines  # noqa: PLC0415
+    from barc_sim.bags.contents import describe  # noqa: PLC0415 (slow: not for --help)
 
     found = describe(options.bag)
-    for line in [json.dumps(found, indent=2)] if options.json else lines(found):
+    for line in [json.dumps(found, indent=2)] if options.json else _described(found):
         print(escaped(line))  # noqa: T201
+
+
+def _described(found: dict[str, Any]) -> Iterator[str]:
+    """Yield the lines of a description, much as `ros2 bag info` has them."""
+    from barc_sim.bags.bounds import LONG  # noqa: PLC0415
+
+    start = datetime.fromtimestamp(found['start'], timezone.utc).astimezone()
+    yield f'Files:     {", ".join(found["files"])}'
+    yield f'Bag size:  {sum(found["files"].values()) / 1024:.1f} KiB'
+    yield f'Duration:  {found["duration"]:.9f} s'
+    yield f'Start:     {start:%b %d %Y %H:%M:%S.%f} ({found["start"]:.9f})'
+    yield f'Messages:  {found["messages"]}'
+    for topic in found['topics']:
+        yield f'{topic["messages"]:9} {topic["name"]} [{topic["type"]}]'
+    for name, damage in found['damages'].items():
+        chunks = damage['unreadable_chunks']
+        yield f'{name} is damaged: {chunks} chunks and {damage["unread"]} bytes cannot be read'
+    for name, text in (*found['losses'].items(), *found['metadata'].items()):
+        if name not in LONG:
+            yield f'{name}: {" ".join(text.split())}'
 
 
 def add_arguments_convert(parser: Parser) -> None:

@@ -66,7 +66,7 @@ class BagPlayer(Node):
     ) -> None:
         self._playback = playback or Playback()
         self._contents = Contents(path)
-        self._contents.outline()
+        self._contents.complete()
         span = self._contents.span  # of the whole bag; playing counts anew
         self._start, self._last = span.start or 0, span.end
         self._first = self._start + int(self._playback.start_offset * 1e9)

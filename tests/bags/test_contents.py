@@ -57,7 +57,7 @@ def path(request: pytest.FixtureRequest, ours: Path, tmp_path: Path) -> Path:
 
 def test_the_messages_of_any_recorder_are_read_in_order(path: Path) -> None:
     contents = Contents(path)
-    contents.outline()
+    contents.complete()
     assert (contents.span.start, contents.span.end) == (10**9, 10**9 + 10**7 * 399)
     assert {each.type for each in contents.topics.values()} == {'std_msgs/msg/Header'}
     read = [*contents.in_order()]

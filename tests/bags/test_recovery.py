@@ -10,18 +10,19 @@ import mcap_doctor
 import pytest
 import yaml
 from made_bags import VALUE
-from mcap.records import Message
 from rosbags.highlevel import AnyReader
 
 from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader as bag
-from barc_sim.bags.records import files, records
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.recovery import recover as make_whole
 from barc_sim.bags.writer import BagWriter, FileLimits
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from barc_sim.bags.messages import Message
 
 ATTACHED = {'student/a.py': b'x = 1\n'}
 
@@ -72,12 +73,7 @@ def test_a_bag_with_a_link_or_a_pipe_in_it_is_not_written(
 
 
 def messages(directory: Path) -> list[Message]:
-    return [
-        record
-        for file in files(directory)
-        for record in records(file)
-        if isinstance(record, Message)
-    ]
+    return [*Contents(directory).messages()]
 
 
 def test_a_killed_runs_bag_becomes_whole(killed: Path) -> None:
@@ -145,7 +141,7 @@ def test_a_whole_bag_stays_as_it_is(tmp_path: Path) -> None:
 def test_a_bag_of_several_files_becomes_whole(tmp_path: Path) -> None:
     found = make_whole(kill(write(tmp_path / 'run', limits=FileLimits(duration=99e-9))))
     assert list(found.spans) == [f'run_{k}.mcap' for k in range(10)]
-    assert [message.sequence for message in messages(tmp_path / 'run')] == list(range(1000))
+    assert [message.number for message in messages(tmp_path / 'run')] == list(range(1000))
     with AnyReader([tmp_path / 'run']) as reader:
         assert reader.message_count == 1000
 

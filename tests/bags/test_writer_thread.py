@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import mcap_doctor
 import pytest
 from command_line import wait_for
-from mcap.records import Message as Record
 
 from barc_sim.bags import file as bag_file
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Topic
-from barc_sim.bags.records import records
 from barc_sim.bags.writer import BagWriter
 from barc_sim.bags.writer_thread import SimulatedClock, WriterThread
 
@@ -76,8 +75,7 @@ def thread(
 
 
 def recorded(tmp_path: Path) -> list[int]:
-    file = tmp_path / 'run' / 'run_0.mcap'
-    return [record.sequence for record in records(file) if isinstance(record, Record)]
+    return [message.number for message in Contents(tmp_path / 'run').messages()]
 
 
 def test_messages_are_written_in_order_of_reception(
@@ -328,8 +326,8 @@ def test_time_goes_on_during_a_pause(tmp_path: Path, source: Source) -> None:
     thread.paused = False
     source.append(message(2))
     thread.close()
-    found = records(tmp_path / 'run' / 'run_0.mcap')
-    assert [each.log_time for each in found if isinstance(each, Record)] == [7 * SECOND]
+    found = Contents(tmp_path / 'run').messages()
+    assert [each.received for each in found] == [7 * SECOND]
 
 
 def test_message_received_since_a_poll_began_waits_for_the_clock_of_the_next(
@@ -343,6 +341,5 @@ def test_message_received_since_a_poll_began_waits_for_the_clock_of_the_next(
     thread.write_now()
     source.append(clock(received - 1, 7))
     thread.close()
-    file = tmp_path / 'run' / 'run_0.mcap'
-    found = [each for each in records(file) if isinstance(each, Record)]
-    assert [each.log_time for each in found] == [7 * SECOND, 7 * SECOND]
+    found = Contents(tmp_path / 'run').messages()
+    assert [each.received for each in found] == [7 * SECOND, 7 * SECOND]

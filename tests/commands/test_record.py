@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64, UInt8MultiArray
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags import records as bag_records
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.file import CHUNK_SIZE
 from barc_sim.bags.recovery import recover
 
@@ -72,7 +72,7 @@ def test_files_are_split_at_the_size_without_a_loss(talker: Node, tmp_path: Path
         process.send_signal(signal.SIGTERM)
         out, _ = process.communicate(timeout=60)
     assert 'recorded 100 messages, lost 0' in out
-    files = bag_records.files(tmp_path / 'mine')
+    files = [*(tmp_path / 'mine').glob('*.mcap')]
     # The size, and one chunk more.
     assert len(files) >= 4
     assert all(file.stat().st_size < 400_000 + CHUNK_SIZE + 60_000 for file in files)
@@ -131,8 +131,9 @@ def test_a_full_disk_ends_it_and_what_was_written_stays_readable(
     assert f"writing to '{directory}' failed: No space left on device" in err
     file = directory / 'mine_0.mcap'
     assert file.stat().st_size > 3_000_000
-    damage = bag_records.Damage()
-    assert list(bag_records.records(file, damage=damage))
+    contents = Contents(file)
+    assert list(contents.messages())
+    damage = contents.damages['mine_0.mcap']
     assert (damage.unfinished, damage.unread, damage.unreadable_chunks) == (True, 0, 0)
     copy = small_disk.parent / 'copy'  # where there is space to recover it
     copy.mkdir()

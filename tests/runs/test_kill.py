@@ -20,10 +20,9 @@ pytest.importorskip('rclpy')
 
 import mcap_doctor
 from command_line import wait_for
-from mcap.records import Channel, Message
 
 from barc_sim.bags import reader as bag
-from barc_sim.bags.records import records
+from barc_sim.bags.contents import Contents
 from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
@@ -113,11 +112,8 @@ def test_a_killed_run_misses_a_quarter_second_at_most(tmp_path: Path, run: int) 
 
 def states(file: Path) -> dict[int, tuple[bytes, int]]:
     """Return data and publish time of a bag's states, by number."""
-    topics: dict[int, str] = {}
-    found = {}
-    for record in records(file):
-        if isinstance(record, Channel):
-            topics[record.id] = record.topic
-        elif isinstance(record, Message) and topics[record.channel_id] == '/z_vhcl':
-            found[record.sequence] = (record.data, record.publish_time)
-    return found
+    return {
+        message.number: (message.data, message.published)
+        for message in Contents(file).messages()
+        if message.topic.name == '/z_vhcl'
+    }
