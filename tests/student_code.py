@@ -179,11 +179,11 @@ friction by sign | 100 90.67 92.3 | right in all
     a0*v**2 - Ff -> (a0*v**2 + Ff)*sign(v)
 the lab's template | 50 40.67 42.3 | is not written yet (TODO)
     l_f = 1.5 -> l_f = TODO
-gravity on the flat | 82.5 73.17 76.3 | gravity acts on the flat, too: it is -m * g * sin(theta)
+gravity on the flat | 82 72.67 76.3 | gravity acts on the flat, too: it is -m * g * sin(theta)
     -m*g*sin(theta) - a0*v**2 - Ff -> m*g + a0*v**2 + Ff
-gravity without m | 89.5 80.17 83.75 | m and sin(theta) are missing in gravity: the force is -m * g
+gravity without m | 89.2 79.87 83.75 | m and sin(theta) are missing in gravity: the force is -m * g
     -m*g*sin(theta) - a0*v**2 - Ff -> -g - a0*v**2 - Ff
-Ff as the whole force | 82.5 73.17 76.3 | in place of v_next = v + ts * rate; and F_ext is Ff alone
+Ff as the whole force | 82 72.67 76.3 | in place of v_next = v + ts * rate; and F_ext is Ff alone
     -m*g*sin(theta) - a0*v**2 - Ff -> Ff
     v_next = v + ts*(a + F_ext/m) -> v_next = a + F_ext/m
 """)

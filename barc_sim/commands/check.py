@@ -85,19 +85,18 @@ def run(options: Namespace) -> int:
     if folder.is_file() and folder.suffix == '.py':
         folder = folder.parent
     rubric = load(options.rubric)
-    settings = _settings(rubric.settings, options)
     name = options.save or str(folder / 'check.png')
     path = None if options.no_plot else target(name, FORMATS)
     find_files(folder)  # or a UserError
-    report = judge_folder(folder, settings)
+    report = judge_folder(folder, _settings(rubric.settings, options))
     print_report(report, rubric)
     composed = _composition(folder)
-    if path:
-        gains = f'{report.gains} · ' if report.gains else ''
-        title = f"{folder.resolve().name}, beside barc_sim's own"
-        _draw(report, path, title, f'{gains}seed {settings.seed}')
-    judged = [each for each in report.findings if not (each.skipped or each.open)]
-    return 0 if composed and all(finding.passed for finding in judged) else NOT_PASSED
+    if path and report.comparison:
+        with saving(path) as part:
+            title = f'{folder.resolve().name}: {report.gains}'
+            report.comparison.figure(title).savefig(part, dpi=DPI)
+        print(path)  # noqa: T201
+    return 0 if composed and all(finding.passed for finding in report.judged) else NOT_PASSED
 
 
 def _composition(folder: Path) -> bool:
@@ -124,28 +123,9 @@ def _settings(settings: Settings, options: Namespace) -> Settings:
     return replace(settings, **changes)
 
 
-def _draw(report: Report, path: Path, title: str, settings: str) -> None:
-    """Save the figure, if any finding has data to draw."""
-    from barc_sim.lab.hills import figure as check_figure  # noqa: PLC0415
-    from barc_sim.lab.hills.loop import Comparison  # noqa: PLC0415
-    from barc_sim.lab.hills.model import Trajectory  # noqa: PLC0415
-
-    evidence = [finding.evidence for finding in report.findings]
-    comparison = next((item for item in evidence if isinstance(item, Comparison)), None)
-    trajectory = next((item for item in evidence if isinstance(item, Trajectory)), None)
-    if comparison is None and trajectory is None:
-        return
-    figure = check_figure.check_figure(comparison, trajectory, title=title, settings=settings)
-    with saving(path) as part:
-        figure.savefig(part, dpi=DPI)
-    print(path)  # noqa: T201
-
-
 def print_report(report: Report, rubric: Rubric, console: Console | None = None) -> None:
     """Print the findings in a terminal, or a line for each in a pipe."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
-
-    from barc_sim.lab.hills.loop import Comparison  # noqa: PLC0415
 
     console = console or Console(highlight=False)
     if not console.is_terminal:
@@ -153,25 +133,22 @@ def print_report(report: Report, rubric: Rubric, console: Console | None = None)
     worth = rubric.worth(report.findings)
     findings = [each for each in report.findings if each.criterion in worth]
     _print_table(console, ('criterion', 'points', 'finding'), _rows(findings, rubric))
-    compared = [each.evidence for each in findings if isinstance(each.evidence, Comparison)]
-    for comparison in compared:
+    if report.comparison:
         _plain(console, "the lab's road, stretch by stretch")
         header = ('from', 'grade', 'RMS', 'at most', 'the speed')
-        _print_table(console, header, map(_cells, comparison.stretches))
+        _print_table(console, header, map(_cells, report.comparison.stretches))
     if report.gains:
         _plain(console, f'gains: {report.gains}')
     if report.tolerated:
         _plain(console, f'tolerated: {"; ".join(report.tolerated)}')
     _print_output(report.printed, console)
-    judged = [each for each in report.findings if not (each.skipped or each.open)]
-    passed = sum(finding.passed for finding in judged)
-    total = round(sum(rubric.points_for(finding) for finding in findings), 2)
-    maximum = round(sum(worth.values()), 2)
+    passed = sum(finding.passed for finding in report.judged)
+    total = sum(rubric.points_for(finding) for finding in findings)
     still = sum(worth[finding.criterion] for finding in findings if finding.open)
     _plain(
         console,
-        f'{passed} of {len(judged)} criteria are met in full: {total:g} of {maximum:g} points'
-        + (f', {still:g} still open' if still else ''),
+        f'{passed} of {len(report.judged)} criteria are met in full: {round(total, 2):g} of '
+        f'{round(sum(worth.values()), 2):g} points' + (f', {still:g} still open' if still else ''),
     )
 
 

@@ -99,6 +99,8 @@ def _compare(runs: Sequence[tuple[str, Log]], figure: Figure) -> Figure:
     panels = figure.subplots(4, 1, sharex=True, height_ratios=[4, 1.8, 1.4, 1.6])
     _draw_runs(runs, *panels)
     panels[0].set_xlabel('')
+    commands = [after_run_up(log, log.motor) for _, log in runs]
+    panels[-1].set_ylim(*limits(np.concatenate(commands), share=0.12, minimum=1.0))
     panels[-1].set_xlabel('Position along the road [m]')
     figure.align_ylabels()
     return figure

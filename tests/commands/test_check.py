@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from command_line import printed, refused
 from rich.console import Console
+from user_files import CONTROLLER as RIGHT
 from user_files import MODEL, replaced
 
 from barc_sim.__main__ import main as barc
@@ -49,11 +50,11 @@ def wrong(folder: Path) -> Path:
 
 
 def test_all_met_is_exit_code_0_and_a_figure(folder: Path) -> None:
+    (folder / 'controller.py').write_text(RIGHT, encoding='utf-8')
     lines = printed('check', str(folder)).splitlines()
-    assert lines[0] == 'model.x             8 / 8  right in all 2,750 states'
-    assert 'pid.proportional    0 / 8  there is no controller.py' in lines
+    assert lines[0] == 'model.x             9 / 9  right in all 2,750 states'
     assert lines[-2:] == [
-        '5 of 5 criteria are met in full: 50 of 100 points',
+        '8 of 8 criteria are met in full: 100 of 100 points',
         str(folder / 'check.png'),
     ]
     assert (folder / 'check.png').read_bytes().startswith(b'\x89PNG')
@@ -67,7 +68,7 @@ def test_not_all_met_is_exit_code_1_and_the_reasons(wrong: Path) -> None:
     )
     assert 'your code printed:\n  [red]called\n' in out
     assert '… and more' in out
-    assert '6 of 9 criteria are met in full: ' in out
+    assert '5 of 8 criteria are met in full: ' in out
     assert not (wrong / 'check.png').exists()
 
 
@@ -89,10 +90,10 @@ def test_in_a_terminal_there_are_tables(wrong: Path) -> None:
     assert max(map(len, text.splitlines())) <= 100
 
 
-def test_the_figure_is_saved_as_asked(folder: Path, tmp_path: Path) -> None:
-    assert barc(['check', str(folder), '--save', str(tmp_path / 'a.svg')]) == 0
+def test_the_figure_is_saved_as_asked(wrong: Path, tmp_path: Path) -> None:
+    assert barc(['check', str(wrong), '--save', str(tmp_path / 'a.svg')]) == 1
     assert (tmp_path / 'a.svg').stat().st_size > 1000
-    assert not (folder / 'check.png').exists()
+    assert not (wrong / 'check.png').exists()
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def test_from_the_templates_to_the_grade(tmp_path: Path, monkeypatch: pytest.Mon
     unchosen = barc('check', 'my_lab')
     assert (unchosen.returncode, 'chooses no gains' in unchosen.stdout) == (1, True)
     (lab / 'controller.py').write_text(CONTROLLER + CALL)
-    assert '9 of 9 criteria are met in full: 100 of 100 points' in done('check', 'my_lab')
+    assert '8 of 8 criteria are met in full: 100 of 100 points' in done('check', 'my_lab')
     assert 'kp 10, ki 20, kd 0.1 (controller.py, line 15), without a limit' in done(
         'acc', '--lab', 'my_lab', *FAST
     )

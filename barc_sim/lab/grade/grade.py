@@ -23,10 +23,8 @@ from barc_sim.errors import escaped
 from barc_sim.lab.grade.similarity import passages
 from barc_sim.lab.grade.submissions import graded, read
 from barc_sim.lab.handout import BY_HAND, FILES
-from barc_sim.lab.hills.figure import check_figure
 from barc_sim.lab.hills.lab import LABELS, judge_folder
 from barc_sim.lab.hills.loop import Comparison
-from barc_sim.lab.hills.model import Trajectory
 from barc_sim.lab.html import data_url, render
 
 if TYPE_CHECKING:
@@ -53,7 +51,7 @@ class Item(NamedTuple):
     max_points: float
     message: str
     open: bool = False  #: it is judged by eye: its points are 0 until they are given by hand
-    evidence: Comparison | Trajectory | None = None  #: what the report's figure shows
+    evidence: Comparison | None = None  #: what the report's figure shows
 
 
 class Grade(NamedTuple):
@@ -207,13 +205,9 @@ def _empty(grade: Grade) -> str:
 
 def _figure(grade: Grade) -> bytes:
     """Return the runs that were judged as a PNG; empty if there are none."""
-    evidence = [item.evidence for item in grade.items]
-    runs = next((each for each in evidence if isinstance(each, Comparison)), None)
-    states = next((each for each in evidence if isinstance(each, Trajectory)), None)
-    if runs is None and states is None:
-        return b''
     data = io.BytesIO()
-    check_figure(runs, states).savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
+    for runs in (item.evidence for item in grade.items if isinstance(item.evidence, Comparison)):
+        runs.figure().savefig(data, format='png', dpi=_DPI, metadata={'Software': ''})
     return data.getvalue()
 
 

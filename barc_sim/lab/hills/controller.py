@@ -20,8 +20,9 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, judges
 from barc_sim.lab.check.laws import Law, Mistake, read
+from barc_sim.lab.hills.loop import NOT_A_CAR
 from barc_sim.lab.hills.memory import RANDOM, TOLERANCE, judge_reset, judge_windup, wandering
-from barc_sim.lab.hills.model import NOT_A_CAR, TS
+from barc_sim.lab.hills.model import TS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -30,8 +30,6 @@ def _judge_model(code: JudgedCode, settings: Settings) -> Iterator[Finding]:
     wanted, seed = settings.criteria, settings.seed
     equations = model.judge_equations(code, seed)
     yield from equations
-    if 'model.trajectory' in wanted:
-        yield model.judge_trajectory(code, equations)
     if 'model.reverse' in wanted:
         yield model.judge_reverse(code, seed, equations)
     if 'model.general' in wanted:
@@ -106,6 +104,17 @@ class Report:
     printed: str  #: the first output of its code
     gains: ChosenGains | None  #: that drove the roads
     tolerated: tuple[str, ...]  #: a phrase each
+
+    @property
+    def judged(self) -> list[Finding]:
+        """The findings on what is there, and can be judged."""
+        return [each for each in self.findings if not (each.skipped or each.open)]
+
+    @property
+    def comparison(self) -> loop.Comparison | None:
+        """The runs over the lab's road, if there are any."""
+        evidence = (each.evidence for each in self.findings)
+        return next((each for each in evidence if isinstance(each, loop.Comparison)), None)
 
 
 def judge_folder(

@@ -7,14 +7,14 @@ from functools import cache
 from itertools import pairwise
 from math import inf, isfinite
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 
 from barc_sim.control.pid import PID, speed_controller
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import judges
-from barc_sim.lab.hills.model import NOT_A_CAR, TS
+from barc_sim.lab.hills.model import TS
 from barc_sim.lab.user_code.calls import NOT_WRITTEN
 from barc_sim.simulation.closed_loop import DISTANCE, MAX_DURATION, closed_loop
 from barc_sim.simulation.metrics import summary
@@ -24,6 +24,8 @@ from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from barc_sim.lab.check.code import Judged, JudgedCode
     from barc_sim.lab.check.laws import Floats
     from barc_sim.lab.user_code.source import ChosenGains
@@ -34,6 +36,7 @@ LABELS = {
     'loop.random_roads': 'Cruise control: other roads',
 }
 STEEPEST_DEG = 25.0
+NOT_A_CAR = 1e6  #: [m/s²]
 _RANDOM_ROADS = 4
 _GRADES = 5
 _MIN_LENGTH, _MAX_LENGTH = 15.0, 30.0  #: [m] of a grade
@@ -92,13 +95,27 @@ class Stretch(NamedTuple):
     remark: str  #: what the speed does
 
 
+_MAX_SPEED = 40.0  #: [m/s] A figure ends there.
+
+
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """The closed loop over one road, with the user's controller and with barc_sim's."""
 
     user: Log
-    reference: Log
+    usual: Log
     stretches: tuple[Stretch, ...] = ()  #: of the user's
+
+    def figure(self, title: str = '') -> Figure:
+        """Draw both runs."""
+        from barc_sim.figures.run_figures import plot  # noqa: PLC0415 (slow)
+
+        figure = cast('Figure', plot(self.user, self.usual, labels=('your PID', "barc_sim's PID")))
+        speed = figure.axes[0]
+        low, high = speed.get_ylim()
+        speed.set_ylim(max(low, -_MAX_SPEED), min(high, _MAX_SPEED))
+        speed.set_title(title, loc='left', pad=26.0)
+        return figure
 
 
 @judges('loop.lab_road')
@@ -114,8 +131,8 @@ def judge_lab_road(code: JudgedCode, conditions: Conditions) -> Judged:
             raise
         raise UserError(f'{error} ({conditions})') from error
     message = f'{drive.describe()}, {conditions}{drive.worst_stretch()}{_advice(code, drive)}'
-    reference = _reference(conditions.limit)
-    return drive.score, message, Comparison(drive.log, reference, tuple(drive.stretches))
+    usual = _usual(conditions.limit)
+    return drive.score, message, Comparison(drive.log, usual, tuple(drive.stretches))
 
 
 _TRIED = (1.5, 3.0)  #: times a gain
@@ -150,7 +167,7 @@ def _advice(code: JudgedCode, drive: Drive) -> str:
 
 
 @cache
-def _reference(limit: float) -> Log:
+def _usual(limit: float) -> Log:
     return closed_loop(controller=speed_controller(limit=limit), distance=DISTANCE)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from barc_sim.control.pid import ACCELERATION_LIMIT
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import judges
-from barc_sim.lab.hills.model import NOT_A_CAR, TS
+from barc_sim.lab.hills.loop import NOT_A_CAR
+from barc_sim.lab.hills.model import TS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

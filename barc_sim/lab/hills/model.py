@@ -1,15 +1,13 @@
-"""Judges `bikeFE`: each equation in seeded states, and a whole drive.
+"""Judges `bikeFE`: each equation in seeded states.
 
-No state passes through zero speed within a step: sensible models differ there. The reference holds
-the car at a standstill; the lab's equation does not.
+No state passes through zero speed within a step: sensible models differ there. barc_sim's holds the
+car at a standstill; the lab's equation does not.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
-from functools import cache
-from math import degrees, hypot, inf, isfinite, pi, radians, sin
+from math import inf, pi, radians
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +16,7 @@ import numpy as np
 from barc_sim.errors import UserError
 from barc_sim.lab.check.code import Finding, Row, judges
 from barc_sim.lab.check.laws import Law, Mistake, Situation, read
-from barc_sim.simulation.closed_loop import closed_loop
-from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Command, State, Vehicle
-from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.bike_model import GRAVITY, L_F, L_R, Vehicle
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,13 +26,11 @@ if TYPE_CHECKING:
 
 TS = 0.02  #: [s]
 EQUATIONS = ('x', 'y', 'psi', 'v')  #: in the order of what bikeFE returns
-NOT_A_CAR = 1e6  #: In each unit; what code returns beyond is not drawn.
 LABELS = {
     'model.x': 'Model: position x',
     'model.y': 'Model: position y',
     'model.psi': 'Model: heading \N{GREEK SMALL LETTER PSI}',
     'model.v': 'Model: speed v',
-    'model.trajectory': 'Model: a whole drive',
     'model.reverse': 'Model: in reverse',
     'model.general': 'Model: another car',
 }
@@ -429,79 +423,3 @@ def _randomness(code: JudgedCode, trials: Sequence[Trial]) -> str:
 
 def _call_text(row: Row) -> str:
     return f'bikeFE({", ".join(f"{name}={value:.6g}" for name, value in row._asdict().items())})'
-
-
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Two models under the same commands; states in columns x, y [m], psi [rad], v [m/s]."""
-
-    t: Floats  #: [s], shape `(n,)`
-    user: Floats  #: shape `(n, 4)`, NaN from where the code failed
-    reference: Floats  #: shape `(n, 4)`
-
-
-#: [m, m, rad, m/s] Above the effect of friction's sign at a standstill, below that of any mistake.
-_NEAR = 1e-4
-_STEERING, _PACE = 0.06, 0.8  #: [rad] and [rad/s] of a slalom
-
-
-@judges('model.trajectory')
-def judge_trajectory(code: JudgedCode, equations: Sequence[Finding] = ()) -> Judged:
-    """Return the finding on a drive over the lab's road with the commands of barc_sim's run.
-
-    The score is the share of steps near barc_sim's model. What follows from a mistake in the
-    `equations`, judged before, is not taken off again.
-    """
-
-    def model(*args: float, **_: float) -> list[float]:  # the lengths are the function's own
-        return list(code.bike_fe([Row(*args)])[0])
-
-    commands, failure = _commands(), ''
-    reference, own = (np.full((len(commands), len(State._fields)), np.nan) for _ in range(2))
-    _fill(reference, Plant(), commands)
-    try:
-        _fill(own, Plant(model=model), commands)
-    except UserError as error:
-        failure = str(error)
-    t: Floats = np.arange(len(reference), dtype=np.float64) * Plant().ts
-    off: Floats = np.abs(own - reference)
-    within = np.all(off <= _NEAR, axis=1)
-    # The first state is given, not computed.
-    score = float(np.mean(within[1:]))
-    if failure:
-        message = failure
-    elif score == 1.0:
-        message = f'follows the right model for {t[-1]:.0f} s and {len(t) - 1:,} steps'
-    else:
-        message = f'leaves the right model after {t[np.argmin(within)]:.2f} s{_at_the_end(off[-1])}'
-    if score < 1.0 and any(not each.passed for each in equations):
-        score = max(score, mean_score(equations))
-    drawn = Trajectory(t, own, reference) if np.isfinite(own[1:]).any() else None
-    return score, message, drawn
-
-
-@cache
-def _commands() -> tuple[Command, ...]:
-    """Return the commands of barc_sim's run over the lab's road, and a slalom."""
-    log = closed_loop()
-    steering = [_STEERING * sin(_PACE * t) for t in log.t.tolist()]
-    return tuple(Command(*command) for command in zip(log.motor.tolist(), steering, strict=True))
-
-
-def _fill(states: Floats, plant: Plant, commands: tuple[Command, ...]) -> None:
-    """Write the state before each command, up to the first one beyond all limits."""
-    for k, command in enumerate(commands):
-        if not np.all(np.abs(plant.state) < NOT_A_CAR):
-            return
-        states[k] = plant.state
-        plant.advance(command)
-
-
-def _at_the_end(off: Floats) -> str:
-    x, y, psi, v = np.nan_to_num(off, nan=np.inf)
-    if not isfinite(x):
-        return f', and then grows without limit: beyond {NOT_A_CAR:g} it is not a car'
-    return (
-        f'; at the end of the road it is {hypot(x, y):.3g} m, {degrees(psi):.3g}° and '
-        f'{v:.3g} m/s away'
-    )

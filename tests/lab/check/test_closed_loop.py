@@ -100,9 +100,9 @@ def test_a_failure_on_the_way_gets_zero(lab: Lab, controller: str, judge: Judge)
 def test_the_own_run_is_kept_beside_the_references(lab: Lab, controller: str) -> None:
     evidence = judge_lab_road(lab(controller=controller), conditions(RUN)).evidence
     assert isinstance(evidence, Comparison)
-    assert evidence.reference.motor.max() == 8.0  # under the same limit
+    assert evidence.usual.motor.max() == 8.0  # under the same limit
     assert abs(evidence.user.speed_error[evidence.user.distance > 10.0]).max() == pytest.approx(
-        abs(evidence.reference.speed_error[evidence.reference.distance > 10.0]).max(), rel=0.05
+        abs(evidence.usual.speed_error[evidence.usual.distance > 10.0]).max(), rel=0.05
     )
 
 

@@ -106,7 +106,7 @@ def test_a_right_model_gets_full_marks(lab: Lab, model: str, name: str) -> None:
     text = NUMPY_MODEL if name == 'arrays' else model.replace(*MODELS[name])
     if name == 'no lengths':
         text = text.replace('l_f + l_r', 'L_F + L_R').replace('l_r', 'L_R')
-    assert messages(judge(lab(text))[:7]) == {}
+    assert messages(judge(lab(text))[:6]) == {}
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -117,7 +117,7 @@ def test_no_seed_makes_right_code_wrong(lab: Lab, model: str, controller: str, s
 @pytest.mark.parametrize('name', [*CONTROLLERS, 'on measurement'])
 def test_a_right_controller_gets_full_marks(lab: Lab, controller: str, name: str) -> None:
     changed = ON_MEASUREMENT if name == 'on measurement' else controller.replace(*CONTROLLERS[name])
-    found = messages(judge(lab(controller=changed))[7:])
+    found = messages(judge(lab(controller=changed))[6:])
     assert found.keys() == ({'pid.first_call'} if name in NOT_AT_FIRST else set())
 
 
@@ -126,7 +126,7 @@ def test_a_filtered_derivative_gets_full_marks(lab: Lab, controller: str) -> Non
     text = text.replace(
         '        area =', '        change = self.d = 0.6 * self.d + 0.4 * change\n        area ='
     )
-    assert messages(judge(lab(controller=text))[7:]) == {}
+    assert messages(judge(lab(controller=text))[6:]) == {}
 
 
 def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller: str) -> None:
@@ -137,7 +137,7 @@ def test_the_same_seed_gives_the_same_findings(lab: Lab, model: str, controller:
 
 def test_what_is_not_there_is_skipped_without_marks(lab: Lab, model: str) -> None:
     findings = judge(lab(model))
-    assert [finding.skipped for finding in findings] == [False] * 7 + [True] * 16
-    assert {finding.message for finding in findings[7:16]} == {'there is no controller.py'}
-    assert {finding.message for finding in findings[16:]} == {'there is no relay.py'}
-    assert {finding.score for finding in findings[7:]} == {0.0}
+    assert [finding.skipped for finding in findings] == [False] * 6 + [True] * 16
+    assert {finding.message for finding in findings[6:15]} == {'there is no controller.py'}
+    assert {finding.message for finding in findings[15:]} == {'there is no relay.py'}
+    assert {finding.score for finding in findings[6:]} == {0.0}

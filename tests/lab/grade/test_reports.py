@@ -8,7 +8,6 @@ import json
 import re
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 from markupsafe import escape
 from rich.console import Console
@@ -19,7 +18,6 @@ from barc_sim.lab.grade import grade as report
 from barc_sim.lab.grade.grade import Failure, Grade, Item
 from barc_sim.lab.grade.rubric import ByHand, Rubric
 from barc_sim.lab.hills.loop import Comparison
-from barc_sim.lab.hills.model import Trajectory
 from barc_sim.simulation.closed_loop import closed_loop
 
 if TYPE_CHECKING:
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
 
 HOSTILE = '<script>alert(1)</script> "\'&$x_{$ [red] \u202e \U0001f600 \u4e16'
 LOG = closed_loop(distance=20.0)
-TIMES = np.arange(50, dtype=np.float64) * 0.02
-STATES = np.stack([TIMES, 2.0 * TIMES, TIMES, TIMES], axis=1)
 RUBRIC = Rubric(
     {'model.x': 3.0, 'loop.lab_road': 7.0, 'relay.rate': 5.0},
     'The lab',
@@ -38,16 +34,14 @@ RUBRIC = Rubric(
 
 
 def grade(text: str = 'fine', *, points: float = 1.25, drawn: bool = True) -> Grade:
-    own = STATES + 0.0
-    own[20:] = np.nan
-    states, runs = Trajectory(TIMES, own, STATES), Comparison(LOG, LOG)
+    runs = Comparison(LOG, LOG)
     return Grade(
         name=text,
         title='The lab',
         seed=1,
         visibility='after_due_date',
         items=(
-            Item('model.x', points, 3.0, text, evidence=states if drawn else None),
+            Item('model.x', points, 3.0, text),
             Item('loop.lab_road', 7.0, 7.0, text, evidence=runs if drawn else None),
         ),
         notes=(text,),
