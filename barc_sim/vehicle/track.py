@@ -1,0 +1,425 @@
+"""The track: straights and arcs end to end, and poses on it in closed form, both ways.
+
+`Track.place` goes from the frame of the track (s along the centre line, e_y to its left, e_psi from
+its heading) to the map, and `Track.frenet` back. With (a, b) the position in the frame of a
+segment's start, ahead and to the left, and κ its curvature::
+
+    e_y = (2 b - κ (a² + b²)) / (1 + √((κ a)² + (1 - κ b)²))      s = atan2(κ a, 1 - κ b) / κ
+
+These hold for a straight, too, where s = a, and lose no digits where κ is small.
+"""
+
+from __future__ import annotations
+
+import csv
+from bisect import bisect_right
+from cmath import phase
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import accumulate, pairwise
+from math import atan2, cos, floor, hypot, isfinite, pi, remainder, sin, sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.road import read_lines, read_pairs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from os import PathLike
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+WIDTH = 6.0  #: [m]
+_TURN = 2.0 * pi
+_TOLERANCE = 0.05  #: [m] A fitted arc passes the points of a file within this.
+_MIN_POINTS, _MAX_POINTS = 3, 10_000  #: of a file with a centre line
+_CENTRE_LINE = 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+
+
+class Pose(NamedTuple):
+    """A pose on the map; arrays, of many."""
+
+    x: float  #: [m]
+    y: float  #: [m]
+    psi: float  #: [rad] heading, counter-clockwise from x
+
+
+_ORIGIN = Pose(0.0, 0.0, 0.0)
+
+
+class Frenet(NamedTuple):
+    """A pose on a track; arrays, of many."""
+
+    s: float  #: [m] along the centre line; it grows over the laps
+    e_y: float  #: [m] to the left of the centre line
+    e_psi: float  #: [rad] heading less that of the centre line, from -π to π
+    curvature: float  #: [1/m] of the centre line there, positive to the left
+
+
+@dataclass(frozen=True)
+class Track:
+    """Segments of constant curvature from `start` on; a closed one ends where it begins.
+
+    `lengths[i]` [m] is the length of segment `i`, and `curvatures[i]` [1/m] is positive to the
+    left, 0 for a straight.
+
+    Examples
+    --------
+    >>> track = Track.named('oval')
+    >>> pose = track.place(60.0, 1.5, 0.1)
+    >>> print('{:.2f} {:.2f} {:.2f} {:.2f}'.format(*track.frenet(*pose)))
+    60.00 1.50 0.10 0.05
+    """
+
+    lengths: tuple[float, ...]
+    curvatures: tuple[float, ...]
+    width: float = WIDTH  #: [m] from edge to edge
+    name: str = 'track'
+    start: Pose = _ORIGIN
+    deviation: float = 0.0  #: [m] greatest distance of the file's points from the centre line
+    starts: tuple[float, ...] = field(init=False, repr=False, compare=False)  #: [m]; the end, too
+    _poses: tuple[Pose, ...] = field(init=False, repr=False, compare=False)
+    is_closed: bool = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Raise UserError where a segment or the width makes no sense."""
+        for name in ('lengths', 'curvatures'):  # arrays, too
+            object.__setattr__(self, name, tuple(map(float, getattr(self, name))))
+        if not self.lengths or len(self.lengths) != len(self.curvatures):
+            raise UserError(
+                f'{len(self.lengths)} lengths and {len(self.curvatures)} curvatures must be '
+                'equally many, and at least one of each'
+            )
+        if not 0.0 < self.width < 1e3:  # noqa: PLR2004
+            raise UserError(f'width {self.width!r} must be a number of metres from 0 to 1000')
+        poses = [Pose(*self.start)]
+        for length, curvature in zip(self.lengths, self.curvatures, strict=True):
+            if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
+                raise UserError(f'a segment of {length!r} m, {curvature!r} 1/m must be ahead')
+            if abs(curvature) * length > _TURN + 1e-9:
+                raise UserError(f'an arc of {length!r} m at {curvature!r} 1/m is more than a turn')
+            if abs(curvature) * self.width >= 2.0:  # noqa: PLR2004
+                raise UserError(
+                    f'radius {1.0 / curvature:g} m must be above half the width, {self.width:g} m'
+                )
+            poses.append(_ahead(poses[-1], curvature, length))
+        starts = tuple(accumulate(self.lengths, initial=0.0))
+        gap = hypot(poses[-1].x - poses[0].x, poses[-1].y - poses[0].y)
+        turned = abs(remainder(poses[-1].psi - poses[0].psi, _TURN))
+        object.__setattr__(self, 'starts', starts)
+        object.__setattr__(self, '_poses', tuple(poses))
+        object.__setattr__(self, 'is_closed', gap + turned * starts[-1] < 1e-6 * starts[-1])
+
+    @classmethod
+    def named(cls, name: str) -> Track:
+        """Return the track called `L`, `oval`, `circle` or `figure-eight`, or that in a CSV file.
+
+        The file has the columns `length_m,radius_m` (radius 0: a straight; positive: to the left),
+        or those of the public racetrack database, `x_m,y_m,w_tr_right_m,w_tr_left_m`, to which arcs
+        are fitted. Such a track is closed, and as wide as at its narrowest place.
+
+        Raises
+        ------
+        UserError
+            where there is no such track, or the file does not describe one.
+        """
+        if name in TRACKS:
+            lengths, radii = zip(*TRACKS[name], strict=True)
+            return cls(
+                lengths, tuple(1.0 / radius if radius else 0.0 for radius in radii), name=name
+            )
+        try:
+            lines = read_lines(Path(name))
+        except (OSError, ValueError):
+            known = ', '.join(map(repr, TRACKS))
+            raise UserError(
+                f'track {name!r} is neither {known} nor a CSV file that can be read'
+            ) from None
+        try:
+            if _CENTRE_LINE in ''.join(lines[:1]).replace(' ', ''):
+                return _read_centre_line(lines[1:], name)
+            _, lengths, radii = read_pairs(lines, 'length_m,radius_m')
+            return cls(
+                lengths, tuple(1.0 / radius if radius else 0.0 for radius in radii), name=name
+            )
+        except (ValueError, csv.Error) as error:
+            raise UserError(f'track file {name!r} describes no track: {error}') from None
+
+    @classmethod
+    def _of_radii(cls, lengths: Sequence[float], radii: Sequence[float], name: str) -> Track:
+        return cls(tuple(lengths), tuple(1.0 / r if r else 0.0 for r in radii), name=name)
+
+    @classmethod
+    def of(cls, track: Track | str | PathLike[str]) -> Track:
+        """Return `track` itself, or the one of that name."""
+        return track if isinstance(track, Track) else cls.named(str(track))
+
+    @property
+    def length(self) -> float:
+        """The length of the centre line [m]: of a lap, where it is closed."""
+        return self.starts[-1]
+
+    def curvature(self, s: float) -> float:
+        """Return the curvature [1/m] at `s` metres."""
+        return self.curvatures[self._segment(s)[0]]
+
+    def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
+        """Return the pose on the map of a pose on the track; arrays, of arrays."""
+        if not isinstance(s, (float, int)):
+            return self._place_many(s, e_y, e_psi)
+        i, distance = self._segment(s)
+        x, y, psi = _ahead(self._poses[i], self.curvatures[i], distance)
+        return Pose(x - e_y * sin(psi), y + e_y * cos(psi), psi + e_psi)
+
+    def frenet(self, x: Any, y: Any, psi: Any, near: Any = None) -> Frenet:  # noqa: ANN401 (or arrays)
+        """Return the pose on the track of a pose on the map; arrays, of arrays.
+
+        `near` [m] is where the car was, a few metres ago at most. The search goes on from there,
+        segment by segment, so that neither a crossing nor a part of the track nearby takes the
+        place of the right one, and s grows over the finish line. Without it the nearest counts.
+        """
+        if not isinstance(x, (float, int)):
+            return self._frenet_many(x, y, psi, self._nearest_many(x, y) if near is None else near)
+        near = self._nearest(x, y) if near is None else near
+        n, starts = len(self.lengths), self.starts
+        i, _ = self._segment(near)
+        for _ in range(n):
+            s, e_y = self._project(i, x, y)
+            step = (s >= starts[i + 1]) - (s < starts[i])
+            if not step or not (self.is_closed or 0 <= i + step < n):
+                break
+            i = (i + step) % n
+        curvature = self.curvatures[i]
+        e_psi = remainder(psi - self._poses[i].psi - curvature * (s - starts[i]), _TURN)
+        if self.is_closed:
+            s += self.length * round((near - s) / self.length)
+        return Frenet(s, e_y, e_psi, curvature)
+
+    def _segment(self, s: float) -> tuple[int, float]:
+        """Return the number of the segment at `s`, and how far into it that is [m]."""
+        if self.is_closed:
+            s -= floor(s / self.length) * self.length
+        i = min(max(bisect_right(self.starts, s) - 1, 0), len(self.lengths) - 1)
+        return i, s - self.starts[i]
+
+    def _project(self, i: int, x: float, y: float) -> tuple[float, float]:
+        """Return s and e_y in the frame of segment `i`, beyond its ends, too."""
+        ahead, e_y = _project(self._poses[i], self.curvatures[i], self.lengths[i], x, y)
+        return self.starts[i] + ahead, e_y
+
+    def _nearest(self, x: float, y: float) -> float:
+        """Return s of the nearest point of the centre line."""
+
+        def inside(i: int) -> float:
+            return min(max(self._project(i, x, y)[0], self.starts[i]), self.starts[i + 1])
+
+        def distance(s: float) -> float:
+            there = self.place(s)
+            return hypot(x - there.x, y - there.y)
+
+        return min(map(inside, range(len(self.lengths))), key=distance)
+
+    # The same for arrays.
+
+    @cached_property
+    def _columns(self) -> Floats:
+        x, y, psi = np.array(self._poses[:-1]).T
+        rows = self.starts[:-1], self.lengths, self.curvatures, x, y, psi, np.cos(psi), np.sin(psi)
+        return np.array(rows)
+
+    def _segments(self, s: Floats) -> tuple[NDArray[np.intp], Floats]:
+        s = s - np.floor(s / self.length) * self.length if self.is_closed else s
+        i = np.searchsorted(self.starts, s, side='right') - 1
+        return np.clip(i, 0, len(self.lengths) - 1), s
+
+    def _place_many(self, s: Floats, e_y: Floats | float, e_psi: Floats | float) -> Pose:
+        i, s = self._segments(s)
+        start, _, curvature, x, y, psi, _, _ = self._columns[:, i]
+        half = 0.5 * curvature * (s - start)
+        chord, psi = (s - start) * np.sinc(half / pi), psi + half
+        x, y, psi = x + chord * np.cos(psi), y + chord * np.sin(psi), psi + half
+        found: Any = x - e_y * np.sin(psi), y + e_y * np.cos(psi), psi + e_psi
+        return Pose(*found)
+
+    def _project_many(self, i: Any, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:  # noqa: ANN401
+        """Return s, e_y and heading of the centre line in the frames of segments `i`."""
+        start, length, curvature, x0, y0, psi, cosine, sine = self._columns[:, i]
+        dx, dy = x - x0, y - y0
+        a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
+        across, along = curvature * a, 1.0 - curvature * b
+        e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + np.hypot(across, along))
+        middle = 0.5 * curvature * length
+        angle = middle + _wrapped(np.arctan2(across, along) - middle)
+        ahead = np.divide(angle, curvature, out=a, where=curvature != 0.0)
+        return start + ahead, e_y, psi + curvature * ahead
+
+    def _frenet_many(self, x: Floats, y: Floats, psi: Floats, near: Floats) -> Frenet:
+        n, ends = len(self.lengths), np.array(self.starts)
+        i, _ = self._segments(near)
+        s, e_y, heading = self._project_many(i, x, y)
+        for _ in range(n - 1):
+            step = (s >= ends[i + 1]).astype(np.intp) - (s < ends[i])
+            if not self.is_closed:
+                step = np.clip(i + step, 0, n - 1) - i
+            left = np.flatnonzero(step)
+            if not left.size:
+                break
+            i[left] = (i[left] + step[left]) % n
+            s[left], e_y[left], heading[left] = self._project_many(i[left], x[left], y[left])
+        if self.is_closed:
+            s += self.length * np.round((near - s) / self.length)
+        found: Any = s, e_y, _wrapped(psi - heading), self._columns[2, i]
+        return Frenet(*found)
+
+    def _nearest_many(self, x: Floats, y: Floats) -> Floats:
+        near, minimum = np.zeros(len(x)), np.full(len(x), np.inf)
+        for i, (start, end) in enumerate(pairwise(self.starts)):
+            s = np.clip(self._project_many(i, x, y)[0], start, end)
+            there = self._place_many(s, 0.0, 0.0)
+            distance = np.hypot(x - there.x, y - there.y)
+            near = np.where(distance < minimum, s, near)
+            minimum = np.minimum(minimum, distance)
+        return near
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return angle - _TURN * np.round(angle / _TURN)
+
+
+def _ahead(pose: Pose, curvature: float, distance: float) -> Pose:
+    """Return the pose `distance` further along an arc: a chord, at half the turn."""
+    half = 0.5 * curvature * distance
+    chord = distance * (sin(half) / half if half else 1.0)
+    psi = pose.psi + half
+    return Pose(pose.x + chord * cos(psi), pose.y + chord * sin(psi), psi + half)
+
+
+def _project(
+    pose: Pose, curvature: float, length: float, x: float, y: float
+) -> tuple[float, float]:
+    """Return s and e_y in the frame of a segment that begins at `pose`."""
+    cosine, sine = cos(pose.psi), sin(pose.psi)
+    dx, dy = x - pose.x, y - pose.y
+    a, b = dx * cosine + dy * sine, dy * cosine - dx * sine
+    across, along = curvature * a, 1.0 - curvature * b
+    e_y = (2.0 * b - curvature * (a * a + b * b)) / (1.0 + hypot(across, along))
+    if curvature:
+        middle = 0.5 * curvature * length
+        a = (middle + remainder(atan2(across, along) - middle, _TURN)) / curvature
+    return a, e_y
+
+
+# A centre line of points: between two of them a biarc, two arcs that meet with one heading (Bolton,
+# "Biarc curves", Computer-Aided Design 7, 1975). As few of the points as possible are such ends.
+
+
+def _read_centre_line(lines: Sequence[str], name: str) -> Track:
+    """Return the closed track of a file's points, and of half its least width either way."""
+    rows = [line for line in lines if line.strip() and line.lstrip()[0] != '#']
+    table = np.array([[float(cell) for cell in row] for row in csv.reader(rows)])
+    if table.ndim != 2 or table.shape[1] != 4 or not np.isfinite(table).all():  # noqa: PLR2004
+        raise ValueError(f'each line must have four numbers, {_CENTRE_LINE}')
+    if not _MIN_POINTS <= len(table) <= _MAX_POINTS:
+        raise ValueError(f'{len(table)} points, not {_MIN_POINTS} to {_MAX_POINTS}')
+    points = [complex(*row) for row in table[:, :2]]
+    if abs(points[0] - points[-1]) < _TOLERANCE:  # the first once more
+        points.pop()
+    before, after = [points[-1], *points[:-1]], [*points[1:], points[0]]
+    if not all(map(abs, np.subtract(points, before))):
+        raise ValueError('two points in a row are the same')
+    # The heading of the circle through a point and its neighbours.
+    headings = [
+        ((p - a) / abs(p - a) ** 2 + (b - p) / abs(b - p) ** 2)
+        for a, p, b in zip(before, points, after, strict=True)
+    ]
+    tangents = [each / abs(each) for each in headings]
+    points, tangents = [*points, points[0]], [*tangents, tangents[0]]
+    arcs: list[tuple[float, float]] = []
+    deviation, i = 0.0, 0
+    while i < len(points) - 1:
+        j, found, off = i + 1, _biarc(points[i], tangents[i], points[i + 1], tangents[i + 1]), 0.0
+        while j + 1 < len(points):
+            trial = _biarc(points[i], tangents[i], points[j + 1], tangents[j + 1])
+            further = _deviation(points[i], tangents[i], trial, points[i + 1 : j + 1])
+            if further > _TOLERANCE:
+                break
+            j, found, off = j + 1, trial, further
+        arcs += found
+        deviation, i = max(deviation, off), j
+    lengths, curvatures = zip(*arcs, strict=True)
+    start = Pose(points[0].real, points[0].imag, phase(tangents[0]))
+    width = 2.0 * float(table[:, 2:].min())
+    return Track(lengths, curvatures, width, name, start, deviation)
+
+
+def _biarc(p: complex, t: complex, q: complex, u: complex) -> list[tuple[float, float]]:
+    """Return lengths and curvatures of two arcs from `p` to `q`, with headings `t` and `u`."""
+    v, w = q - p, t + u
+    dot, bend = (v * w.conjugate()).real, 2.0 * (1.0 - (t * u.conjugate()).real)
+    chord = abs(v) ** 2
+    # The distance from each end along its heading to the joint's tangent.
+    d = chord / (dot + sqrt(dot * dot + bend * chord))
+    joint = 0.5 * (p + d * t + q - d * u)
+    return [_arc(joint - p, t), _arc(q - joint, (q - joint) ** 2 / (u * abs(q - joint) ** 2))]
+
+
+def _arc(chord: complex, tangent: complex) -> tuple[float, float]:
+    """Return length and curvature of the arc over `chord` that begins along `tangent`."""
+    half = phase(chord / tangent)
+    length = abs(chord) * (half / sin(half) if half else 1.0)
+    return length, 2.0 * half / length
+
+
+def _deviation(
+    p: complex, t: complex, arcs: Sequence[tuple[float, float]], points: Sequence[complex]
+) -> float:
+    """Return how far the farthest of `points` is from two arcs that begin at `p` along `t`."""
+    poses = [Pose(p.real, p.imag, phase(t))]
+    poses.append(_ahead(poses[0], arcs[0][1], arcs[0][0]))
+
+    def off(point: complex) -> float:
+        found = [
+            _project(pose, curvature, length, point.real, point.imag)
+            for pose, (length, curvature) in zip(poses, arcs, strict=True)
+        ]
+        return abs(found[found[0][0] > arcs[0][0]][1])
+
+    return max(map(off, points))
+
+
+def _figure_eight(radius: float) -> tuple[tuple[float, float], ...]:
+    turn = 1.5 * pi * radius
+    return (2.0 * radius, 0.0), (turn, radius), (2.0 * radius, 0.0), (turn, -radius)
+
+
+def _l_shape() -> tuple[tuple[float, float], ...]:
+    """Return an L of the proportions of BARC's own track, ten times as large."""
+    first, second, upper, lower = 10.2, 12.2, 11.5, 12.3  # [m] radii: two corners, two U-turns
+    straight, short, link = 22.5, 9.0, 1.5
+    side = 2.0 * upper + first + link - second
+    back = 2.0 * lower - second + first + short - straight
+    return (
+        (straight, 0.0),
+        (pi * upper, upper),
+        (short, 0.0),
+        (0.5 * pi * first, -first),
+        (link, 0.0),
+        (pi * lower, lower),
+        (side, 0.0),
+        (0.5 * pi * second, second),
+        (back, 0.0),
+    )
+
+
+#: The tracks with a name: length and radius [m] of each segment; 0: a straight.
+TRACKS = {
+    'L': _l_shape(),
+    'oval': ((50.0, 0.0), (20.0 * pi, 20.0)) * 2,
+    'circle': ((40.0 * pi, 20.0),),
+    'figure-eight': _figure_eight(20.0),
+}

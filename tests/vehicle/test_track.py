@@ -1,0 +1,148 @@
+"""Tracks: their shapes, the way to the map and back, and the files that describe them."""
+
+from __future__ import annotations
+
+from math import asin, cos, pi, sin
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from barc_sim.errors import UserError
+from barc_sim.vehicle.track import TRACKS, Frenet, Pose, Track
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+LAPS = 3
+N = 10_000
+
+
+def random_poses(track: Track) -> tuple[Frenet, Any]:
+    """Return poses over some laps, from edge to edge, and places nearby."""
+    random = np.random.default_rng(0)
+    s = random.uniform(-LAPS * track.length, LAPS * track.length, N)
+    e_y = 0.5 * track.width * random.uniform(-1.0, 1.0, N)
+    e_psi: Any = random.uniform(-1.5, 1.5, N)
+    return Frenet(s, e_y, e_psi, 0.0), s + random.uniform(-3.0, 3.0, N)
+
+
+@pytest.mark.parametrize(
+    ('name', 'length'),
+    [('L', 174.556), ('oval', 225.664), ('circle', 125.664), ('figure-eight', 268.496)],
+)
+def test_tracks_with_a_name_are_closed(name: str, length: float) -> None:
+    track = Track.named(name)
+    assert track.is_closed
+    assert track.length == pytest.approx(length, abs=1e-3)
+    assert track.width == 6.0
+    end, begin = track.place(track.length * (1.0 - 1e-15)), track.place(0.0)
+    assert end[:2] == pytest.approx(begin[:2], abs=1e-9)
+
+
+@pytest.mark.parametrize('name', TRACKS)
+def test_place_and_frenet_are_inverse_also_where_the_track_meets_itself(name: str) -> None:
+    track = Track.named(name)
+    true, near = random_poses(track)
+    poses = track.place(*true[:3])
+    many = track.frenet(*poses, near)
+    rows = zip(*(each.tolist() for each in (*poses, near)), strict=True)  # type: ignore[attr-defined]
+    each = np.array([track.frenet(x, y, psi, at) for x, y, psi, at in rows]).T
+    for found in (many, each):
+        for ours, expected in zip(found[:3], true[:3], strict=True):
+            assert np.abs(ours - np.asarray(expected)).max() < 1e-12
+    assert (each[3] == many.curvature).all()
+    places = np.array([track.place(s, 1.0, 0.2) for s in near[:50].tolist()])
+    assert np.abs(places - np.array(track.place(near[:50], 1.0, 0.2)).T).max() < 1e-12
+
+
+@pytest.mark.parametrize('name', ['L', 'oval', 'circle'])
+def test_without_a_place_nearby_the_nearest_part_counts(name: str) -> None:
+    track = Track.named(name)
+    true, _ = random_poses(track)
+    poses = track.place(*true[:3])
+    found = track.frenet(*poses)
+    at_most = np.minimum(np.abs(true.e_y), 0.5 * track.width)
+    assert (np.abs(found.e_y) <= at_most + 1e-9).all()
+    rows = zip(*(each[:200].tolist() for each in poses), strict=True)  # type: ignore[index]
+    for row, s in zip(rows, found.s.tolist(), strict=False):  # type: ignore[attr-defined]
+        assert track.frenet(*row).s == pytest.approx(s, abs=1e-9)
+
+
+def test_an_arc_is_a_circle_and_s_grows_over_the_finish_line() -> None:
+    track = Track.named('circle')
+    near = 0.0
+    for k in range(400):
+        angle = 0.02 * k
+        found = track.frenet(18.0 * sin(angle), 20.0 - 18.0 * cos(angle), angle, near)
+        assert found == pytest.approx((20.0 * angle, 2.0, 0.0, 0.05), abs=1e-9)
+        near = found.s
+    assert near > track.length
+
+
+def test_an_open_track_goes_on_beyond_its_ends() -> None:
+    track = Track((10.0, 5.0 * pi), (0.0, 0.1), start=Pose(1.0, 2.0, 0.5))
+    assert not track.is_closed
+    for s in (-4.0, 3.0, 12.0, 30.0):
+        pose = track.place(s, 1.0, asin(0.1))
+        assert track.frenet(*pose, s) == pytest.approx((s, 1.0, asin(0.1), track.curvature(s)))
+        many = track.frenet(*(np.array([each]) for each in pose), np.array([s]))
+        assert [each.item() for each in many] == pytest.approx(
+            [s, 1.0, asin(0.1), track.curvature(s)]
+        )
+
+
+def test_a_file_has_lengths_and_radii(tmp_path: Path) -> None:
+    file = tmp_path / 'oval.csv'
+    rows = [f'{length!r},{radius!r}' for length, radius in TRACKS['oval']]
+    file.write_text('\n'.join(['length_m,radius_m', '# turns left', *rows]))
+    track, oval = Track.named(str(file)), Track.named('oval')
+    assert (track.lengths, track.curvatures) == (oval.lengths, oval.curvatures)
+
+
+def test_arcs_are_fitted_to_a_centre_line(tmp_path: Path) -> None:
+    t = np.linspace(0.0, 2.0 * pi, 400, endpoint=False)
+    x, y = 300.0 * np.cos(t) + 40.0 * np.cos(3.0 * t), 200.0 * np.sin(t) + 25.0 * np.sin(2.0 * t)
+    file, header = tmp_path / 'ring.csv', 'x_m,y_m,w_tr_right_m,w_tr_left_m'
+    widths = np.full(400, 4.0), np.linspace(6.0, 5.0, 400)
+    np.savetxt(file, np.column_stack([x, y, *widths]), delimiter=',', header=header)
+    track = Track.named(str(file))
+    assert track.is_closed
+    assert (track.width, len(track.lengths) < 100) == (8.0, True)
+    found = track.frenet(x, y, np.zeros(400))
+    assert track.deviation == pytest.approx(np.abs(found.e_y).max(), abs=1e-6)
+    assert track.deviation < 0.051
+    speeds = np.hypot(np.diff(x, append=x[0]), np.diff(y, append=y[0]))
+    assert track.length == pytest.approx(speeds.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ('text', 'complaint'),
+    [
+        ('length_m,radius_m\n10,0\n-5,0\n', 'a segment of -5.0 m, 0.0 1/m must be ahead'),
+        ('length_m,radius_m\n10,1\n', 'an arc of 10.0 m at 1.0 1/m is more than a turn'),
+        ('length_m,radius_m\n5,2\n', 'radius 2 m must be above half the width, 6 m'),
+        ('length_m,radius_m\n5,x\n', "'5,x' must be two numbers, length_m,radius_m"),
+        ('start_m,grade_deg\n5,2\n', "its header is 'start_m,grade_deg', not 'length_m,radius_m'"),
+        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n1,0,3,3\n', '2 points, not 3 to 10000'),
+        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n0,0,3,3\n1,0,3,3\n', 'two points in a row'),
+        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3\n1,0,3\n0,1,3\n', 'must have four numbers'),
+        ('x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,3,3\n9,0,3,nan\n0,9,3,3\n', 'four numbers'),
+    ],
+)
+def test_a_file_that_describes_no_track_is_refused(
+    tmp_path: Path, text: str, complaint: str
+) -> None:
+    file = tmp_path / 'track.csv'
+    file.write_text(text)
+    with pytest.raises(UserError, match=complaint):
+        Track.named(str(file))
+
+
+def test_what_is_no_track_is_refused() -> None:
+    with pytest.raises(UserError, match="track 'M' is neither 'L', 'oval', 'circle', 'figure-eig"):
+        Track.of('M')
+    with pytest.raises(UserError, match='1 lengths and 2 curvatures must be equally many'):
+        Track((1.0,), (0.0, 0.1))
+    with pytest.raises(UserError, match=r'width 0.0 must be a number of metres'):
+        Track((1.0,), (0.0,), width=0.0)
