@@ -7,7 +7,6 @@ import builtins
 import ctypes
 import math
 import os
-import sys
 import threading
 import time
 import traceback
@@ -24,18 +23,15 @@ from barc_sim.lab.user_code.source import UserCodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from types import FrameType
 
     from barc_sim.lab.user_code.importing import Folder
 
-    _Trace = Callable[[FrameType, str, object], object]
     _P = ParamSpec('_P')
 
 _T = TypeVar('_T')
 
 #: [s] Default time budget of a call: a hundred steps of the car.
 BUDGET = 2.0
-_INSPECTION = 1.0  #: [s] to inspect a user's value
 #: In the error of a function that still is the template's.
 NOT_WRITTEN = 'is not written yet (TODO)'
 #: In the error of a relay that cannot be judged here.
@@ -68,29 +64,6 @@ class OutOfTime(BaseException):
 
     seconds: ClassVar[float] = 0.0  #: of a call, in a process that an alarm interrupts
 
-    def __init__(self) -> None:
-        """Raise it again at the next line of code that catches it.
-
-        Otherwise a loop around a `try` that catches everything would never end.
-        """
-        super().__init__()
-        frame: FrameType | None = sys._getframe(1)  # noqa: SLF001 (where it is raised or caught)
-        # Frames of barc_sim clean up undisturbed.
-        while frame and not str(frame.f_globals.get('__name__')).startswith('barc_sim.'):
-            frame.f_trace = _raise_again
-            sys.settrace(_ignore)
-            frame = frame.f_back
-
-
-def _raise_again(_: FrameType, event: str, __: object) -> _Trace:
-    if event == 'line':
-        raise OutOfTime
-    return _raise_again
-
-
-def _ignore(_: FrameType, __: str, ___: object) -> None:
-    """Trace no new frame."""
-
 
 class Budget:
     """Ends calls that take longer than `seconds`, in whichever thread they are made.
@@ -105,16 +78,17 @@ class Budget:
         """Allow `seconds` to each call."""
         self.seconds = seconds
         self._caller = 0
-        self._trace = sys.gettrace()
         self._count = self._seen = self._polls = 0
         self._busy = self._fired = False
         self._lock = threading.RLock()
-        self._start()
+        thread = threading.Thread(
+            target=_watch, args=[weakref.ref(self)], name='time budget', daemon=True
+        )
+        thread.start()
 
     def call(self, function: Callable[_P, _T], /, *args: _P.args, **kwargs: _P.kwargs) -> _T:
         """Return what `function` returns, raise what it raises, or OutOfTime."""
         self._caller = get_ident()
-        self._trace = sys.gettrace()
         self._count += 1
         self._busy = True
         try:
@@ -140,7 +114,6 @@ class Budget:
                     pass
             except OutOfTime:
                 self._fired = False
-            sys.settrace(self._trace)
 
     def _fire(self) -> None:
         _raise_in_thread(ctypes.c_ulong(self._caller), ctypes.py_object(OutOfTime))
@@ -158,12 +131,6 @@ class Budget:
             self._fired = True
             if self._busy and self._count == self._seen:
                 self._fire()
-
-    def _start(self) -> None:
-        thread = threading.Thread(
-            target=_watch, args=[weakref.ref(self)], name='time budget', daemon=True
-        )
-        thread.start()
 
 
 def _watch(reference: weakref.ref[Budget]) -> None:
@@ -187,7 +154,6 @@ class UserFunction:
         self,
         folder: Folder,
         function: Callable[..., Any],
-        budget: float | None,
         takes: Sequence[str],
         expected: str,
         *,
@@ -201,8 +167,7 @@ class UserFunction:
         """
         self.folder, self.function = folder, function
         self._expected, self._numbers = expected, numbers
-        self._call = Budget(budget).call if budget else _call
-        self._budget = budget
+        self._call = Budget(folder.budget).call if folder.budget else _call
         found = self._signature()
         #: The names of its arguments.
         self.parameters = [*found.parameters]
@@ -244,15 +209,12 @@ class UserFunction:
             )
         return found
 
-    def attempt(self, function: Callable[..., _T], /, *args: Any) -> _T | None:  # noqa: ANN401
+    def attempt(self, function: Callable[..., _T], /, *args: object) -> _T | None:
         """Return what `function` returns of a user's values; None where it fails or takes too long.
 
         What a user's value does when it is inspected is the user's code, too.
         """
-        try:
-            found: _T = self._call(function, *args)
-        except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (a user's value)
-            return None
+        found: _T | None = guarded(self._call, function, *args, default=None)
         return found
 
     def method(self, instance: object, name: str) -> Any:  # noqa: ANN401 (a user's)
@@ -286,7 +248,7 @@ class UserFunction:
         call = self._call_text(args, options)
         if isinstance(error, OutOfTime):
             return UserCodeError(
-                f'{place}: {call} did not return within {self._budget or error.seconds:g} s; '
+                f'{place}: {call} did not return within {self.folder.budget or error.seconds:g} s; '
                 f'expected {self._expected}: is there an endless loop?'
             )
         if isinstance(error, AbsentModuleError):
@@ -348,21 +310,14 @@ def number(value: Any) -> float | None:  # noqa: ANN401 (a user's)
     """Return `value` as a float; None if it is not a number. An array of one number is one."""
     if isinstance(value, (str, bytes)):
         return None
-    try:
-        return float(value.item() if hasattr(value, 'item') else value)
-    except Exception:  # noqa: BLE001 (a user's value can raise anything)
-        return None
+    return guarded(lambda: float(value.item() if hasattr(value, 'item') else value), default=None)
 
 
 def guarded(function: Callable[..., _T], *args: object, default: _T) -> _T:
-    """Return what `function` returns of a user's value; `default` where it fails or is slow."""
+    """Return what `function` returns of a user's value; `default` where it fails."""
     try:
-        call = Budget(_INSPECTION).call
-    except RuntimeError:  # graded code has no threads, and a limit for all of it
-        call = _call
-    try:
-        return call(function, *args)
-    except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (as above)
+        return function(*args)
+    except (Exception, SystemExit, OutOfTime):  # noqa: BLE001 (a user's value can raise anything)
         return default
 
 

@@ -1,4 +1,7 @@
-"""A user's `bike_model.py`, `controller.py` and `relay.py`, loaded without a build."""
+"""A user's `bike_model.py`, `controller.py` and `relay.py`, loaded without a build.
+
+This module runs in the process of a submission: it imports no law of barc_sim.
+"""
 
 from __future__ import annotations
 
@@ -95,10 +98,10 @@ class UserCode:
                 output,
                 f'{count}_{parent.name}/' if len(parents) > 1 else '',
                 packages=packages,
+                budget=budget,
             )
             for count, parent in enumerate(parents, 1)
         }
-        self._budget = budget
         self._faults: dict[str, UserError] = {}
 
     def load(self) -> Self:
@@ -132,17 +135,13 @@ class UserCode:
                 self._faults[part] = error
         raise self._faults[part]
 
-    def _function(self, *args: Any, **options: Any) -> UserFunction:  # noqa: ANN401 (as there)
-        folder, function, *rest = args
-        return UserFunction(folder, function, self._budget, *rest, **options)
-
     def _model(self, folder: Folder, path: Path) -> UserFunction:
         function = self._named(folder, path, 'bikeFE')
         if not callable(function):
             raise UserCodeError(
                 f'{path.name}: bikeFE is {short_repr(function)}; expected a function'
             )
-        return self._function(folder, function, _BIKE_FE, _STATE, numbers=4)
+        return UserFunction(folder, function, _BIKE_FE, _STATE, numbers=4)
 
     def _controller(self, folder: Folder, path: Path) -> UserFunction:
         cls = self._named(folder, path, 'PID')
@@ -153,7 +152,7 @@ class UserCode:
     def _class(
         self, folder: Folder, cls: type, takes: tuple[str, ...], method: str, of: tuple[str, ...]
     ) -> UserFunction:
-        new = self._function(folder, cls, takes, 'an object')
+        new = UserFunction(folder, cls, takes, 'an object')
         if not callable(guarded(getattr, cls, method, default=None)):
             raise UserCodeError(
                 f'{new.place()}: the class {cls.__name__} has no method '
@@ -169,7 +168,7 @@ class UserCode:
                 folder.tolerated.append(
                     f'{path.name}: a program of ROS 1, which runs here without it'
                 )
-            return RelayProgram(folder, path, ros, self._budget)
+            return RelayProgram(folder, path, ros)
         relay = self._named(folder, path, 'Relay', 'relay')
         if isinstance(relay, type):
             return self._class(folder, relay, (), 'relay', _TWIST)
@@ -178,11 +177,11 @@ class UserCode:
         return self._relay_function(folder, relay)
 
     def _relay_function(self, folder: Folder, function: Callable[..., Any]) -> UserFunction:
-        return self._function(folder, function, _TWIST, _COMMAND, numbers=2, timed=True)
+        return UserFunction(folder, function, _TWIST, _COMMAND, numbers=2, timed=True)
 
     def _named(self, folder: Folder, path: Path, *names: str) -> Any:  # noqa: ANN401 (a user's)
         """Return the first of `names` that the file at `path` defines."""
-        loading = Budget(_LOADING) if self._budget else None
+        loading = Budget(_LOADING) if folder.budget else None
         try:
             module = loading.call(folder.load, path) if loading else folder.load(path)
         except UserError:
@@ -228,7 +227,7 @@ class UserCode:
         else:
             instance = new(**dict(zip(names, (kp, ki, kd), strict=True)), **limits)
         method = new.method(instance, 'acc_calculate')
-        step = self._function(new.folder, method, _SPEEDS, _ACCELERATION, numbers=1, timed=True)
+        step = UserFunction(new.folder, method, _SPEEDS, _ACCELERATION, numbers=1, timed=True)
         return UserPid(instance, step)
 
     def new_relay(self) -> Relay:

@@ -11,9 +11,8 @@ import contextlib
 import io
 import re
 import sys
-import threading
 from importlib.machinery import ModuleSpec
-from importlib.util import module_from_spec
+from importlib.util import module_from_spec, resolve_name
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -22,9 +21,8 @@ from barc_sim.lab.user_code.source import Reassigned, Source, compiled, guarded_
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
-    from types import FrameType, ModuleType
+    from types import CodeType, FrameType, ModuleType
 
-_SWAP = threading.RLock()
 _ROS_1 = {
     *('rospy', 'roslib', 'barc', 'labs', 'rosbag', 'rosgraph', 'rosnode', 'rostopic'),
     *('dynamic_reconfigure', 'tf', 'tf2_ros', 'cv_bridge'),
@@ -98,10 +96,10 @@ for _operator in _OPERATORS:
 class Folder:
     """Imports modules of the folder `path`, visible only to each other.
 
-    They are in `sys.modules` only during an import, so that two folders can each have a
-    `helpers.py`. No bytecode is written or read. A file never hides a module of the standard
-    library. A module that is not here, such as those of ROS 1, is an `Absent`. A file that cannot
-    be read or compiled is a UserCodeError.
+    They are in `sys.modules` only while they run, so that two folders can each have a `helpers.py`.
+    No bytecode is written or read. A file never hides a module of the standard library. A module
+    that is not here, such as those of ROS 1, is an `Absent`. A file that cannot be read or compiled
+    is a UserCodeError.
     """
 
     def __init__(
@@ -111,26 +109,24 @@ class Folder:
         prefix: str = '',
         *,
         packages: bool = True,
+        budget: float | None = None,
     ) -> None:
         """Pass the modules' printed text to `output`, or to stdout without it.
 
         `prefix` is put before the names of the folder's files in messages. Without `packages`,
-        of the installed packages only NumPy is here.
+        of the installed packages only NumPy is here. `budget` [s] is that of each call.
         """
-        self._packages = packages
-        self._output = output
+        self.path, self._output, self._prefix, self._packages = path, output, prefix, packages
+        self.budget = budget
         self._numbers: Mapping[str, float] = {}
         self._guarded: dict[str, frozenset[int]] = {}
         self._uses_rclpy = False
         self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
         self.tolerated: list[str] = []  #: in them, a phrase each
         self.stand_ins: Mapping[str, Any] = {}  #: modules that replace those of their names
-        self.path = path.absolute()
-        self._prefix = prefix
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
-        self._names = frozenset(_modules_in(self.path)) - sys.stdlib_module_names
+        self._names = frozenset(_modules_in(path)) - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
-        self._importing = False
         #: The names that all of its files find.
         self.builtins = {**vars(builtins), '__import__': self._import, 'input': _no_input}
         if output:
@@ -138,47 +134,58 @@ class Folder:
 
     def again(self, numbers: Mapping[str, float] | None = None) -> Folder:
         """Return the same folder with nothing loaded; its files assign `numbers`, if any."""
-        folder = Folder(self.path, self._output, self._prefix, packages=self._packages)
+        options: dict[str, Any] = {'packages': self._packages, 'budget': self.budget}
+        folder = Folder(self.path, self._output, self._prefix, **options)
         folder._numbers = numbers or {}
         return folder
 
     def load(self, file: Path) -> ModuleType:
         """Import `file`, once; its exceptions are passed on."""
         name = file.stem if file.stem in self._names else f'user_code_{file.stem}'
-        if name not in self._modules:
-            module = module_from_spec(self._spec(name, file.absolute()))
-            with self._modules_in_place():
-                sys.modules[name] = module
-                self.exec_module(module)
-            self._modules[name] = module
-        return self._modules[name]
+        return self._modules.get(name) or self._run(name, file)
 
-    def exec_module(self, module: ModuleType) -> None:
-        """Run the file of a module, as a loader does."""
-        path = Path(str(module.__file__))
-        source = self._read(path)
+    def _run(self, name: str, file: Path) -> ModuleType:
+        """Return the new module `name`, in which the file has run."""
+        is_package = file.name == '__init__.py'
+        module = module_from_spec(ModuleSpec(name, None, is_package=is_package))
         # All of the module's functions find `import` and `print` here.
-        vars(module)['__builtins__'] = self.builtins
+        vars(module).update(__file__=str(file), __builtins__=self.builtins)
+        if is_package:
+            module.__path__ = [str(file.parent)]
+        other = sys.modules.get(name)
+        sys.modules[name] = self._modules[name] = module
+        try:
+            exec(self._compiled(file), vars(module))  # noqa: S102 (running it is the purpose)
+        except BaseException:
+            del self._modules[name]
+            raise
+        finally:
+            del sys.modules[name]
+            if other:
+                sys.modules[name] = other
+        return module
+
+    def _compiled(self, file: Path) -> CodeType:
+        path, source = str(file), self._read(file)
         result = compiled(source)
-        self.trees[str(path)] = result.tree
-        self._guarded[str(path)] = guarded_lines(result.tree)
+        self.trees[path] = result.tree
+        self._guarded[path] = guarded_lines(result.tree)
         self._uses_rclpy |= any(
             isinstance(node, ast.Import) and any(alias.name == 'rclpy' for alias in node.names)
             for node in ast.walk(result.tree)
         )
         for phrase in result.tolerated:
             self._tolerate(f'{source.name}: {phrase}')
-        code = result.code
-        if self._numbers:
-            tree = Reassigned(self._numbers).visit(result.tree)
-            code = compile(tree, str(path), 'exec', dont_inherit=True)
-        exec(code, vars(module))  # noqa: S102 (running it is the purpose)
+        if not self._numbers:
+            return result.code
+        tree = Reassigned(self._numbers).visit(result.tree)
+        code: CodeType = compile(tree, path, 'exec', dont_inherit=True)
+        return code
 
     def parse(self, file: Path) -> ast.Module:
         """Return the syntax tree of `file`, which is not run."""
-        path = file.absolute()
-        self.trees[str(path)] = compiled(self._read(path)).tree
-        return self.trees[str(path)]
+        self.trees[str(file)] = compiled(self._read(file)).tree
+        return self.trees[str(file)]
 
     def place(self, filename: str, line: int) -> str | None:
         """Return file and line for a sentence, if the file is one of the loaded."""
@@ -186,31 +193,8 @@ class Folder:
         return f'{source.name}, line {line}' if source else None
 
     def _read(self, path: Path) -> Source:
-        inside = path.is_relative_to(self.path)
-        name = str(path.relative_to(self.path)) if inside else path.name
-        self.sources[str(path)] = read(path, self._prefix + name)
+        self.sources[str(path)] = read(path, self._prefix + str(path.relative_to(self.path)))
         return self.sources[str(path)]
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None = None, _: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Find a module of the folder, as a finder on `sys.meta_path` does."""
-        if name.partition('.')[0] not in self._names:
-            return None
-        folder, tail = Path(path[0]) if path else self.path, name.rpartition('.')[2]
-        files = (folder / tail / '__init__.py', folder / f'{tail}.py')
-        return next((self._spec(name, file) for file in files if file.is_file()), None)
-
-    def create_module(self, _: ModuleSpec) -> None:
-        """Leave it to Python, as a loader does."""
-
-    def _spec(self, name: str, file: Path) -> ModuleSpec:
-        is_package = file.name == '__init__.py'
-        spec = ModuleSpec(name, self, origin=str(file), is_package=is_package)  # type: ignore[arg-type]
-        spec.has_location = True
-        if is_package:
-            spec.submodule_search_locations = [str(file.parent)]
-        return spec
 
     def _import(
         self,
@@ -223,17 +207,37 @@ class Folder:
         top = name.partition('.')[0]
         if level == 0 and (stand_in := self.stand_ins.get(name if fromlist else top)):
             return stand_in  # type: ignore[no-any-return]
-        if level and not (globals or {}).get('__package__'):
+        package = (globals or {}).get('__package__')
+        if level and package:
+            name = resolve_name('.' * level + name, package)
+        elif level and not name:
             # A file of the lab's package is loaded by itself: its neighbours are in its folder.
-            level = 0
-            if not name:
-                return SimpleNamespace(  # type: ignore[return-value]
-                    **{each: self._import(each, globals, locals, (each,)) for each in fromlist}
-                )
-        if level == 0 and top not in self._names:
+            found = {each: self._import(each, globals, locals, (each,)) for each in fromlist}
+            return SimpleNamespace(**found)  # type: ignore[return-value]
+        top = name.partition('.')[0]
+        if top not in self._names:
             return self._import_installed(name, globals, locals, fromlist)
-        with self._modules_in_place():
-            return __import__(name, globals, locals, fromlist, level)
+        module = self._own(name)
+        if hasattr(module, '__path__'):
+            for each in fromlist or ():
+                if not hasattr(module, each):
+                    with contextlib.suppress(ModuleNotFoundError):
+                        self._own(f'{name}.{each}')
+        return module if fromlist else self._own(top)
+
+    def _own(self, name: str) -> ModuleType:
+        """Return a module of the folder, after the packages that it is in."""
+        parent, _, tail = name.rpartition('.')
+        package = self._own(parent) if parent else SimpleNamespace(__path__=[str(self.path)])
+        if name in self._modules:
+            return self._modules[name]
+        for folder in getattr(package, '__path__', ()):
+            for file in (Path(folder, tail, '__init__.py'), Path(folder, f'{tail}.py')):
+                if file.is_file():
+                    module = self._run(name, file)
+                    setattr(package, tail, module)
+                    return module
+        raise ModuleNotFoundError(f'No module named {name!r}', name=name)
 
     def _import_installed(
         self,
@@ -286,33 +290,6 @@ class Folder:
     def _tolerate(self, phrase: str) -> None:
         if phrase not in self.tolerated:
             self.tolerated.append(phrase)
-
-    @contextlib.contextmanager
-    def _modules_in_place(self) -> Iterator[None]:
-        """Put this folder's modules, and no others of their names, into `sys.modules`."""
-        with _SWAP:
-            if self._importing:
-                yield
-                return
-            others = self._pop_modules()
-            sys.modules.update(self._modules)
-            sys.meta_path.insert(0, self)
-            self._importing = True
-            try:
-                yield
-            finally:
-                self._importing = False
-                sys.meta_path.remove(self)
-                self._modules = self._pop_modules()
-                sys.modules.update(others)
-
-    def _pop_modules(self) -> dict[str, ModuleType]:
-        """Remove the modules with this folder's names from `sys.modules`, and return them."""
-        names = [name for name in sys.modules if self._is_own(name)]
-        return {name: sys.modules.pop(name) for name in names}
-
-    def _is_own(self, name: str) -> bool:
-        return name.partition('.')[0] in self._names or name.startswith('user_code_')
 
 
 def _modules_in(folder: Path) -> Iterator[str]:

@@ -62,10 +62,10 @@ def prepare() -> None:
 class RelayProgram:
     """A file with a node that turns `cmd_vel` into `ecu`: of ROS 2, or the lab's for ROS 1."""
 
-    def __init__(self, folder: Folder, path: Path, ros: str, budget: float | None) -> None:
-        """Run the file at `path`, of `rclpy` or `rospy`; without `budget` it has no time limit."""
+    def __init__(self, folder: Folder, path: Path, ros: str) -> None:
+        """Run the file at `path`, of `rclpy` or `rospy`."""
         self._folder, self.path, self.ros = folder, path, ros
-        self._budget = Budget(_BUDGET) if budget else None
+        self._budget = Budget(_BUDGET) if folder.budget else None
         self._live: LiveRelay | None = None
 
     def commands(self, twists: Sequence[Sequence[float]], duration: float) -> list[Command]:

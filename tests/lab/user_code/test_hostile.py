@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import pytest
 from user_files import load
 
-from barc_sim.lab.user_code import calls
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.lab.user_code.source import UserCodeError
 
@@ -41,14 +40,8 @@ MODELS = {
         'R()',
     ),
     'endless number': (f'class R:\n def __float__(self): {FOREVER}', '[R(), y, psi, v]'),
-    'endless text': (f'class R:\n def __repr__(self): {FOREVER}', 'R()'),
     'no class': ('class R:\n def __getattribute__(self, name): raise RuntimeError', 'R()'),
 }
-
-
-@pytest.fixture(autouse=True)
-def short_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, '_INSPECTION', 0.2)
 
 
 @pytest.mark.parametrize('name', MODELS)
