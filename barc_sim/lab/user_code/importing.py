@@ -96,10 +96,10 @@ for _operator in _OPERATORS:
 class Folder:
     """Imports modules of the folder `path`, visible only to each other.
 
-    They are in `sys.modules` only while they run, so that two folders can each have a `helpers.py`.
-    No bytecode is written or read. A file never hides a module of the standard library. A module
-    that is not here, such as those of ROS 1, is an `Absent`. A file that cannot be read or compiled
-    is a UserCodeError.
+    They are in `sys.modules` only while they run, and where no other has their name, so that two
+    folders can each have a `helpers.py`. No bytecode is written or read. A file never hides a
+    module of the standard library. A module that is not here, such as those of ROS 1, is an
+    `Absent`. A file that cannot be read or compiled is a UserCodeError.
     """
 
     def __init__(
@@ -123,7 +123,8 @@ class Folder:
         self._uses_rclpy = False
         self.trees: dict[str, ast.Module] = {}  #: of the loaded files, by path
         self.tolerated: list[str] = []  #: in them, a phrase each
-        self.stand_ins: Mapping[str, Any] = {}  #: modules that replace those of their names
+        #: Gives the modules that take the place of others.
+        self.stand_in: Callable[[str], Any] = lambda _: None
         self.sources: dict[str, Source] = {}  #: the loaded files, by path
         self._names = frozenset(_modules_in(path)) - sys.stdlib_module_names
         self._modules: dict[str, ModuleType] = {}
@@ -139,9 +140,9 @@ class Folder:
         folder._numbers = numbers or {}
         return folder
 
-    def load(self, file: Path) -> ModuleType:
-        """Import `file`, once; its exceptions are passed on."""
-        name = file.stem if file.stem in self._names else f'user_code_{file.stem}'
+    def load(self, file: Path, name: str = '') -> ModuleType:
+        """Import `file`, once, with a `name` other than its own; its exceptions are passed on."""
+        name = name or (file.stem if file.stem in self._names else f'user_code_{file.stem}')
         return self._modules.get(name) or self._run(name, file)
 
     def _run(self, name: str, file: Path) -> ModuleType:
@@ -152,17 +153,18 @@ class Folder:
         vars(module).update(__file__=str(file), __builtins__=self.builtins)
         if is_package:
             module.__path__ = [str(file.parent)]
-        other = sys.modules.get(name)
-        sys.modules[name] = self._modules[name] = module
+        self._modules[name] = module
+        is_new = name not in sys.modules
+        if is_new:
+            sys.modules[name] = module
         try:
             exec(self._compiled(file), vars(module))  # noqa: S102 (running it is the purpose)
         except BaseException:
             del self._modules[name]
             raise
         finally:
-            del sys.modules[name]
-            if other:
-                sys.modules[name] = other
+            if is_new:
+                del sys.modules[name]
         return module
 
     def _compiled(self, file: Path) -> CodeType:
@@ -205,7 +207,7 @@ class Folder:
         level: int = 0,
     ) -> ModuleType:
         top = name.partition('.')[0]
-        if level == 0 and (stand_in := self.stand_ins.get(name if fromlist else top)):
+        if level == 0 and (stand_in := self.stand_in(name if fromlist else top)):
             return stand_in  # type: ignore[no-any-return]
         package = (globals or {}).get('__package__')
         if level and package:

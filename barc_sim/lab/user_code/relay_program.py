@@ -8,8 +8,6 @@ or publishes a number that is not finite.
 
 from __future__ import annotations
 
-import ast
-import sys
 import threading
 import time
 from functools import cached_property, partial
@@ -144,18 +142,13 @@ class RelayProgram:
     def run(self, world: RelayWorld) -> None:
         """Run the program in `world`, to its end or the world's."""
         folder = self._folder.again()
-        folder.stand_ins = world.modules(ros_1=self.ros == 'rospy')
+        folder.stand_in = world.modules(ros_1=self.ros == 'rospy')
         read_line = world.terminal.readline
         folder.builtins |= dict.fromkeys(('input', 'raw_input'), lambda *_: read_line().strip('\n'))
 
         def program() -> None:
-            module = folder.load(self.path)
-            tree = folder.trees[str(self.path)]
-            guarded = [node for node in tree.body if isinstance(node, ast.If) and _is_main(node)]
-            for node in guarded:
-                body = ast.Module(node.body, type_ignores=[])
-                exec(compile(body, str(self.path), 'exec'), vars(module))  # noqa: S102
-            if not guarded and callable(getattr(module, 'main', None)) and not world.has_nodes():
+            module = folder.load(self.path, '__main__')
+            if callable(getattr(module, 'main', None)) and not world.has_nodes():
                 module.main()
 
         try:
@@ -169,13 +162,6 @@ class RelayProgram:
                 f'{self._place(error, folder)}: after {world.seconds:.2f} s the relay '
                 f'raised {describe_error(error)}'
             ) from error
-
-    def where(self, thread: threading.Thread) -> str:
-        """Return the file and line at which a thread of the program is."""
-        frame = sys._current_frames().get(thread.ident or 0)  # noqa: SLF001
-        while frame and frame.f_code.co_filename != str(self.path):
-            frame = frame.f_back
-        return f'{self.path.name}, line {frame.f_lineno}' if frame else self.path.name
 
     def _place(self, error: BaseException, folder: Folder | None = None) -> str:
         return raised_at(folder or self._folder, error) or self.path.name
@@ -210,21 +196,6 @@ class RelayProgram:
                 f'{servo!r}; expected two finite numbers'
             )
         return Command(t, motor, servo)
-
-
-def _is_main(node: ast.If) -> bool:
-    return '__main__' in ast.unparse(node.test)
-
-
-class _Modules(dict[str, Any]):
-    """The modules of a program: those here, and what stands in for ROS 2."""
-
-    terminal: Terminal
-
-    def get(self, name: str, default: Any = None) -> Any:  # noqa: ANN401 (a module)
-        if name in self:
-            return self[name]
-        return self.terminal.elsewhere(name) or find_module(name) or default
 
 
 class RelayWorld(World):
@@ -345,19 +316,18 @@ class RelayWorld(World):
         """Return whether the program has made a node."""
         return len(self.nodes) > 1
 
-    def modules(self, *, ros_1: bool) -> dict[str, Any]:
-        """Return the modules of a program, which replace those of their names."""
+    def modules(self, *, ros_1: bool) -> Callable[[str], Any]:
+        """Return what gives the modules that take the places of a program's, by name."""
         clock = {
             **dict.fromkeys(('time', 'monotonic', 'perf_counter'), lambda: self.seconds),
             **dict.fromkeys(('time_ns', 'monotonic_ns'), lambda: self.now_ns),
             'sleep': lambda seconds: self.sleep(round(max(float(seconds), 0.0) * SECOND)),
         }
-        found = _Modules(time=SimpleNamespace(**vars(time) | clock), **self.terminal.modules())
-        found.terminal = self.terminal
+        found = {'time': SimpleNamespace(**vars(time) | clock), **self.terminal.modules()}
         if ros_1:
             with in_world(self):
-                found.update(rospy.modules(self))
-        return found
+                found |= rospy.modules(self)
+        return lambda name: found.get(name) or self.terminal.elsewhere(name) or find_module(name)
 
     def run(self, program: Callable[[], object]) -> None:
         """Run a program to its end, or to that of its time."""
@@ -422,16 +392,8 @@ class LiveRelay(RelayWorld):
     def _wait(self) -> None:
         if not self._waits.acquire(timeout=_PATIENCE):
             self._failure = (
-                f'{self._program.where(self._thread)}: the relay did not wait, in a spin or a '
-                f'sleep, within {_PATIENCE:g} s: {self._why()}'
+                f'{self._program.path.name}: the relay did not wait, in a spin or a sleep, within '
+                f'{_PATIENCE:g} s'
             )
         if self._failure:
             raise UserCodeError(self._failure)
-
-    def _why(self) -> str:
-        """Return a question on what the program does in place of waiting here."""
-        if hasattr(time, 'pthread_getcpuclockid') and self._thread.ident:
-            used = time.clock_gettime(time.pthread_getcpuclockid(self._thread.ident))
-            if used < _PATIENCE / 10.0:
-                return 'does it wait for something else?'
-        return 'is there an endless loop?'

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     from barc_sim.ros.local.executor import World
 
 _FOREVER = 10**6 * SECOND
+#: The messages that the lab's files import, of any package.
+_LABS = (
+    *('barc_interfaces/msg/ECU', 'barc_interfaces/msg/ZDynBkMdl', 'std_msgs/msg/Header'),
+    *('geometry_msgs/msg/Twist', 'geometry_msgs/msg/Vector3'),
+)
 _LOGS = [f'log{level}' for level in ('debug', 'info', 'warn', 'err', 'fatal')]
 
 
@@ -69,8 +74,8 @@ class _Seconds(float):
 class _Rate:
     """Sleeps to the next multiple of its period."""
 
-    def __init__(self, period: float, world: World) -> None:
-        self._period, self._world = int(period * SECOND), world
+    def __init__(self, world: World, hz: float, *_: object, **__: object) -> None:
+        self._period, self._world = int(SECOND / hz), world
         self._due = world.now() + self._period
 
     def sleep(self) -> None:
@@ -78,56 +83,6 @@ class _Rate:
         self._due += self._period * -(-late // self._period)
         self._world.sleep(self._due - self._world.now())
         self._due += self._period
-
-
-class _Rospy:
-    """What the names of `rospy` do; one node does it all."""
-
-    def __init__(self, world: World) -> None:
-        init(args=[])
-        self._world = world
-        self._node = Node('rospy_program', enable_rosout=False, start_parameter_services=False)
-        executor = Executor()
-        executor.add_node(self._node)
-        world.around.append(executor)
-
-    def now(self) -> _Seconds:
-        return _Seconds(self._world.now_ns / SECOND)
-
-    def subscriber(
-        self,
-        name: str,
-        data_class: Any,
-        callback: Callable[..., object] | None = None,
-        callback_args: object = None,
-        **_: object,
-    ) -> SimpleNamespace:
-        def call(message: Any) -> None:
-            if callback:
-                callback(message, *([] if callback_args is None else [callback_args]))
-
-        made = self._node.create_subscription(
-            message_type(data_class.__msgtype__), name, call, 1000
-        )
-        return SimpleNamespace(unregister=partial(self._node.destroy_subscription, made))
-
-    def publisher(self, name: str, data_class: Any, *_: object, **__: object) -> SimpleNamespace:
-        kind = message_type(data_class.__msgtype__)
-        made = self._node.create_publisher(kind, name, 1000)
-
-        def publish(*values: Any, **named: Any) -> None:
-            whole = len(values) == 1 and isinstance(values[0], kind) and not named
-            message = values[0] if whole else data_class(*values, **named)
-            made.publish(message.__copy__())
-
-        return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
-
-    def timer(self, period: float, callback: Callable[[Any], object], **_: object) -> object:
-        made = self._node.create_timer(period, partial(callback, SimpleNamespace()))
-        return SimpleNamespace(shutdown=made.cancel)
-
-    def rate(self, hz: float, *_: object, **__: object) -> object:
-        return _Rate(1.0 / hz, self._world)
 
 
 @cache
@@ -143,18 +98,54 @@ def _key() -> type[Any]:
 
 
 def modules(world: World) -> dict[str, Any]:
-    """Return `rospy` and the lab's messages as modules, by name; they use `world`."""
-    rospy, absent = _Rospy(world), Absent('rospy', 'it is not part of what a relay needs')
-    time = type('Time', (_Seconds,), {'now': rospy.now, 'from_sec': _Seconds})
-    vars(absent).update(
-        Subscriber=rospy.subscriber,
-        Publisher=rospy.publisher,
-        Rate=rospy.rate,
-        Timer=rospy.timer,
-        Time=time,
+    """Return `rospy` and the lab's messages as modules, by name; one node in `world` does all."""
+    init(args=[])
+    node = Node('rospy_program', enable_rosout=False, start_parameter_services=False)
+    executor = Executor()
+    executor.add_node(node)
+    world.around.append(executor)
+
+    def now() -> _Seconds:
+        return _Seconds(world.now_ns / SECOND)
+
+    def subscribe(
+        name: str,
+        data_class: Any,
+        callback: Callable[..., object] = lambda *_: None,
+        callback_args: object = None,
+        **_: object,
+    ) -> SimpleNamespace:
+        def call(message: Any) -> None:
+            callback(message, *([] if callback_args is None else [callback_args]))
+
+        made = node.create_subscription(message_type(data_class.__msgtype__), name, call, 1000)
+        return SimpleNamespace(unregister=partial(node.destroy_subscription, made))
+
+    def publisher(name: str, data_class: Any, *_: object, **__: object) -> SimpleNamespace:
+        kind = message_type(data_class.__msgtype__)
+        made = node.create_publisher(kind, name, 1000)
+
+        def publish(*values: Any, **named: Any) -> None:
+            whole = len(values) == 1 and isinstance(values[0], kind) and not named
+            message = values[0] if whole else data_class(*values, **named)
+            made.publish(message.__copy__())
+
+        return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
+
+    def timer(period: float, callback: Callable[[Any], object], **_: object) -> object:
+        made = node.create_timer(period, partial(callback, SimpleNamespace()))
+        return SimpleNamespace(shutdown=made.cancel)
+
+    rospy = Absent('rospy', 'it is not part of what a relay needs')
+    vars(rospy).update(
+        Subscriber=subscribe,
+        Publisher=publisher,
+        Rate=partial(_Rate, world),
+        Timer=timer,
+        Time=type('Time', (_Seconds,), {'now': now, 'from_sec': _Seconds}),
         Duration=_Seconds,
-        get_time=lambda: float(rospy.now()),
-        get_rostime=rospy.now,
+        get_time=lambda: float(now()),
+        get_rostime=now,
         get_param=lambda _, default=None: default,
         sleep=lambda seconds: world.sleep(max(round(seconds * SECOND), 0)),
         spin=lambda: world.sleep(_FOREVER),
@@ -162,18 +153,10 @@ def modules(world: World) -> dict[str, Any]:
         ROSInterruptException=ExternalShutdownException,
         **dict.fromkeys(_LOGS, lambda *_: None),
     )
-    car = SimpleNamespace(
-        ECU=_lenient('barc_interfaces/msg/ECU'),
-        Header=_lenient('std_msgs/msg/Header'),
-        ZDynBkMdl=_lenient('barc_interfaces/msg/ZDynBkMdl'),
-    )
+    car = SimpleNamespace(**{name.rpartition('/')[2]: _lenient(name) for name in _LABS})
     car.Z_DynBkMdl = car.ZDynBkMdl
-    twists = SimpleNamespace(
-        Twist=_lenient('geometry_msgs/msg/Twist'), Vector3=_lenient('geometry_msgs/msg/Vector3')
-    )
-    packages = dict.fromkeys(('barc', 'labs', 'barc_interfaces', 'std_msgs'), car)
-    packages['geometry_msgs'] = twists
+    packages = dict.fromkeys(('barc', 'labs', 'barc_interfaces', 'std_msgs', 'geometry_msgs'), car)
     packages['keyboard'] = SimpleNamespace(Key=_key())
     found = {f'{name}.msg': module for name, module in packages.items()}
     found |= {name: SimpleNamespace(msg=module) for name, module in packages.items()}
-    return {'rospy': absent, **found}
+    return {'rospy': rospy, **found}

@@ -36,9 +36,10 @@ LAYOUTS = {
 STOP = ' '  #: the key that stops in most programs, as any other key does
 #: The codes of the arrows in `keyboard/Key`; other keys have their letters' codes.
 CODES = dict(zip(LAYOUTS['arrows'], (273, 274, 276, 275), strict=True))
-_ELSEWHERE = ('curses', 'pygame', 'pynput', 'tkinter', 'Tkinter')  # read keys in another way
+#: What reads keys in another way, words.
+_ELSEWHERE = 'curses getch getkey pygame pynput readchar tkinter Tkinter'
+_SET_FLAGS = 4  # as on Linux
 _TICK = 1_000_000  # [ns] that a look for a key takes at least, so that a busy loop takes time
-_VMIN, _VTIME, _SET_FLAGS = 6, 5, 4  # as on Linux
 
 
 class _Constants(SimpleNamespace):
@@ -110,18 +111,13 @@ class Terminal:
         return (own if own and self._wait(timeout) else []), writers, []
 
     def _read_file(self, file: int, size: int) -> bytes:
-        return (
-            os.read(file, size) if file else self.read(min(size, max(len(self._typed), 1))).encode()
-        )
+        if file:
+            return os.read(file, size)
+        return self.read(min(size, max(len(self._typed), 1))).encode()
 
-    def _attributes(self, _: object) -> list[Any]:
+    def _attributes(self, *_: object) -> list[Any]:
         self.use = self.use or 'reads the terminal'
-        return [0, 0, 0, 0, 0, 0, [1 if k == _VMIN else 0 for k in range(32)]]
-
-    def _set_attributes(self, _: object, __: object, attributes: Sequence[Any]) -> None:
-        characters = attributes[-1]
-        waits = characters[_VMIN] not in (0, b'\0')
-        self._patience = None if waits else int(characters[_VTIME] or 0) / 10.0
+        return [0, 0, 0, 0, 0, 0, [0] * 32]
 
     def _set_flags(self, _: object, command: int = 0, flags: int = 0) -> int:
         if command == _SET_FLAGS:
@@ -130,35 +126,25 @@ class Terminal:
 
     def modules(self) -> dict[str, Any]:
         """Return the modules with which a program reads keys."""
-
-        def raw(*_: object) -> list[Any]:
-            return self._attributes(0)
-
-        one = SimpleNamespace(
-            **dict.fromkeys(('getch', 'getche', 'readchar', 'readkey', 'getkey'), self.read)
-        )
         return {
             'sys': SimpleNamespace(**{**vars(sys), 'stdin': self}),
             'os': SimpleNamespace(**{**vars(os), 'read': self._read_file}),
             'select': SimpleNamespace(**{**vars(select), 'select': self._select}),
             'threading': SimpleNamespace(**{**vars(threading), 'Thread': _NoThread}),
-            'tty': SimpleNamespace(setraw=raw, setcbreak=raw),
+            'tty': SimpleNamespace(setraw=self._attributes, setcbreak=self._attributes),
             'termios': _Constants(
                 error=OSError,
-                VMIN=_VMIN,
-                VTIME=_VTIME,
                 tcgetattr=self._attributes,
-                tcsetattr=self._set_attributes,
+                tcsetattr=self._attributes,
                 tcflush=lambda *_: self._typed.clear(),
             ),
             'fcntl': _Constants(F_SETFL=_SET_FLAGS, fcntl=self._set_flags),
-            **dict.fromkeys(('getch', 'readchar', 'getkey'), one),
         }
 
     def elsewhere(self, name: str) -> Absent | None:
         """Return what stands for a module that reads keys in a way that nobody can type for."""
         top = name.partition('.')[0]
-        if top not in _ELSEWHERE:
+        if top not in _ELSEWHERE.split():
             return None
         self.use = f'uses {top}'
         return Absent(name, f'{top} reads keys, and no keys are typed for it')
