@@ -17,7 +17,6 @@ from rclpy.serialization import deserialize_message
 
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.polled import Taken, Taker, polled
 from barc_sim.ros.topics import message_class, request
 
@@ -50,9 +49,7 @@ class Messages:
         if not (publishers and latched):
             qos.durability = DurabilityPolicy.VOLATILE
         self._taker = Taker(observer.node)
-        self._subscription = polled(
-            observer.node, kind, topic, qos, PolledCallbackGroup(), raw=True
-        )
+        self._subscription = polled(observer.node, kind, topic, qos)
 
     def take(self) -> Iterator[Taken]:
         """Yield the messages that have arrived, serialized."""

@@ -13,7 +13,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from barc_sim.bags.messages import Message
 from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.executor import PolledCallbackGroup
 from barc_sim.ros.peers import types_here
 from barc_sim.ros.polled import Arrivals, Taker, polled
 from barc_sim.ros.topics import (
@@ -125,7 +124,6 @@ class TopicSubscriptions:
         }
         self._wants = wants
         self._depth = depth
-        self._polled = PolledCallbackGroup()
         self._taker = Taker(node)
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
@@ -304,7 +302,7 @@ class TopicSubscriptions:
 
     def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
         qos = self._overrides.get(name, qos)
-        return polled(self._node, message_type, name, qos, self._polled, raw=True)
+        return polled(self._node, message_type, name, qos)
 
     def take(self) -> list[Message]:
         """Return the waiting messages, topic by topic; call it from one thread only."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from struct import Struct
+from ctypes import Structure, c_int64
 from typing import TYPE_CHECKING
 
 import pytest
@@ -61,7 +61,8 @@ def test_messages_are_taken_with_their_times_number_and_publisher(nodes: tuple[N
 def test_other_layouts_are_found_and_rclpys_own_take_is_used(
     nodes: tuple[Node, Node], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(polled, '_INFO', Struct('8xqqQQP8s'))
+    fields = (('shifted', c_int64), *polled._Info._fields_)  # noqa: SLF001
+    monkeypatch.setattr(polled, '_Info', type('Other', (Structure,), {'_fields_': fields}))
     publishing, subscribing = nodes
     taker = Taker(subscribing)
     subscription = subscribing.create_subscription(Int64, 'number', print, LATCHED, raw=True)

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 from rclpy.executors import MultiThreadedExecutor
 
-from barc_sim.ros.executor.callback_groups import PolledCallbackGroup
 from barc_sim.ros.executor.rclpy_private import missing
 
-__all__ = ['PolledCallbackGroup', 'QuickExecutor']
+__all__ = ['QuickExecutor']
 
 if TYPE_CHECKING or not (_missing := missing()):
     from barc_sim.ros.executor.executor import QuickExecutor

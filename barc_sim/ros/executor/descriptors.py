@@ -11,17 +11,10 @@ from __future__ import annotations
 import ctypes
 import os
 import platform
-import resource
 import select
 from contextlib import suppress
 from functools import partial
 from struct import pack
-from typing import TYPE_CHECKING, Any
-
-from barc_sim.errors import UserError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _MOST = 64  # descriptors in one poll
 #: The length of a struct epoll_event, and the place of the descriptor in it, both in integers of
@@ -42,7 +35,7 @@ class Descriptors:
 
     def __init__(self) -> None:
         """Wait for none yet."""
-        self._epoll = _opened(select.epoll)
+        self._epoll = select.epoll()
         self._number = self._epoll.fileno()
         self._events, self._count = (ctypes.c_int32 * (_LENGTH * _MOST))(), ctypes.c_uint64()
         self._at_events, self._at_count = ctypes.byref(self._events), ctypes.byref(self._count)
@@ -68,11 +61,6 @@ class Descriptors:
         read = _read(descriptor, self._at_count, _COUNT_SIZE)
         return self._count.value if read == _COUNT_SIZE else 0
 
-    @property
-    def closed(self) -> bool:
-        """Whether `close` was called."""
-        return bool(self._epoll.closed)
-
     def close(self) -> None:
         """Close the epoll descriptor; those that were added stay open."""
         self._epoll.close()
@@ -82,7 +70,7 @@ def counter() -> int:
     """Return an eventfd, which counts what is written to it."""
     with suppress(IndexError):
         return _spare.pop()
-    return int(_opened(partial(os.eventfd, 0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)))
+    return os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
 
 
 def retire(descriptor: int) -> None:
@@ -100,7 +88,9 @@ def retire(descriptor: int) -> None:
 
 def timerfd() -> int:
     """Return a descriptor that can be read when its time has come."""
-    return int(_opened(partial(_LIBC.timerfd_create, _MONOTONIC, os.O_CLOEXEC)))
+    timer = int(_LIBC.timerfd_create(_MONOTONIC, 0))
+    os.set_inheritable(timer, False)  # raises OSError where none could be opened
+    return timer
 
 
 def set_time(descriptor: int, due: float) -> None:
@@ -110,15 +100,3 @@ def set_time(descriptor: int, due: float) -> None:
 
 def _timespec(seconds: float) -> bytes:
     return pack('ll', int(seconds), int(seconds % 1.0 * 1e9))
-
-
-def _opened(create: Callable[[], Any]) -> Any:  # noqa: ANN401
-    """Open a descriptor."""
-    with suppress(OSError):
-        if (opened := create()) != -1:
-            return opened
-    allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    raise UserError(
-        f'this process may open {allowed} files at a time, and the executor needs one more: '
-        'raise the limit with `ulimit -n`, or start fewer nodes in one process'
-    )

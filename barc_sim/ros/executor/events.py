@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections import deque
 from contextlib import suppress
 from functools import partial
@@ -19,24 +18,10 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
-from rclpy.waitable import Waitable
 
-from barc_sim.errors import UserError
-from barc_sim.ros.executor.callback_groups import PolledCallbackGroup
 from barc_sim.ros.executor.descriptors import Descriptors, add_to, counter, retire
-from barc_sim.ros.executor.entities import (
-    KINDS,
-    Entity,
-    Entry,
-    entry_of,
-    take_waitable,
-)
-from barc_sim.ros.executor.rclpy_private import (
-    note_destruction,
-    notify_of_triggers,
-    set_listener,
-    was_triggered,
-)
+from barc_sim.ros.executor.entities import KINDS, Entity, Entry, entry_of
+from barc_sim.ros.executor.rclpy_private import notify_of_triggers, set_listener, was_triggered
 from barc_sim.ros.executor.wait_set import WaitSetThread
 
 if TYPE_CHECKING:
@@ -48,9 +33,8 @@ if TYPE_CHECKING:
 
 #: [s] The longest wait. Then the context is checked, as a signal ends it without an event.
 _CHECK_PERIOD = 0.1
-#: What shares a descriptor while it is idle: so many at most, until each has been used so often.
+#: What shares a descriptor while it is idle: until it has been used so often.
 _SHARING = (Subscription, Service, EventHandler)
-_SHARED = 32
 _IDLE_USES = 8
 #: [s] While callbacks are executed without a pause, epoll is asked so seldom.
 _POLL_PERIOD = 0.25e-3
@@ -62,12 +46,11 @@ _ANY_JUMP = JumpThreshold(
 class Events:
     """The entities of an executor's nodes, and which of them something has arrived for.
 
-    A subscription or service that is hardly used shares its descriptor: when something arrives for
-    one, all of them are tried. After a few uses it gets a descriptor of its own.
+    The subscriptions and services that are hardly used share one descriptor: when something arrives
+    for one, all of them are tried. After a few uses it gets a descriptor of its own.
 
-    All but `wake` is for one thread at a time. An entity's handle stays in use until `refresh`
-    finds it gone, so that its listener is taken back before it is destroyed. `on_failure` is
-    called in the wait set's thread with an exception of a waitable.
+    All but `wake` is for one thread at a time. `on_failure` is called in the wait set's thread with
+    an exception of a waitable.
     """
 
     def __init__(self, context: Context, on_failure: Callable[[BaseException], None]) -> None:
@@ -78,7 +61,8 @@ class Events:
         self.stale = True  #: whether the nodes are to be looked at again
         self.woken = True  #: whether `wake` was called, or it is time for a check
         self._entries: dict[Entity, Entry] = {}
-        self._counted: dict[int, list[Entry]] = {}  # by descriptor
+        self._shared = counter()
+        self._counted: dict[int, list[Entry]] = {self._shared: []}  # by descriptor
         self._signalled: deque[Entry] = deque()  # by other threads
         self._due: dict[Entry, float] = {}  # [s] by timer; inf: not by itself
         self._next_due = inf
@@ -90,8 +74,9 @@ class Events:
         self._waiter = WaitSetThread(context, self._signal, on_failure)
         self._descriptors = Descriptors()
         self._descriptors.add(self._wakeup)
+        self._descriptors.add(self._shared)
 
-    def wake(self) -> None:
+    def wake(self, _: object = None) -> None:
         """End a wait, from any thread, also when this is closed."""
         self.woken = True
         with self._wakeup_lock:
@@ -206,7 +191,7 @@ class Events:
             for node in nodes
             for kind in KINDS
             for entity in getattr(node, kind)
-            if not isinstance(entity.callback_group, PolledCallbackGroup)
+            if not getattr(entity.callback_group, 'polled', False)
         }
         for entity in self._entries.keys() - found.keys():
             self._remove(self._entries.pop(entity))
@@ -216,82 +201,56 @@ class Events:
                     self._add(entry_of(entity, kind, node))
 
     def _add(self, entry: Entry) -> None:
-        """Listen to an entity, and keep its handle in use meanwhile."""
+        """Listen to an entity."""
         entity = entry.entity
-        entry.handle.__enter__()
-        self._entries[entity] = entry
         if isinstance(entity, Timer):
+            set_listener(entity, self._wakeup)
             entry.on_taken = lambda entry: self._schedule([entry])
             if isinstance(entity.clock, ROSClock):
                 self._jumps[entry] = entity.clock.create_jump_callback(
-                    _ANY_JUMP, post_callback=lambda _: self.wake()
+                    _ANY_JUMP, post_callback=self.wake
                 )
-            set_listener(entity, self._wakeup)
             self._schedule([entry])
         elif isinstance(entity, GuardCondition):
             notify_of_triggers(entity, partial(self._signal, entry))
             if was_triggered(entity, entry.node.context):
                 self._signal(entry)
-        else:
+        elif self._count(entry, self._shared if isinstance(entity, _SHARING) else counter()):
             if isinstance(entity, _SHARING):
                 entry.idle_uses = _IDLE_USES
-            if not self._count_arrivals(entry):
-                if isinstance(entity, Waitable):
-                    entry.take = take_waitable
-                else:
-                    warnings.warn(
-                        'the middleware has no listeners: wait sets are slow', stacklevel=2
-                    )
-                entry.on_taken = self._waiter.resume
-                self._waiter.add(entry)
-            if isinstance(entity, Subscription):
-                note_destruction(entity, partial(setattr, entry, 'destroyed', True))
             if left := getattr(entity, '_arrived', 0):  # counted, but not taken before
                 self.queue(entry, left)
+        else:
+            entry.on_taken = self._waiter.resume
+            self._waiter.add(entry)
+        self._entries[entity] = entry
 
-    def _count_arrivals(self, entry: Entry) -> bool:
-        """Count an entity's arrivals in a descriptor: a shared one while it is idle.
-
-        Returns False where it has no listener.
-        """
-        room = (
-            number
-            for number, entries in self._counted.items()
-            if entries[0].idle_uses and len(entries) < _SHARED
-        )
-        descriptor = next(room, None) if entry.idle_uses else None
-        if is_new := descriptor is None:
-            descriptor = counter()
+    def _count(self, entry: Entry, descriptor: int) -> bool:
+        """Count an entity's arrivals in a descriptor; return False where it has no listener."""
         if not set_listener(entry.entity, descriptor):
-            if is_new:
-                retire(descriptor)
             return False
         entry.descriptor = descriptor
-        self._counted.setdefault(descriptor, []).append(entry)
-        if is_new:
+        if descriptor not in self._counted:
             self._descriptors.add(descriptor)
+        self._counted.setdefault(descriptor, []).append(entry)
         return True
 
     def note_use(self, entry: Entry) -> None:
-        """Note that something was taken for an idle entity: others may share with it no longer."""
+        """Note that something was taken for an idle entity: it shares a descriptor for so long."""
         entry.idle_uses -= 1
         if not entry.idle_uses:
-            former = entry.descriptor
             try:
-                self._count_arrivals(entry)
-            except UserError:  # no descriptor is left
+                self._count(entry, counter())
+            except OSError:  # no descriptor is left
                 entry.idle_uses = _IDLE_USES
             else:
-                self._leave(entry, former)
+                self._leave(entry, self._shared)
 
     def _leave(self, entry: Entry, descriptor: int) -> None:
         """Count no arrivals of an entity in a descriptor any longer."""
-        entries = self._counted[descriptor]
-        count = self._descriptors.take_count(descriptor)
-        for each in entries:
-            self.queue(each, count)
-        entries.remove(entry)
-        if not entries:
+        self._queue_counted(descriptor)
+        self._counted[descriptor].remove(entry)
+        if descriptor != self._shared:
             del self._counted[descriptor]
             self._descriptors.remove(descriptor)
             retire(descriptor)
@@ -299,37 +258,34 @@ class Events:
     def _remove(self, entry: Entry) -> None:
         """Listen to an entity no longer."""
         entity = entry.entity
-        if isinstance(entity, Timer):
-            set_listener(entity, None)
-            if entry in self._jumps:
-                self._jumps.pop(entry).unregister()
-            self._due.pop(entry, None)
-        elif isinstance(entity, GuardCondition):
+        if isinstance(entity, GuardCondition):
             notify_of_triggers(entity, None)
             with suppress(InvalidHandle):
                 if entry.pending or entry in self._signalled:
                     entity.trigger()  # for its next executor
-        elif entry.descriptor >= 0:
-            set_listener(entity, None)
-            note_destruction(entity, None)
-            self._leave(entry, entry.descriptor)
-            entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
-        elif entry.on_taken:
+        elif entry in self._waiter:
             self._waiter.remove(entry)
+        else:
+            with suppress(InvalidHandle):  # destroyed
+                set_listener(entity, None)
+            self._due.pop(entry, None)
+            if entry in self._jumps:
+                self._jumps.pop(entry).unregister()
+            if entry.descriptor >= 0:
+                self._leave(entry, entry.descriptor)
+                entity._arrived = entry.pending  # noqa: SLF001 - for its next executor
         self.recent.pop(entry, None)
         with suppress(ValueError):  # it waits for nothing
             self.ready.remove(entry)
         entry.pending = 0
-        entry.kept = None
-        entry.handle.__exit__(None, None, None)
 
     def close(self) -> None:
-        """Listen to nothing; a second call does nothing."""
-        if not self._descriptors.closed:
-            self.refresh([])
-            self._waiter.close()
-            with self._wakeup_lock:
-                self._wakeup_is_set = True
-                self._descriptors.remove(self._wakeup)
-                retire(self._wakeup)
-            self._descriptors.close()
+        """Listen to nothing."""
+        self.refresh([])
+        self._waiter.close()
+        with self._wakeup_lock:
+            self._wakeup_is_set = True
+        for descriptor in (self._wakeup, self._shared):
+            self._descriptors.remove(descriptor)
+            retire(descriptor)
+        self._descriptors.close()

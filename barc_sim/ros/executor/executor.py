@@ -14,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from inspect import iscoroutinefunction
 from math import inf
-from threading import Condition, Event, current_thread, get_ident
+from threading import Event, RLock, Thread, current_thread
 from typing import TYPE_CHECKING, Any
 
 from rclpy.exceptions import InvalidHandle
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 
     from barc_sim.ros.executor.entities import Call, Entry
 
-#: [s] So often a thread that waits for its spin's end looks whether all others are in callbacks.
-_CHECK_PERIOD = 0.5
+#: [s] So often a thread that waits for its spin's end looks whether all others are in callbacks; so
+#: often within a callback, as it may lead then.
+_CHECK_PERIOD, _CHECK_PERIOD_INSIDE = 0.5, 0.01
 #: [s] A thread that has stood by while nothing spun ends after this time.
 _LINGER = 0.05
 _TRIES = 2
@@ -47,8 +48,7 @@ class Spin:
     future: Future | None
     deadline: float  #: [s]
     once: bool
-    here: bool = False  #: whether the thread that spins leads, too
-    begun: bool = False  #: whether the one callback has
+    before: int  #: callbacks that had begun before it did
     over: Event = field(default_factory=Event)
 
 
@@ -75,36 +75,38 @@ class QuickExecutor(MultiThreadedExecutor):
     True
     """
 
+    _closed = True
+
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
         super().__init__(num_threads, context=context)
-        self._spins: list[Spin] = []
-        self._any_once = False  # whether one of them is to execute one callback alone
+        self._spins: set[Spin] = set()  # those that are not over
+        self._once = False  # whether one of them is to execute one callback
+        self._begun = 0  # callbacks and steps of tasks
         self._failures: deque[BaseException] = deque()  # for the spinning threads to raise
-        self._changed = Condition()  # of the next two
-        self._working = 0  # threads that lead, call a callback or stand by
-        self._standing_by = 0  # those of them that do
-        self._joined: set[int] = set()  # those of them that are not the pool's
+        self._threads: set[Thread] = set()  # daemons, so that a program can end while they spin
+        self._standing_by = 0  # those of them that neither lead nor call a callback
+        self._lock = RLock()  # of both
         self._events = Events(self.context, self._fail)
         self._leadership = Leadership()
-        self._stepped: set[Task] = set()  # tasks that run now
         self._change: object = object()  # another one when a coroutine's wait may have ended
         notify_of_triggers(self._guard, self._on_change)
+        self._closed = False
 
     def __del__(self) -> None:
         """Release the entities of an executor that was never shut down."""
-        if hasattr(self, '_change'):
-            self._close()
+        self._close()
         super().__del__()
 
     def _close(self) -> None:
-        while not self._leadership.take():
-            self._leadership.wait_until_free()
-        self._events.close()
-        self._leadership.release()
-        self._leadership.close()
-        for task, entity, _ in self._tasks:
-            if entity is not None:  # a callback's coroutine, which gives its group back
-                task.cancel()
+        closed, self._closed = self._closed, True
+        if not closed:
+            while not self._leadership.take():
+                time.sleep(1e-4)
+            self._events.close()
+            self._leadership.close()
+            for task, entity, _ in self._tasks:
+                if entity is not None:  # a callback's coroutine, which gives its group back
+                    task.cancel()
 
     def _fail(self, error: BaseException) -> None:
         self._failures.append(error)
@@ -148,185 +150,107 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         self._is_shutdown = True
         self._end_spins()
-        inside = self._is_inside()
-        timeout = 0 if inside else None if timeout_sec is None or timeout_sec < 0 else timeout_sec
-        with self._changed:
-            ended = self._changed.wait_for(lambda: not self._working, timeout)
-        if not (ended or inside):
-            return False
-        if ended:
-            self._close()  # else the last thread does
+        with self._lock:
+            threads = list(self._threads)
+        if current_thread() not in threads:  # else the last thread closes
+            end = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+            for thread in threads:
+                thread.join(None if end == inf else max(0.0, end - time.monotonic()))
+            if any(thread.is_alive() for thread in threads):
+                return False
+            self._close()
         while self._failures:  # no spin is left to raise them
             traceback.print_exception(self._failures.popleft())
-        self._executor.shutdown(wait=wait_for_threads and not inside)
+        self._executor.shutdown(wait=wait_for_threads)  # rclpy's pool, which has no threads
         # Not MultiThreadedExecutor's: a newer one waits for this thread, too.
         return bool(super(MultiThreadedExecutor, self).shutdown(timeout_sec))
-
-    def _is_inside(self) -> bool:
-        """Whether a callback of this executor runs in this thread."""
-        threads = self._executor._threads  # noqa: SLF001
-        return current_thread() in threads or get_ident() in self._joined
 
     def _spin(
         self, timeout_sec: float | None, future: Future | None = None, *, once: bool = False
     ) -> None:
-        """Have callbacks executed: by the pool, as this may have to end while one runs; or here."""
+        """Have callbacks executed by the pool, as this may have to end while one runs.
+
+        Within a callback this thread is one of the pool, and leads where no other one does.
+        """
         deadline = inf if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
-        spin = Spin(future, deadline, once)
-
-        def end(_: Future) -> None:
-            spin.over.set()
-            self._look_at_spins()
-
+        spin = Spin(future, deadline, once, self._begun)
+        inside = current_thread() in self._threads
+        period = _CHECK_PERIOD_INSIDE if inside else _CHECK_PERIOD
         if future:
-            future.add_done_callback(end)
-        self._spins.append(spin)
-        inside = self._is_inside()
-        spin.here = inside or (once and deadline == inf and not future and self._begin_work())
+            future.add_done_callback(self._events.wake)
+        self._spins.add(spin)
         try:
-            self._look_at_spins()
-            if not spin.here:
-                self._wait_for(spin)
-            elif inside:
-                self._lead_here(spin)
-            else:
-                self._join(spin)
+            self._events.wake()
+            self._start_stand_by()
+            self._leadership.wake_stand_by()
+            while not spin.over.is_set():
+                if inside and self._leadership.take():
+                    self._lead(spin)
+                elif not spin.over.wait(max(1e-3, min(period, deadline - time.monotonic()))):
+                    with self._lock:
+                        leading = self._standing_by or not self._leadership.is_free
+                    self._end_spins(expired=-inf if leading else time.monotonic())
         finally:
-            spin.over.set()
-            self._spins.remove(spin)
+            self._spins.discard(spin)
             if future:
-                future.remove_done_callback(end)  # rclpy leaves one behind at every call
-            self._look_at_spins()
+                future.remove_done_callback(self._events.wake)  # rclpy leaves it behind
+            self._events.wake()
             # No callback is to begin any more.
             while not (self._spins or self._leadership.is_free):
-                self._leadership.wait_until_free()
+                time.sleep(1e-4)
         if self._failures:
             raise self._failures.popleft()
-
-    def _look_at_spins(self) -> None:
-        """Have the leader look at them; after a callback it does by itself."""
-        self._events.woken = True
-        if not self._leadership.is_free:
-            self._events.wake()
-
-    def _wait_for(self, spin: Spin) -> None:
-        """Wait until the leader has ended a spin; or no thread is left to lead, and it is time."""
-        self._start_stand_by()
-        self._leadership.wake_stand_by()
-        while not spin.over.wait(max(1e-3, min(_CHECK_PERIOD, spin.deadline - time.monotonic()))):
-            with self._changed:
-                leading = self._standing_by or not self._leadership.is_free
-            self._end_spins(expired=-inf if leading else time.monotonic())
-
-    def _join(self, spin: Spin) -> None:
-        """Spin in this thread, as if it was one of the pool."""
-        self._joined.add(get_ident())
-        try:
-            self._start_stand_by()
-            self._lead_here(spin)
-        finally:
-            self._joined.discard(get_ident())
-            self._end_work()
-
-    def _lead_here(self, spin: Spin) -> None:
-        """Spin in a thread that may call callbacks: lead, where no other thread does."""
-        while not (spin.over.is_set() or spin.begun):
-            if self._leadership.take():
-                if self._lead(spin):
-                    self._release()
-            elif not spin.over.wait(0.01):
-                self._end_spins(expired=time.monotonic())
-
-    def _release(self) -> None:
-        """Have another thread lead, if there is a spin to lead for."""
-        self._leadership.release(0.0 if self._needs_pool() else _LINGER)
 
     def _end_spins(self, expired: float = -inf) -> None:
         """End the spins that are over, or whose time is."""
         ended = bool(self._failures) or self._is_shutdown or not self.context.ok()
         for spin in list(self._spins):
             done = spin.future is not None and (spin.future.done() or spin.future.cancelled())
-            once = spin.begun and not spin.here
-            if ended or done or once or spin.deadline <= expired:
+            begun = spin.once and self._begun > spin.before
+            if ended or done or begun or spin.deadline <= expired:
+                self._spins.discard(spin)
                 spin.over.set()
         if ended:
             self._events.wake()
             self._leadership.wake_stand_by()
 
-    def _begin_work(self) -> bool:
-        """Count a thread as one that may call callbacks; return False where they are too many."""
-        with self._changed:
-            most = self._executor._max_workers  # noqa: SLF001
-            if self._is_shutdown or self._working >= most:
-                return False
-            self._working += 1
-            return True
-
-    def _end_work(self) -> None:
-        with self._changed:
-            self._working -= 1
-            if self._is_shutdown and not self._working:
-                self._close()
-            self._changed.notify_all()
-
     def _start_stand_by(self) -> None:
         """Have a thread of the pool stand by, unless one does or none is left."""
-        with self._changed:
-            if not self._standing_by and self._begin_work():
+        with self._lock:
+            most = self._executor._max_workers  # noqa: SLF001
+            if not (self._standing_by or self._is_shutdown or len(self._threads) >= most):
                 self._standing_by += 1
-                self._executor.submit(self._work)
+                thread = Thread(target=self._work, daemon=True)
+                self._threads.add(thread)
+                thread.start()
 
     def _work(self) -> None:
-        """Stand by, and lead when a callback of another thread lasts."""
-        try:
-            while self._stand_by():
+        """Stand by, and lead when a callback of another thread lasts, until nothing spins."""
+        waited = False
+        while True:
+            with self._lock:
+                if not self._spins and (waited or self._is_shutdown):
+                    self._standing_by -= 1
+                    self._threads.discard(current_thread())
+                    break
+            waited = not self._spins
+            if waited:
+                self._leadership.wake_stand_by(_LINGER)  # another spin may follow
+            if self._leadership.take_over(wanted=not waited):
+                with self._lock:
+                    self._standing_by -= 1
                 self._start_stand_by()
-                if self._lead():
-                    self._release()
-                with self._changed:
+                self._lead()
+                with self._lock:
                     self._standing_by += 1
-        finally:
-            self._end_work()
-            self._leadership.wake_stand_by()  # for another thread to end
+        if self._is_shutdown and not self._threads:
+            self._close()
+        self._leadership.wake_stand_by()  # for another thread to end
 
-    def _stand_by(self) -> bool:
-        """Return whether this thread leads from now on: False where nothing spins any longer."""
-        leads = waited = False
-        while not leads:
-            with self._changed:
-                if not self._is_spinning():
-                    if waited:
-                        self._standing_by -= 1
-                        return False
-                    self._leadership.wake_stand_by(_LINGER)  # another spin may follow
-            leads = self._leadership.take_over(wanted=self._needs_pool())
-            waited = True
-        with self._changed:
-            self._standing_by -= 1
-        return True
-
-    def _is_spinning(self) -> bool:
-        return not all(spin.over.is_set() for spin in list(self._spins))
-
-    def _needs_pool(self) -> bool:
-        """Return whether a thread of the pool is to lead; a thread that spins here may do that."""
-        return any(
-            not spin.over.is_set() and (spin.begun or not spin.here) for spin in list(self._spins)
-        )
-
-    def _is_over(self, within: Spin | None) -> bool:
-        """End the spins that are over; return whether a thread is to lead no longer for them."""
-        self._end_spins()
-        if within is None:
-            return not self._needs_pool()
-        if within.begun:
-            within.over.set()
-        return within.over.is_set()
-
-    def _lead(self, within: Spin | None = None) -> bool:
+    def _lead(self, within: Spin | None = None) -> None:
         """Poll and execute until all spins, or the one `within` a callback, are over.
 
-        Returns False where another thread leads.
+        Returns earlier where another thread leads.
         """
         events = self._events
         ready = events.ready
@@ -338,61 +262,56 @@ class QuickExecutor(MultiThreadedExecutor):
             while True:
                 if events.woken:
                     events.woken = False
-                    if self._is_over(within):
-                        return True
-                    spins = [spin for spin in self._spins if not spin.over.is_set()]
-                    self._any_once = any(spin.once and not spin.begun for spin in spins)
-                    deadline = min((spin.deadline for spin in spins), default=inf)
+                    self._end_spins()
+                    spins = list(self._spins)
+                    if not spins or (within and within.over.is_set()):
+                        break
+                    self._once = any(spin.once for spin in spins)
+                    deadline = min(spin.deadline for spin in spins)
                     if events.stale:
                         events.refresh(self.get_nodes())
                     if not self._step_tasks():
-                        return False
-                    if self._any_once and any(spin.begun for spin in spins):
+                        return
+                    if events.woken:
                         continue
                     executed = True
                 now = events.poll(0 if executed and ready else deadline)
                 executed = self._execute_ready()
                 if executed is None:
-                    return False
+                    return
                 if now >= deadline:
                     self._end_spins(expired=now)
                     events.woken = True
         except BaseException as error:  # noqa: BLE001 - the spinning thread raises it
             self._fail(error)
-            return True
+            self._end_spins()
+        self._leadership.release(0.0 if self._spins or self._is_shutdown else _LINGER)
 
     def _step_tasks(self) -> bool:
-        """Step each task that may go on; return whether this thread still leads."""
-        for task in self._due_tasks() if self._tasks else ():
-            if not self._run(None, (self._step, (task,))):
-                return False
-            if self._any_once:
-                break
-        return True
+        """Step each task that is new or may go on, the newest first, as in rclpy.
 
-    def _due_tasks(self) -> list[Task]:
-        """Return the tasks that are new or may go on, the newest first, as in rclpy."""
+        Returns whether this thread still leads.
+        """
+        if not self._tasks:
+            return True
         nodes = (None, *self.get_nodes())
         with self._tasks_lock:
             self._tasks[:] = [
                 each for each in self._tasks if not (each[0].done() or each[0].cancelled())
             ]
-            return [
-                task
-                for task, _, node in reversed(self._tasks)
-                if task not in self._stepped
-                and node in nodes
-                and getattr(task, 'seen', None) is not self._change
-            ]
+            tasks = [task for task, _, node in reversed(self._tasks) if node in nodes]
+        for task in tasks:
+            if not task.executing() and getattr(task, 'seen', None) is not self._change:
+                if not self._run(None, (self._step, (task,))):
+                    return False
+                if self._once:
+                    break
+        return True
 
     def _step(self, task: Task, entry: Entry | None = None) -> None:
         """Run a task, or a callback's coroutine for the first time, until it has to wait."""
-        self._stepped.add(task)
         task.seen = self._change
-        try:
-            task()
-        finally:
-            self._stepped.discard(task)
+        task()
         if task.done():
             self._change = object()
             task.result()  # raises
@@ -460,8 +379,7 @@ class QuickExecutor(MultiThreadedExecutor):
         """
         callback, args = call
         claimed = entry
-        if self._any_once:
-            self._begin_once()
+        self._begun += 1
         lent = self._leadership.lend(entry is not None and entry.lasting)
         try:
             result = callback(*args)
@@ -477,19 +395,12 @@ class QuickExecutor(MultiThreadedExecutor):
         leads = self._leadership.take_back(lent)
         if entry:
             self._change = lent  # a coroutine in another thread may wait for this, but be no task
-        if self._tasks:
+            entry.lasting = not leads and time.monotonic() - lent > LASTING
+        if self._tasks or self._once:
             self._events.woken = True
         if not leads:
             self._events.wake()  # its group is free
-        if entry and (entry.lasting or not leads):
-            entry.lasting = not leads and time.monotonic() - lent > LASTING
         return leads
-
-    def _begin_once(self) -> None:
-        """Note that a spin that is to execute one callback does so now."""
-        for spin in list(self._spins):
-            spin.begun = spin.once
-        self._events.woken = True
 
 
 async def _finish(entry: Entry, coroutine: Coroutine[Any, Any, Any]) -> None:

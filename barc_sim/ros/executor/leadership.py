@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from contextlib import suppress
-from threading import Event
 
 from barc_sim.ros.executor.descriptors import set_time, timerfd
 
@@ -13,6 +11,7 @@ from barc_sim.ros.executor.descriptors import set_time, timerfd
 LASTING = 1e-3
 _PUT_OFF = 0.5e-3  # s; the timer is set so often at most
 _LONG = 5e-3  # s
+_spare_timers: list[int] = []
 
 
 class Leadership:
@@ -28,10 +27,8 @@ class Leadership:
     def __init__(self) -> None:
         self._free = [0.0]  # when it was lent [s], unless a thread has it
         self._lent = 0.0  # [s] when it was lent
-        self._given_back = Event()
-        self._timer = timerfd()
+        self._timer = _spare_timers.pop() if _spare_timers else timerfd()
         self._put_off = 0.0  # [s] when the timer may be set again
-        self._closed = False
 
     def take(self) -> bool:
         """Lead from now on; return False where another thread polls."""
@@ -67,14 +64,7 @@ class Leadership:
         """Have the thread that stands by wake up, so many seconds from now, and take it."""
         self._lent = 0.0
         self._free.append(0.0)
-        self._given_back.set()
         self.wake_stand_by(seconds)
-
-    def wait_until_free(self) -> None:
-        """Wait until the leader calls a callback or has given it back; 1 ms at most."""
-        self._given_back.clear()
-        if not self._free:
-            self._given_back.wait(1e-3)
 
     @property
     def is_free(self) -> bool:
@@ -88,8 +78,7 @@ class Leadership:
             if left <= 0:
                 return self.take()
             self.wake_stand_by(left)
-        with suppress(OSError):  # closed
-            os.read(self._timer, 8)
+        os.read(self._timer, 8)
         return False
 
     def wake_stand_by(self, seconds: float = 0.0) -> None:
@@ -97,11 +86,9 @@ class Leadership:
         now = time.monotonic()
         # A `lend` before `_put_off` need not set the timer, as it expires soon after that.
         self._put_off = now + min(seconds, _PUT_OFF) if seconds < _LONG else now
-        if not self._closed:
-            set_time(self._timer, now + seconds)
+        set_time(self._timer, now + seconds)
 
     def close(self) -> None:
-        """Close the timer, once no thread stands by."""
-        if not self._closed:
-            self._closed = True
-            os.close(self._timer)
+        """Give it back for good, once no thread stands by."""
+        self.release()
+        _spare_timers.append(self._timer)  # not closed, as a thread may still set it

@@ -52,6 +52,10 @@ class WaitSetThread(SingleThreadedExecutor):
         if not self._thread.ident:
             self._thread.start()
 
+    def __contains__(self, entry: Entry) -> bool:
+        """Whether an entry is waited for."""
+        return entry in self._waited
+
     def resume(self, entry: Entry) -> None:
         """Wait for an entry again, as what was ready is taken."""
         vars(self._waited[entry])['_executor_event'] = False  # rclpy's: True from ready to taken
