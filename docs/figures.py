@@ -21,12 +21,11 @@ from matplotlib.transforms import Affine2D
 import barc_sim
 from barc_sim.control.driver import Driver, DriverInput
 from barc_sim.control.pid import ACCELERATION_LIMIT, KI, KP, PID
-from barc_sim.figures.output import SIZE, frames
 from barc_sim.figures.run_figures import speed_figure
-from barc_sim.figures.side_view import SideView
 from barc_sim.figures.style import BLUE, DASHES, EARTH, GREEN, GREY, INK, MUTED, STYLE, SURFACE
 from barc_sim.figures.style import VERMILLION as RED
-from barc_sim.figures.top_view import TopView
+from barc_sim.figures.video import frames
+from barc_sim.figures.views import SIZE, SideView, TopView
 from barc_sim.simulation.closed_loop import simulate
 from barc_sim.simulation.log import COLUMNS, Log
 from barc_sim.vehicle.bicycles import DynamicBicycle, KinematicBicycle
@@ -36,7 +35,7 @@ from barc_sim.vehicle.road import Road
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from barc_sim.figures.output import RunView
+    from barc_sim.figures.views import RunView
 
 
 HERE = Path(__file__).parent
@@ -385,7 +384,7 @@ def eight_by_hand(ts: float = 0.02) -> Log:
         state = step(state, command, 0.0, vehicle, ts)
     zeros = np.zeros(len(rows))
     names = ('t', 'x', 'y', 'psi', 'v_x', 'v_y', 'psi_dot', 'motor', 'servo')
-    columns = dict.fromkeys(COLUMNS, zeros)
+    columns = dict.fromkeys(COLUMNS, zeros) | {'reference': np.full(len(rows), np.nan)}
     return Log(**(columns | dict(zip(names, np.array(rows).T, strict=True))))
 
 

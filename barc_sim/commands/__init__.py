@@ -24,7 +24,7 @@ GROUPS = {
     },
     'look': {
         'plot': 'draw speed, grade and command of a run',
-        'replay': 'play a run in a window, a web page or a video',
+        'replay': 'play a run on a web page, or save a video',
     },
     'lab': {
         'new': 'make a folder with templates: model, controller, relay and compose.py',

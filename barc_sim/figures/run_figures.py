@@ -345,6 +345,11 @@ def drive_figure(log: Log, *, title: str = '', figure: Figure | None = None) -> 
     return figure
 
 
+def is_by_hand(log: Log) -> bool:
+    """Return whether a run was driven by hand, on the flat: it is best seen from above."""
+    return bool(np.isnan(log.reference).all() and not np.nan_to_num(log.elevation).any())
+
+
 def _without_jumps(values: NDArray[np.float64], jumps: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return `values` with NaN before each jump."""
     return np.where(np.append(jumps, False), np.nan, values)

@@ -1,4 +1,4 @@
-"""The look of figures and page: Okabe and Ito's palette, the Matplotlib style, limits, readings."""
+"""The look of figures and page: palette, Matplotlib style, limits, readings; and windows."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from barc_sim.simulation.metrics import RUN_UP, laps_of
 from barc_sim.vehicle.bike_model import Vehicle
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from barc_sim.simulation.log import Log
@@ -157,3 +158,27 @@ def reading(value: float, digits: int, unit: str) -> str:
         return '\N{EN DASH}'
     # Adding zero turns a negative zero into zero.
     return f'{round(value, digits) + 0.0:.{digits}f}{unit}'.replace('-', '\N{MINUS SIGN}')
+
+
+def window(size: tuple[float, float], title: str) -> Figure | None:
+    """Return an empty figure of `size` [inch] in a window; None if no window can be opened.
+
+    `show` shows it.
+    """
+    from matplotlib import pyplot as plt  # noqa: PLC0415 (chooses a backend: not for saving)
+
+    try:
+        figure = plt.figure(title, figsize=size)
+    except ImportError:  # the backend that the user has chosen cannot run here
+        return None
+    if figure.canvas.required_interactive_framework is None:
+        plt.close(figure)
+        return None
+    return figure
+
+
+def show() -> None:
+    """Show the windows until the user has closed them."""
+    from matplotlib import pyplot as plt  # noqa: PLC0415
+
+    plt.show()

@@ -22,9 +22,14 @@ from barc_sim.bags.node_graph import NodeGraph, purposes
 from barc_sim.bags.records import files
 from barc_sim.cli.files import open_regular
 from barc_sim.figures.graph_figure import GraphDrawing
-from barc_sim.figures.run_figures import draw_path, drive_figure, speed_figure, terms_figure
+from barc_sim.figures.run_figures import (
+    draw_path,
+    drive_figure,
+    is_by_hand,
+    speed_figure,
+    terms_figure,
+)
 from barc_sim.figures.style import STYLE, use_measurement
-from barc_sim.figures.top_view import suits
 from barc_sim.lab.html import data_url, render
 from barc_sim.lab.user_code.code import attached
 from barc_sim.simulation.metrics import RUN_UP, SETTLING_BAND, laps_of
@@ -181,7 +186,7 @@ def _highlighted(text: str) -> str:
 def _figures(log: Log) -> Iterator[_Figure]:
     low, high = _range(log.speed)
     steered = np.isnan(log.reference).all() and np.any(np.abs(log.across) > _VISIBLE)
-    if steered or suits(log):
+    if steered or is_by_hand(log):
         yield _drawn(
             drive_figure(log),
             'Path, heading, speed and steering',

@@ -33,7 +33,7 @@ from barc_sim.__main__ import main as barc
 from barc_sim.bags import reader
 from barc_sim.bags.recovery import recover
 from barc_sim.errors import UserError
-from barc_sim.figures import output, run_figures, side_view
+from barc_sim.figures import run_figures, views
 from barc_sim.lab.report import page, read
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def _plot(path: Path) -> None:
 
 
 def _replay(path: Path) -> None:
-    side_view.SideView(reader.read(path), Figure(figsize=output.SIZE), title='').update(0.1)
+    views.SideView(reader.read(path), Figure(figsize=views.SIZE)).update(0.1)
 
 
 def _report(path: Path) -> None:

@@ -65,7 +65,7 @@ _OF_ROS = {
 #: Commands that last until Ctrl-C.
 _LASTING = {
     'teleop --engine local --view none --lab lab --bag-dir out/bags': 3,
-    f'replay {_BAG} --web --view-port {{port}}': 1,
+    f'replay {_BAG} --view-port {{port}}': 1,
 }
 _LASTING_OF_ROS = {
     'teleop --engine ros --view web --view-port {port} --relay lab/relay.py': 3,

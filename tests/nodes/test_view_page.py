@@ -509,7 +509,7 @@ def test_end_card_has_the_score_and_the_next_commands(acc: Acc, open_: Open) -> 
     assert f'{laps["current"]["rms"]:.3f} m/s' in card
     assert f'{stretches[1]["max_error"]:.3f}' in card
     assert 'barc acc --gain kp=30 --gain ki=200 --gain kd=0.1 --speed 8 --laps 0' in card
-    assert "barc replay --web 'bags/my run'" in card
+    assert "barc replay 'bags/my run'" in card
     assert tab.text('#message') == 'The run has ended: Ctrl-C was pressed.'
     assert tab.text('#state') == 'Ended'
     assert tab.run("document.querySelector('#reset').disabled") is True

@@ -102,13 +102,13 @@ def test_command_serves_the_bag(log: Log, tmp_path: Path, monkeypatch: pytest.Mo
     served: list[object] = []
     monkeypatch.setattr(bag, 'read', lambda *_: log)
     monkeypatch.setattr(page_replay, 'serve', lambda *given: served.extend(given))
-    assert barc(['replay', str(tmp_path), '--web', '--view-port', '8080']) == 0
+    assert barc(['replay', str(tmp_path), '--view-port', '8080']) == 0
     assert served == [log, tmp_path.name, '127.0.0.1', 8080, None]
     served.clear()
     other = tmp_path / 'other'
-    assert barc(['replay', str(tmp_path), str(other), '--web']) == 0
+    assert barc(['replay', str(tmp_path), str(other)]) == 0
     assert served[-1] == (log, 'other')
-    assert barc(['replay', str(tmp_path), str(other)]) == 2
+    assert barc(['replay', str(tmp_path), str(other), '--save', 'a.gif']) == 2
 
 
 @in_browser

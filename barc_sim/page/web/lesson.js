@@ -139,7 +139,7 @@ export class Lesson {
         ['Copy command', command],
         ...(bag ? [
           ['Plot', `barc plot ${quote(bag)}`], ['Report', `barc report ${quote(bag)}`],
-          ['Replay here', `barc replay --web ${quote(bag)}`],
+          ['Replay here', `barc replay ${quote(bag)}`],
         ] : []),
       ].map(([name, text]) => make(
         'p', {}, make('button', {

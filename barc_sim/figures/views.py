@@ -1,0 +1,425 @@
+"""The picture of a run at any time: the car on its hills or from above, its speed below."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from matplotlib import style
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, FancyBboxPatch, PathPatch, Polygon, Rectangle
+from matplotlib.path import Path
+from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Affine2D
+
+from barc_sim.figures.run_figures import JUMP, is_by_hand
+from barc_sim.figures.style import (
+    BLUE,
+    DASHES,
+    EARTH,
+    GREY,
+    INK,
+    MUTED,
+    STYLE,
+    SURFACE,
+    VERMILLION,
+    limits,
+    reading,
+    speed_limits,
+    use_measurement,
+)
+from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.text import Text
+    from matplotlib.transforms import Transform
+    from numpy.typing import NDArray
+
+    from barc_sim.simulation.log import Log
+
+    Floats = NDArray[np.float64]
+    Box = tuple[float, float, float, float]  # left, bottom, width and height, as shares
+
+SIZE = (12.8, 7.2)  #: [inch]
+AHEAD = '#C4D3DD'  #: of the part of the run after the shown time
+#: [m] from the centre of mass to the rear axle and to the front axle.
+AXLES = (-1.5, 1.5)
+POST = 10.0  #: [m] between two labels of the position
+LABELS = 12  #: more than are visible
+GLASS, LAMP, RIM, WELL = '#DCEBF4', '#F0E442', '#D5D5D5', '#3A3A3A'
+
+
+class RunView(ABC):
+    """A view of a run at any of its times; `update` moves its `artists`, drawn in order."""
+
+    #: The names of the readings, and where each ends as a share of the width.
+    READINGS: ClassVar[Mapping[str, float]]
+    #: Where scene, course and chart are.
+    PLACES: ClassVar[tuple[Box, Box, Box]]
+    VIEW_WIDTH: ClassVar[float]  #: [m] visible at once
+    artists: Sequence[Artist]
+    #: Of each state: its place in the chart, with the axis's name, and on the course, x and y.
+    along: Floats
+    along_name: str
+    course: tuple[Floats, Floats]
+    speed_limits: tuple[float, float]
+
+    def __init__(self, log: Log, figure: Figure, *, title: str = '') -> None:
+        """Draw the fixed parts on `figure`, which is empty, and show the first state."""
+        self.figure = figure
+        self.duration = float(log.t[-1])  #: [s] from the run's first state to its last
+        self._log = use_measurement(log)
+        with style.context(STYLE):
+            scene, course, chart = (figure.add_axes(place) for place in self.PLACES)
+            # Equal scales, so that 30° look like 30°; a window of another shape shows more.
+            scene.set_xlim(-self.VIEW_WIDTH / 2.0, self.VIEW_WIDTH / 2.0, auto=True)
+            scene.set_ylim(-3.5, 5.0, auto=True)
+            scene.set_aspect('equal', adjustable='datalim')
+            scene.set(xticks=[], yticks=[])
+            scene.spines[:].set_visible(False)
+            moving = self._draw_scene(scene)
+            self._draw_course(course)
+            (self._here,) = course.plot([], [], 'o', color=VERMILLION, mec='white', ms=8)
+            moving += [self._here, *self._draw_chart(chart)]
+            self._readings = self._draw_readings(figure.add_axes((0.06, 0.9, 0.925, 0.1)), title)
+        self.artists = [*moving, *self._readings.values()]
+        # Above the fixed parts, and in this order: Matplotlib would draw every line over a patch.
+        for order, artist in enumerate(self.artists, start=10):
+            artist.set(animated=True, zorder=order)
+        self.update(0.0)
+
+    @abstractmethod
+    def _draw_scene(self, axes: Axes) -> list[Artist]:
+        """Draw the surroundings and the car; return the artists that `_place` moves."""
+
+    @abstractmethod
+    def _place(self, k: int, t: float, x: float, y: float) -> Mapping[str, str]:
+        """Put the car where it is at `t` [s], after state `k`; return the view's own readings."""
+
+    def update(self, t: float) -> None:
+        """Show the run at `t` [s]: positions between states, commands of the state before."""
+        log = self._log
+        k = int(np.searchsorted(log.t, t + 1e-9, side='right')) - 1
+        along, speed, x, y = (
+            float(np.interp(t, log.t, values)) for values in (self.along, log.speed, *self.course)
+        )
+        if k + 1 < len(log) and abs(log.distance[k + 1] - log.distance[k]) > JUMP:
+            x, y = (float(values[k]) for values in self.course)  # put back to the start
+        readings = {'Time': reading(t, 2, ' s'), 'Speed': reading(speed, 2, ' m/s')}
+        readings |= self._place(k, t, x, y)
+        readings |= {'Command': reading(float(log.motor[k]), 2, ' m/s²')}
+        self._here.set_data([x], [y])
+        self._trace.set_data(
+            np.append(self.along[: k + 1], along), np.append(log.speed[: k + 1], speed)
+        )
+        self._cursor.set_xdata([along, along])
+        self._dot.set_data([along], [speed])
+        for name, text in readings.items():
+            self._readings[name].set_text(text)
+
+    def _draw_course(self, axes: Axes) -> None:
+        x, y = self.course
+        axes.plot(x, y, color=SURFACE, lw=1.2)
+        axes.set_axis_off()
+
+    def _draw_chart(self, axes: Axes) -> list[Line2D]:
+        """Return the lines of the speed so far, of its reference and of the time shown."""
+        log = self._log
+        axes.plot(self.along, log.speed, color=AHEAD, lw=1.5)
+        (self._trace,) = axes.plot([], [], color=BLUE, lw=2.2, label='speed')
+        lines = [self._trace]
+        if not np.isnan(log.reference).all():
+            lines += axes.plot(
+                self.along, log.reference, color=INK, lw=1.0, ls=DASHES, label='reference'
+            )
+            axes.legend(loc='upper right', bbox_to_anchor=(1.0, -0.16), ncols=2, borderaxespad=0.0)
+        self._cursor = axes.axvline(0.0, color=GREY, lw=0.8)
+        (self._dot,) = axes.plot([], [], 'o', color=BLUE, mec='white', mew=1.2, ms=8)
+        axes.set(xlabel=self.along_name, ylabel='Speed [m/s]', ylim=self.speed_limits)
+        axes.set_xlim(*limits(self.along, share=0.01, minimum=1.0))
+        axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 5, 10]))
+        axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
+        return [*lines, self._cursor, self._dot]
+
+    def _draw_readings(self, axes: Axes, title: str) -> dict[str, Text]:
+        axes.set_axis_off()
+        axes.text(0.0, 0.5, title, fontsize=13, fontweight='bold', va='center')
+        for name, x in self.READINGS.items():
+            axes.text(x, 0.68, name, color=MUTED, fontsize=9, ha='right', va='bottom')
+        return {
+            name: axes.text(x, 0.56, '', fontsize=15, ha='right', va='top')
+            for name, x in self.READINGS.items()
+        }
+
+
+class SideView(RunView):
+    """The car from the side on its road."""
+
+    READINGS: ClassVar = {
+        'Time': 0.5,
+        'Speed': 0.63,
+        'Reference': 0.76,
+        'Grade': 0.85,
+        'Command': 1.0,
+    }
+    PLACES: ClassVar = (
+        (0.0, 0.4, 1.0, 0.5),
+        (0.06, 0.295, 0.925, 0.08),
+        (0.06, 0.09, 0.925, 0.19),
+    )
+    VIEW_WIDTH = 30.0
+
+    def _draw_scene(self, axes: Axes) -> list[Artist]:
+        log = self._log
+        self._road = Terrain(log)
+        self.along, self.along_name = log.distance, 'Position along the road [m]'
+        self.course = log.distance, self._road.at(log.distance)[1]
+        self.speed_limits = speed_limits(log)
+        axes.set(facecolor='#F4F8FB')
+        self._camera, self._body, self._wheel = Affine2D(), Affine2D(), Affine2D()
+        ground = self._camera + axes.transData
+        x, y = self._road.horizontal, self._road.elevation
+        bottom = y.min() - 100.0
+        earth = np.column_stack([[x[0], *x, x[-1]], [bottom, *y, bottom]])
+        self._labels = [
+            axes.text(0, 0, '', transform=ground, ha='center', va='top', color=MUTED, clip_on=True)
+            for _ in range(LABELS)
+        ]
+        car = _car_from_the_side(self._body + axes.transData, self._wheel)
+        for artist in car:
+            axes.add_artist(artist)
+        return [
+            axes.add_patch(Polygon(earth, facecolor=EARTH, transform=ground)),
+            axes.add_line(Line2D(x, y, color=SURFACE, lw=2.5, transform=ground)),
+            *self._labels,
+            *car,
+        ]
+
+    def _draw_course(self, axes: Axes) -> None:
+        """Draw the whole road, its heights enlarged."""
+        super()._draw_course(axes)
+        x, y = self.course
+        axes.fill_between(x, y, y.min() - 2.0, color=EARTH)
+        axes.set_ylim(y.min() - 2.0, y.max() + max(2.0, 0.3 * float(np.ptp(y))))
+        axes.set_xlim(*limits(x, share=0.01, minimum=1.0))
+
+    def _place(self, k: int, _t: float, x: float, _y: float) -> Mapping[str, str]:
+        rear, front = np.column_stack(self._road.at(np.add(x, AXLES)))
+        along = (front - rear) / np.hypot(*(front - rear))
+        up = np.array([-along[1], along[0]])
+        camera = (rear + front) / 2.0 + WHEEL_RADIUS * up
+        self._camera.clear().translate(*-camera)
+        self._body.clear().rotate(np.arctan2(along[1], along[0]))
+        self._wheel.clear().rotate(-x / WHEEL_RADIUS)
+        first = np.ceil(x / POST - LABELS / 2) * POST
+        for i, label in enumerate(self._labels):
+            post = first + i * POST
+            at, height = (float(place) for place in self._road.at(post))
+            # A text costs more than all other artists of a frame.
+            label.set_visible(abs(at - camera[0]) < self.VIEW_WIDTH / 2.0)
+            label.set_position((at, height))
+            label.set_text(f'|\n{reading(post, 0, " m")}')
+        log = self._log
+        return {
+            'Reference': reading(float(log.reference[k]), 2, ' m/s'),
+            'Grade': reading(float(log.theta_deg[k]), 0, '°'),
+        }
+
+
+class Terrain:
+    """Converts a distance along the road's surface to a place on the map.
+
+    The horizontal distance is the integral of cos(theta) over the distance along the surface: 20 m
+    at 10° are 19.696 m on the map. It is zero where the distance is zero. `distance`, `horizontal`
+    and `elevation` [m] are the points of the road's surface, in rising order; the road is straight
+    between them, and 60 m longer at both ends.
+    """
+
+    def __init__(self, log: Log) -> None:
+        """Take the road from a run of at least one state; without a recorded road it is flat."""
+        known = np.isfinite(log.theta_deg) & np.isfinite(log.elevation)
+        rows = np.flatnonzero(known if known.any() else ~known)
+        driven, first = np.unique(log.distance[rows], return_index=True)
+        theta = np.pad(np.radians(np.nan_to_num(log.theta_deg[rows][first])), 1, mode='edge')
+        rise = 60.0 * np.sin(theta)
+        elevation = np.pad(np.nan_to_num(log.elevation[rows][first]), 1, mode='edge')
+        self.elevation = elevation + np.array([-rise[0], *np.zeros(len(driven)), rise[-1]])
+        self.distance = np.array([driven[0] - 60.0, *driven, driven[-1] + 60.0])
+        # A change of grade is somewhere between two states: each half has one of the grades.
+        cosine = np.cos(theta)
+        steps = np.diff(self.distance) * (cosine[:-1] + cosine[1:]) / 2.0
+        horizontal = np.concatenate([[0.0], np.cumsum(steps)])
+        self.horizontal = horizontal - np.interp(0.0, self.distance, horizontal)
+
+    def at(self, distance: float | Floats) -> tuple[Floats, Floats]:
+        """Return horizontal distance and elevation [m] of the road's surface at `distance`."""
+        s = np.asarray(distance)
+        return (
+            np.interp(s, self.distance, self.horizontal),
+            np.interp(s, self.distance, self.elevation),
+        )
+
+
+def _car_from_the_side(body: Transform, wheel: Affine2D) -> list[Artist]:
+    """Return the artists of the car in metres from the middle between its wheels."""
+    outline = [(-2.12, -0.1), (-2.28, -0.1), (-2.26, 0.12), (-2.26, 0.5), (-2.12, 0.56)]
+    outline += [(-1.95, 0.62), (-1.62, 0.64), (-1.05, 1.06), (-0.55, 1.08), (0.15, 1.12)]
+    outline += [(0.55, 0.92), (0.85, 0.76), (1.08, 0.56), (1.75, 0.5), (2.08, 0.32), (2.28, 0.2)]
+    outline += [(2.28, 0.02), (2.28, -0.1), (2.12, -0.1), (-2.12, -0.1)]
+    curve = Path(outline, [Path.MOVETO, *[Path.CURVE3] * 18, Path.CLOSEPOLY])
+    shapes = {
+        GLASS: [
+            [(-1.38, 0.62), (-0.92, 0.9), (-0.55, 0.97), (-0.3, 0.98), (-0.3, 0.62)],
+            [(-0.2, 0.62), (-0.2, 0.98), (0.15, 0.96), (0.48, 0.85), (0.84, 0.62)],
+        ],
+        LAMP: [[(2.02, 0.3), (2.17, 0.24), (2.24, 0.14), (2.06, 0.18)]],
+        VERMILLION: [[(-2.24, 0.24), (-2.22, 0.44), (-2.1, 0.46), (-2.12, 0.24)]],
+    }
+    artists: list[Artist] = [PathPatch(curve, facecolor=BLUE, edgecolor=INK, transform=body)]
+    for colour, polygons in shapes.items():
+        artists += [Polygon(points, facecolor=colour, transform=body) for points in polygons]
+    angles = 2.0 * np.pi * np.arange(5) / 5.0
+    # From the hub out and back, so that it is one line.
+    spokes = [
+        np.outer(f(angles), [0.0, 0.62 * WHEEL_RADIUS, 0.0]).ravel() for f in (np.cos, np.sin)
+    ]
+    for axle in AXLES:
+        at = wheel + Affine2D().translate(axle, 0.0) + body
+        artists += [
+            Circle((axle, 0.04), 1.16 * WHEEL_RADIUS, facecolor=WELL, transform=body),
+            Circle((0.0, 0.0), WHEEL_RADIUS, facecolor=INK, transform=at),
+            Circle((0.0, 0.0), 0.68 * WHEEL_RADIUS, facecolor=RIM, transform=at),
+            Line2D(*spokes, color=INK, lw=2.0, transform=at),
+        ]
+    return artists
+
+
+class TopView(RunView):
+    """The car from above, on a grid, with its path."""
+
+    READINGS: ClassVar = {
+        'Time': 0.5,
+        'Speed': 0.63,
+        'Heading': 0.74,
+        'Steering': 0.85,
+        'Command': 1.0,
+    }
+    PLACES: ClassVar = ((0.0, 0.28, 1.0, 0.62), (0.8, 0.03, 0.19, 0.22), (0.06, 0.09, 0.7, 0.165))
+    VIEW_WIDTH = 44.0
+
+    def _draw_scene(self, axes: Axes) -> list[Artist]:
+        log = self._log
+        self.along, self.along_name = log.t, 'Time [s]'
+        self.speed_limits = limits(log.speed, share=0.15, minimum=1.0)
+        self._psi = log.psi - log.e_epsi
+        self._path = np.column_stack([log.distance, log.across])
+        jumps = np.hypot(*np.diff(self._path, axis=0).T) > JUMP
+        # A jump is not drawn: the state after it begins a new line.
+        self._path[:-1][jumps] = np.nan
+        self.course = log.distance, log.across
+        axes.set(facecolor='#F7F7F4')
+        self._axes = axes
+        self._grid, self._world, self._body, self._steering = (Affine2D() for _ in range(4))
+        self._trail = Line2D([], [], color=BLUE, lw=2.0, transform=self._world + axes.transData)
+        lines = [
+            axes.add_line(each)
+            for each in (
+                _grid(2.0, '#EAEAE5', self._grid + axes.transData),
+                _grid(POST, '#CFCFC8', self._grid + axes.transData),
+                self._trail,
+            )
+        ]
+        self._labels = [
+            axes.text(0.0, 0.0, '', color=MUTED, fontsize=8, va='bottom', clip_on=True)
+            for _ in range(LABELS)
+        ]
+        car = _car_from_above(self._body + axes.transData, self._steering)
+        for artist in car:
+            axes.add_artist(artist)
+        return [*lines, *self._labels, *car]
+
+    def _draw_course(self, axes: Axes) -> None:
+        """Draw the whole path."""
+        axes.plot(*self._path.T, color=AHEAD, lw=1.5)
+        axes.set_axis_off()
+        axes.set_aspect('equal', adjustable='datalim')
+        axes.margins(0.1)
+
+    def _place(self, k: int, t: float, x: float, y: float) -> Mapping[str, str]:
+        psi = float(np.interp(t, self._log.t, self._psi))
+        servo = float(self._log.servo[k])
+        self._world.clear().translate(-x, -y)
+        self._grid.clear().translate(-(x % POST), -(y % POST))
+        self._trail.set_data(*np.vstack([self._path[: k + 1], (x, y)]).T)
+        self._body.clear().rotate(psi)
+        self._steering.clear().rotate(np.nan_to_num(servo))
+        (left, right), bottom = self._axes.get_xlim(), self._axes.get_ylim()[0]
+        first = np.floor(x / POST) - LABELS // 2
+        for i, label in enumerate(self._labels):
+            at = (first + i) * POST
+            label.set_visible(bool(left < at - x < right - 2.0))
+            label.set_position((at - x + 0.3, bottom + 0.3))
+            label.set_text(reading(float(at), 0, ' m'))
+        return {
+            'Heading': reading(float(np.degrees(psi)) % 360.0, 0, '°'),
+            'Steering': reading(float(np.degrees(servo)), 1, '°'),
+        }
+
+
+def _grid(spacing: float, color: str, transform: Transform) -> Line2D:
+    """Return a grid with lines at the multiples of `spacing`, as one broken line."""
+    reach = 80.0
+    ticks = np.arange(-reach, reach + spacing / 2.0, spacing)
+    ends = np.tile([-reach, reach, np.nan], len(ticks))
+    at = np.repeat(ticks, 3)
+    x, y = np.concatenate([at, ends]), np.concatenate([ends, at])
+    return Line2D(x, y, color=color, lw=0.8, transform=transform)
+
+
+def _car_from_above(body: Transform, steering: Affine2D) -> list[Artist]:
+    """Return the artists of the car in metres from its middle: rear wheels, front wheels, hull."""
+    length, width = 0.7, WHEEL_WIDTH
+    wheels = [
+        Rectangle(
+            (-length / 2.0, -width / 2.0),
+            length,
+            width,
+            facecolor=INK,
+            transform=turned + Affine2D().translate(axle, side * HALF_TRACK) + body,
+        )
+        for axle, turned in zip(AXLES, (Affine2D(), steering), strict=True)
+        for side in (-1, 1)
+    ]
+    shapes = {
+        GLASS: [
+            [(0.95, 0.72), (0.3, 0.6), (0.3, -0.6), (0.95, -0.72)],
+            [(-1.55, 0.62), (-1.1, 0.56), (-1.1, -0.56), (-1.55, -0.62)],
+        ],
+        LAMP: [[(2.05, 0.75 * side), (2.19, 0.6 * side), (2.08, 0.4 * side)] for side in (-1, 1)],
+        VERMILLION: [
+            [(-2.19, 0.7 * side), (-2.1, 0.7 * side), (-2.15, 0.3 * side)] for side in (-1, 1)
+        ],
+    }
+    hull = FancyBboxPatch(
+        (-1.85, -0.53), 3.7, 1.06, boxstyle='round,pad=0.35', fc=BLUE, ec=INK, transform=body
+    )
+    return [
+        *wheels,
+        hull,
+        *(
+            Polygon(points, facecolor=colour, transform=body)
+            for colour, polygons in shapes.items()
+            for points in polygons
+        ),
+    ]
+
+
+def view_of(log: Log, figure: Figure, title: str) -> RunView:
+    """Return the view for this run: from above if a driver steered."""
+    return (TopView if is_by_hand(log) else SideView)(log, figure, title=title)

@@ -1,0 +1,206 @@
+"""The car from the side and from above: where it is on the screen, and what is written."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import atan2, cos, degrees, hypot, pi, radians
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hand_drive import drive_by_hand
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Text
+
+from barc_sim.control.driver import FULL_BRAKE, DriverInput
+from barc_sim.figures.views import SIZE, SideView, Terrain, TopView, view_of
+from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.vehicle.bike_model import WHEEL_RADIUS, Vehicle
+from barc_sim.vehicle.road import Road
+
+if TYPE_CHECKING:
+    from matplotlib.patches import Patch
+
+    from barc_sim.figures.views import RunView
+    from barc_sim.simulation.log import Log
+
+
+@pytest.fixture(scope='module')
+def hills() -> Log:
+    return closed_loop()
+
+
+@pytest.fixture(scope='module')
+def by_hand() -> Log:
+    requests = [(0.05 * k, DriverInput(forward=1.0)) for k in range(40)]
+    requests += [(2.0 + 0.05 * k, DriverInput(turn=1.0)) for k in range(60)]
+    return drive_by_hand([*requests, (6.0, FULL_BRAKE)], 9.0)
+
+
+def drawn(log: Log) -> RunView:
+    view = view_of(log, Figure(figsize=SIZE, dpi=50), 'a run')
+    FigureCanvasAgg(view.figure).draw()
+    return view
+
+
+def wheels(view: RunView) -> list[Patch]:
+    """Return the wheels: the rear ones first."""
+    return [
+        artist
+        for artist in view.artists
+        if isinstance(artist, Rectangle)
+        or (isinstance(artist, Circle) and artist.radius == WHEEL_RADIUS)
+    ]
+
+
+def on_screen(wheel: Patch, x: float = 0.0) -> tuple[float, float]:
+    """Return where a point of the wheel, `x` metres before its middle, is in pixels."""
+    place = wheel.get_data_transform().transform((x, 0.0))
+    return float(place[0]), float(place[1])
+
+
+def angle(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Return the direction from `a` to `b` on the screen in degrees."""
+    return degrees(atan2(b[1] - a[1], b[0] - a[0]))
+
+
+def turn(a: float, b: float) -> float:
+    """Return the angle from `a` to `b`, the short way, in degrees."""
+    return (b - a + 180.0) % 360.0 - 180.0
+
+
+def texts(view: RunView) -> set[str]:
+    return {
+        artist.get_text().removeprefix('|\n')
+        for artist in view.artists
+        if isinstance(artist, Text) and artist.get_visible()
+    }
+
+
+def time_at(log: Log, distance: float) -> float:
+    return float(np.interp(distance, log.distance, log.t))
+
+
+def test_the_road_on_the_map_is_that_of_the_lab(hills: Log) -> None:
+    road, s = Road.lab(), np.linspace(0.0, 180.0, 500)
+    assert Terrain(hills).at(s)[1] == pytest.approx([road.elevation(x) for x in s], abs=0.03)
+    # 20 m at 10° are 19.696 m; a kink lies somewhere between two states.
+    assert np.diff(Terrain(hills).at(np.array([20.0, 40.0]))[0]) == pytest.approx(19.696, abs=2e-3)
+    there_and_back = hills.map(lambda column: np.concatenate([column, column[::-1]]))
+    assert np.array_equal(Terrain(hills).horizontal, Terrain(there_and_back).horizontal)
+
+
+def test_beyond_what_was_driven_the_last_grade_continues() -> None:
+    uphill = closed_loop(distance=30.0)
+    (near, far), (low, high) = Terrain(uphill).at(uphill.distance[-1] + np.array([0.0, 10.0]))
+    assert far - near == pytest.approx(10.0 * cos(radians(10.0)))
+    assert (high - low) / (far - near) == pytest.approx(np.tan(radians(10.0)))
+
+
+def test_where_no_road_was_recorded_it_is_flat_or_as_before(hills: Log) -> None:
+    unknown = np.full(len(hills), np.nan)
+    terrain = Terrain(replace(hills, theta_deg=unknown, elevation=unknown))
+    assert not np.any(terrain.elevation)
+    theta_deg, elevation = hills.theta_deg.copy(), hills.elevation.copy()
+    theta_deg[700:] = elevation[700:] = np.nan  # on the steep hill
+    terrain = Terrain(replace(hills, theta_deg=theta_deg, elevation=elevation))
+    x, y = terrain.at(hills.distance[699] + np.array([0.0, 5.0]))
+    assert np.diff(y) / np.diff(x) == pytest.approx(np.tan(np.radians(hills.theta_deg[699])))
+
+
+def test_the_car_is_pitched_as_the_road_and_rolls_in_a_window_of_any_shape(hills: Log) -> None:
+    view = drawn(hills)
+    for size in (SIZE, (6.0, 9.0), (16.0, 4.0)):
+        view.figure.set_size_inches(size)
+        view.figure.canvas.draw()
+        for distance, grade in ((10.0, 0.0), (70.0, -10.0), (110.0, 30.0)):
+            view.update(time_at(hills, distance))
+            rear, front = wheels(view)
+            assert angle(on_screen(rear), on_screen(front)) == pytest.approx(grade, abs=0.2)
+    turned = []
+    for distance in (5.0, 5.0 + 2.0 * pi * WHEEL_RADIUS / 4.0):
+        view.update(time_at(hills, distance))
+        turned.append(angle(on_screen(wheels(view)[0]), on_screen(wheels(view)[0], 0.3)))
+    assert turn(turned[1], turned[0]) == pytest.approx(90.0, abs=3.0)
+
+
+@pytest.mark.parametrize('t', [0.0, 2.5, 4.0, 9.0])
+def test_the_car_points_where_it_is_heading_to_scale_and_its_front_wheels_are_turned(
+    by_hand: Log, t: float
+) -> None:
+    view = drawn(by_hand)
+    view.update(t)
+    k = int(np.searchsorted(by_hand.t, t + 1e-9)) - 1
+    rear, _, front, _ = wheels(view)
+    heading = angle(on_screen(rear), on_screen(front))
+    assert turn(degrees(by_hand.psi[k]), heading) == pytest.approx(0.0, abs=0.2)
+    turned = angle(on_screen(front), on_screen(front, 0.3))
+    assert turn(heading + degrees(by_hand.servo[k]), turned) == pytest.approx(0.0, abs=0.2)
+    metre = hypot(*np.subtract(on_screen(rear, 1.0), on_screen(rear)))
+    base = hypot(*np.subtract(on_screen(front), on_screen(rear)))
+    assert base / metre == pytest.approx(Vehicle().l_f + Vehicle().l_r)
+
+
+def test_readings_are_those_of_the_time_shown(hills: Log, by_hand: Log) -> None:
+    side, above = drawn(hills), drawn(by_hand)
+    t = time_at(hills, 150.0)
+    side.update(t)
+    k = int(np.searchsorted(hills.t, t)) - 1
+    command = f'{hills.motor[k]:.2f} m/s²'.replace('-', '\N{MINUS SIGN}')
+    expected = {f'{t:.2f} s', '8.00 m/s', '\N{MINUS SIGN}30°', command, '150 m', '160 m'}
+    assert expected <= texts(side)
+    assert not {'0 m', '100 m'} & texts(side)
+    above.update(4.0)
+    k = int(np.searchsorted(by_hand.t, 4.0 + 1e-9)) - 1
+    assert {
+        '4.00 s',
+        f'{by_hand.speed[k]:.2f} m/s',
+        f'{degrees(by_hand.psi[k]):.0f}°',
+        f'{degrees(by_hand.servo[k]):.1f}°',
+    } <= texts(above)
+    above.update(0.0)
+    assert {'0 m', '10 m'} <= texts(above)
+
+
+def test_a_command_holds_until_the_next_state(hills: Log) -> None:
+    view = drawn(replace(hills, motor=np.arange(len(hills), dtype=float)))
+    for t, command in ((0.019, 0), (7 / 50, 7), (29 / 50, 29), (57 / 50, 57)):
+        view.update(t)
+        assert f'{command}.00 m/s²' in texts(view)
+
+
+def test_the_path_leads_to_the_car_and_not_over_a_reset(by_hand: Log) -> None:
+    view = drawn(by_hand)
+    view.update(4.0)
+    trail = view._trail  # type: ignore[attr-defined]  # noqa: SLF001
+    points = trail.get_transform().transform(np.column_stack(trail.get_data()))
+    middle = np.mean([on_screen(wheel) for wheel in wheels(view)], axis=0)
+    assert points[-1] == pytest.approx(middle)
+    assert len(points) == 202
+    both = by_hand.map(lambda column: np.tile(column, 2))
+    view = drawn(replace(both, t=np.arange(2 * len(by_hand)) * 0.02))
+    view.update(10.0)
+    path = np.column_stack(view._trail.get_data())  # type: ignore[attr-defined]  # noqa: SLF001
+    assert np.nanmax(np.hypot(*np.diff(path, axis=0).T)) < 1.0
+    assert np.isnan(path).any()
+
+
+def test_drives_by_hand_are_seen_from_above_and_others_from_the_side(by_hand: Log) -> None:
+    assert isinstance(drawn(by_hand), TopView)
+    assert isinstance(drawn(closed_loop(distance=5.0)), SideView)
+    uphill = replace(by_hand, elevation=np.linspace(0.0, 5.0, len(by_hand)))
+    assert isinstance(drawn(uphill), SideView)
+
+
+def test_what_is_unknown_is_a_dash_and_a_single_state_is_shown(hills: Log, by_hand: Log) -> None:
+    unknown = np.full(len(hills), np.nan)
+    for log in (replace(hills, motor=unknown), by_hand.map(lambda column: column[:1])):
+        view = drawn(log)
+        view.update(0.0)
+        assert '0.00 s' in texts(view)
+    view = drawn(replace(hills, reference=unknown, motor=unknown))
+    assert '\N{EN DASH}' in texts(view)
+    assert 'reference' not in [artist.get_label() for artist in view.artists]
+    assert 'reference' in [artist.get_label() for artist in drawn(hills).artists]
