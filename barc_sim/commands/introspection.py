@@ -108,17 +108,14 @@ def add_arguments_param(parser: Parser) -> None:
     verb.add_argument('value', metavar='VALUE', help='in YAML, as in 20.0')
     verb = add_verb('describe', 'print type, meaning and bounds of parameters')
     verb.add_argument('names', nargs='*', metavar='NAME', help='these only (all)')
-    add_verb('dump', 'print all parameters of a node as a parameter file')
-    verb = add_verb('load', 'set the parameters in a file')
-    verb.add_argument('file', type=Path, metavar='FILE', help='as `dump` prints it')
+    add_verb('dump', 'print all parameters of a node as a file for --params-file')
 
 
-def run_param(options: Namespace) -> int:
-    """Run the verb, and return the exit code."""
+def run_param(options: Namespace) -> None:
+    """Run the verb."""
     from barc_sim.ros.observer import observe  # noqa: PLC0415
     from barc_sim.ros.parameter_client import (  # noqa: PLC0415 (after rclpy, which may be absent)
         Parameters,
-        load,
         print_descriptions,
         print_file,
         print_names,
@@ -129,7 +126,7 @@ def run_param(options: Namespace) -> int:
     with observe('param') as observer:
         if options.verb == 'list':
             print_names(observer, options.node)
-            return 0
+            return
         parameters = Parameters(observer, options.node)
         match options.verb:
             case 'get':
@@ -140,9 +137,6 @@ def run_param(options: Namespace) -> int:
                 print_descriptions(parameters, options.names)
             case 'dump':
                 print_file(parameters)
-            case 'load':
-                return load(parameters, options.file)
-    return 0
 
 
 def add_arguments_graph(parser: Parser) -> None:

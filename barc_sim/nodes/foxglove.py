@@ -185,7 +185,7 @@ class FoxgloveServer(Node):
         super().destroy_node()
 
     def _discover(self) -> None:
-        for name, _ in self._topics.discover():
+        for name in self._topics.discover():
             self.get_logger().warning(f'{name} is not served: {self._topics.unknown[name]}')
 
     def _serve(self) -> None:

@@ -29,9 +29,8 @@ from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.peers import has_dds, node_graph
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
-    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # [s] between two searches for new topics.
 _DISCOVERY_PERIOD = 0.2
@@ -273,22 +272,8 @@ class BagRecorder(Node):
 
     def discover(self) -> None:
         """Subscribe to each wanted topic that has got a publisher since the last call."""
-        for name, publishers in self._topics.discover():
-            self._request_definition(name, publishers)
-
-    def _request_definition(self, name: str, publishers: Sequence[TopicEndpointInfo]) -> None:
-        """Ask for a missing definition; warn where there is none."""
-
-        def on_answer(definition: str | None) -> None:
-            if definition:
-                self._topics.define(publishers[0].topic_type, definition)
-            if not (definition and self._topics.subscribe(name, publishers)):
-                why = self._topics.unknown[name]
-                self.get_logger().warning(f'{name} is not recorded: {why}')
-
-        from barc_sim.ros.topics import request_definition  # noqa: PLC0415 (not over ros/local)
-
-        request_definition(self, publishers[0], on_answer)
+        for name in self._topics.discover():
+            self.get_logger().warning(f'{name} is not recorded: {self._topics.unknown[name]}')
 
     def close(self) -> None:
         """Record the waiting messages and finish the bag; a second call does nothing."""

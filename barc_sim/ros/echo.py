@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 
-from barc_sim.bags.recording import Losses
 from barc_sim.errors import UserError
-from barc_sim.ros.polled import Taken, Taker, polled
 from barc_sim.ros.topics import message_class, request
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from rclpy.subscription import Subscription
 
     from barc_sim.ros.observer import GraphObserver
 
@@ -34,33 +33,27 @@ _DEPTH = 10_000  #: messages that can wait for the next poll
 _PERIOD = 0.02  #: [s] between two polls for messages
 
 
-class Messages:
-    """The messages of a topic from now on, by the strictest QoS that all its publishers offer."""
+def _subscribe(
+    observer: GraphObserver, topic: str, kind: type[Any], *, latched: bool = True
+) -> Subscription:
+    """Subscribe to a topic by the strictest QoS that all its publishers offer.
 
-    def __init__(
-        self, observer: GraphObserver, topic: str, kind: type[Any], *, latched: bool = True
-    ) -> None:
-        """Subscribe; `kind` is the class of the messages, `latched` whether old ones count."""
-        self.losses = Losses()  #: gaps between the messages taken, by publisher
-        publishers = observer.node.get_publishers_info_by_topic(topic)
-        qos = request(publishers, _DEPTH)
-        if not publishers:  # none to match yet: request the weakest
-            qos.reliability = ReliabilityPolicy.BEST_EFFORT
-        if not (publishers and latched):
-            qos.durability = DurabilityPolicy.VOLATILE
-        self._taker = Taker(observer.node)
-        self._subscription = polled(observer.node, kind, topic, qos)
+    `kind` is the class of the messages, `latched` whether old ones count.
+    """
+    publishers = observer.node.get_publishers_info_by_topic(topic)
+    qos = request(publishers, _DEPTH)
+    if not publishers:  # none to match yet: request the weakest
+        qos.reliability = ReliabilityPolicy.BEST_EFFORT
+    if not (publishers and latched):
+        qos.durability = DurabilityPolicy.VOLATILE
+    return observer.node.create_subscription(kind, topic, lambda _: None, qos)
 
-    def take(self) -> Iterator[Taken]:
-        """Yield the messages that have arrived, serialized."""
-        for taken in map(Taken._make, self._taker.take(self._subscription)):
-            self.losses.count(taken.publisher, taken.number)
+
+def _take(subscription: Subscription) -> Iterator[tuple[Any, dict[str, int]]]:
+    """Yield the messages that have arrived, each with the middleware's information on it."""
+    with subscription.handle:
+        while taken := subscription.handle.take_message(subscription.msg_type, False):
             yield taken
-
-    def close(self) -> None:
-        """Unsubscribe."""
-        self._taker.close()
-        self._subscription.destroy()
 
 
 def print_messages(
@@ -73,21 +66,15 @@ def print_messages(
         field_of(kind(), field.partition('.')[0])  # check it before the first message
     if not observer.wait_for(lambda: observer.node.count_publishers(topic)):
         print(f'barc echo: {topic} has no publisher yet', file=sys.stderr)  # noqa: T201
-    messages = Messages(observer, topic, kind)
-    reported = 0
+    subscription = _subscribe(observer, topic, kind)
     with suppress(KeyboardInterrupt):  # the usual end
         while True:
-            for taken in messages.take():
-                message = deserialize_message(taken.data, kind)
+            for message, _ in _take(subscription):
                 shown = message if field is None else field_of(message, field)
                 print(f'{to_yaml(shown, truncate)}---', flush=True)  # noqa: T201
                 count = count and count - 1
                 if count == 0:
                     return
-            lost = sum(messages.losses.by_publisher.values())
-            if lost > reported:
-                reported = lost
-                print(f'barc echo: {lost} messages were lost', file=sys.stderr)  # noqa: T201
             observer.pause(_PERIOD)
 
 
@@ -204,22 +191,17 @@ def _counts(observer: GraphObserver, topic: str) -> tuple[int, int]:
 
 def _rates(observer: GraphObserver, topics: dict[str, list[str]], seconds: float) -> dict[str, str]:
     """Return by topic the rate of its messages, or why it cannot be measured."""
-
-    def subscribe(topic: str) -> Messages | UserError:
+    rates, subscribed = {}, {}
+    for topic, (kind, *_) in topics.items():
         try:
-            return Messages(observer, topic, message_class(topics[topic][0]), latched=False)
-        except UserError as error:
-            return error
-
-    subscribed = {topic: subscribe(topic) for topic in topics}
+            subscribed[topic] = _subscribe(observer, topic, message_class(kind), latched=False)
+        except UserError as error:  # noqa: PERF203
+            rates[topic] = str(error)
     observer.pause(seconds)
-    rates = {}
-    for topic, messages in subscribed.items():
-        if isinstance(messages, UserError):
-            rates[topic] = str(messages)
-        else:
-            rates[topic] = describe_rate([taken.received for taken in messages.take()])
-            messages.close()
+    for topic, subscription in subscribed.items():
+        times = [about['received_timestamp'] for _, about in _take(subscription)]
+        rates[topic] = describe_rate(times)
+        subscription.destroy()
     return rates
 
 

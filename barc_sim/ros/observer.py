@@ -68,9 +68,9 @@ class GraphObserver:
         if self._stop.requested.wait(seconds):
             raise KeyboardInterrupt
 
-    def wait_for(self, condition: Callable[[], object]) -> bool:
+    def wait_for(self, condition: Callable[[], object], patience: float | None = None) -> bool:
         """Wait for `condition`; return False if it is not true within some seconds."""
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + (_PATIENCE if patience is None else patience)
         while not condition():
             if time.monotonic() > end:
                 return False
@@ -100,16 +100,44 @@ class GraphObserver:
 
     def find_topic(self, name: str) -> str:
         """Wait for a topic with a publisher or a subscriber; return its full name."""
+        # Without another node, the topics are this one's own.
+        return self._find(name, 'topic', self.topics, lambda: self.topics() if self.nodes() else ())
+
+    def find_node(self, name: str) -> str:
+        """Wait for the node `name`; return its full name."""
+        return self._find(name, 'node', self.nodes, self.nodes)
+
+    def _find(
+        self,
+        name: str,
+        what: str,
+        present: Callable[..., Iterable[str]],
+        known: Callable[[], Iterable[str]],
+    ) -> str:
+        """Wait for what has this name, longer while there is no other node."""
         try:
-            full = expand_topic_name(name, self.node.get_name(), self.node.get_namespace())
+            full = str(expand_topic_name(name, self.node.get_name(), self.node.get_namespace()))
             validate_full_topic_name(full)
         except (InvalidTopicNameException, ValueError) as error:
-            raise UserError(f'{name!r} cannot be a topic: {_first_words(error)}') from None
-        if not self._wait_to_find(lambda: full in self.topics(hidden=True)):
-            # Without another node, the topics are this one's own.
-            known = self.topics() if self.nodes() else ()
-            raise UserError(f'there is no topic {full}{self._alternatives(full, known)}')
-        return str(full)
+            # Without the line of rcl's source.
+            reason = str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
+            reason = reason.removeprefix('Invalid topic name: ').replace('topic name', 'a name')
+            raise UserError(f'{name!r} cannot be a {what}: {reason}') from None
+
+        def is_there() -> bool:
+            return full in present(hidden=True)
+
+        someone = self.wait_for(lambda: is_there() or self.nodes(hidden=True), self._patience())
+        if someone and self.wait_for(is_there):
+            return full
+        others = [*known()]
+        if not others:
+            hint = f', nor any other in ROS domain {self.domain}: start a run first'
+        else:
+            hint = did_you_mean(full, others) or (
+                f' in ROS domain {self.domain}: there are {", ".join(others)}'
+            )
+        raise UserError(f'there is no {what} {full}{hint}')
 
     def endpoints(self, topic: str) -> tuple[list[TopicEndpointInfo], list[TopicEndpointInfo]]:
         """Return the publishers and the subscriptions of a topic, except those of this node."""
@@ -130,17 +158,6 @@ class GraphObserver:
             if name != here and (hidden or not name.startswith('_'))
         )
 
-    def find_node(self, name: str) -> str:
-        """Wait for the node `name`; return its full name."""
-        full = f'/{name.lstrip("/")}'
-        try:
-            validate_full_topic_name(full)  # its errors are clearer than those for a node's name
-        except InvalidTopicNameException as error:
-            raise UserError(f'{name!r} cannot be a node: {_first_words(error)}') from None
-        if not self._wait_to_find(lambda: full in self.nodes(hidden=True)):
-            raise UserError(f'there is no node {full}{self._alternatives(full, self.nodes())}')
-        return full
-
     def no_node(self, hint: str = '') -> UserError:
         """Return the error that no node is running."""
         return UserError(f'no node is running in ROS domain {self.domain}: start a run first{hint}')
@@ -160,30 +177,6 @@ class GraphObserver:
                 self.pause(0.0)
         raise UserError(f'{node} does not respond: it is busy or it hangs; check it, and try again')
 
-    def _wait_to_find(self, condition: Callable[[], object]) -> bool:
-        """Wait for `condition`; wait longer while no other node is discovered."""
-        begin = time.monotonic()
-        while not (condition() or self.nodes(hidden=True)):
-            if time.monotonic() - begin > self._patience():
-                return False
-            self.pause(_POLL_PERIOD)
-        return self.wait_for(condition)
-
     def _patience(self) -> float:
         """Return how long to wait for the first other node [s]."""
         return _BUSY if others_here(self.domain) else _ALONE
-
-    def _alternatives(self, name: str, names: Iterable[str]) -> str:
-        """Return the end of a sentence: the names that exist in place of `name`."""
-        known = list(names)
-        if not known:
-            return f', nor any other in ROS domain {self.domain}: start a run first'
-        return did_you_mean(name, known) or (
-            f' in ROS domain {self.domain}: there are {", ".join(known)}'
-        )
-
-
-def _first_words(error: Exception) -> str:
-    """Return why a name is invalid, without the line of rcl's source."""
-    reason = str(error).splitlines()[0].partition(', at /')[0].rstrip(':')
-    return reason.removeprefix('Invalid topic name: ').replace('topic name', 'a name')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,6 @@ from barc_sim.ros.topics import (
     message_class,
     profile,
     request,
-    same_strength,
 )
 
 if TYPE_CHECKING:
@@ -52,11 +51,13 @@ class RecordedTopic:
         """Whether it has had a publisher."""
         return bool(self.topic.offered_qos or self.route)
 
-    def matches(self, publisher: TopicEndpointInfo) -> bool:
-        """Return whether one of the subscriptions matches the publisher's QoS."""
-        return any(
-            matches(publisher, subscription.qos_profile) for subscription in self.subscriptions
-        )
+    def matches(self, publisher: TopicEndpointInfo, *, exactly: bool) -> bool:
+        """Return whether a subscription matches the publisher's QoS, and requests all of it."""
+        offered, requested = publisher.qos_profile, [s.qos_profile for s in self.subscriptions]
+        if exactly:
+            strength = (offered.reliability, offered.durability)
+            return strength in [(each.reliability, each.durability) for each in requested]
+        return any(matches(publisher, each) for each in requested)
 
     @property
     def latched(self) -> bool:
@@ -128,7 +129,6 @@ class TopicSubscriptions:
         self._topics: dict[str, RecordedTopic] = {}
         self._lock = threading.Lock()  # of `_topics`
         self._arrivals = Arrivals()
-        self._definitions: dict[str, str] = {}
         self.unknown: dict[str, str] = {}  #: by name, why a topic cannot be recorded
         self._unexpected: set[str] = set()  # without a publisher, and of a type not installed
 
@@ -137,14 +137,14 @@ class TopicSubscriptions:
         if self._wants(name, ()) and name not in self._topics:
             self._begin(name, message_type, QoSProfile(depth=self._depth))
 
-    def discover(self) -> Iterator[tuple[str, Sequence[TopicEndpointInfo]]]:
+    def discover(self) -> Iterator[str]:
         """Subscribe to each wanted topic that has got a publisher since the last call.
 
         Also to each that has got its first subscription.
 
         Yields
         ------
-            Name and publishers of each topic that turns out to be impossible to record.
+            Name of each topic that turns out to be impossible to record.
         """
         for name, types in self._node.get_topic_names_and_types():
             recorded = self._topics.get(name)
@@ -154,7 +154,7 @@ class TopicSubscriptions:
             if self._wants(name, types) and self._has_wanted_node(name):
                 publishers = self._node.get_publishers_info_by_topic(name)
                 if publishers and not self.subscribe(name, publishers):
-                    yield name, publishers
+                    yield name
                 elif recorded and not publishers:
                     recorded.publishers = 0
                 elif not publishers and name not in self._unexpected:
@@ -191,7 +191,7 @@ class TopicSubscriptions:
         subscription = self._create(name, message_type, qos)
         try:
             ends = self._node.get_subscriptions_info_by_topic(subscription.topic_name)
-            topic = describe(name, ends, self._definitions)
+            topic = describe(name, ends)
         except LookupError:
             self._node.destroy_subscription(subscription)
             raise
@@ -261,11 +261,11 @@ class TopicSubscriptions:
         LookupError
             The definition of its type is not installed.
         """
-        if not recorded:
-            recorded = RecordedTopic(describe(name, publishers, self._definitions))
-        elif not recorded.begun:
-            recorded = self._complete(recorded, publishers)
-        unmatched = [each for each in publishers if not recorded.matches(each)]
+        recorded = recorded or RecordedTopic(describe(name, publishers))
+        is_new = not recorded.begun
+        if is_new:
+            recorded.topic, recorded.since = describe(name, publishers), time.monotonic()
+        unmatched = [each for each in publishers if not recorded.matches(each, exactly=is_new)]
         if unmatched and not (name in self._overrides and recorded.subscriptions):
             qos = request(unmatched, self._depth)
             subscription = self._create(name, message_class(recorded.topic.type), qos)
@@ -276,29 +276,6 @@ class TopicSubscriptions:
         with self._lock:
             self._topics[name] = recorded
         return recorded
-
-    def _complete(
-        self, early: RecordedTopic, publishers: Sequence[TopicEndpointInfo]
-    ) -> RecordedTopic:
-        """Return a topic that had no publishers, with its first ones.
-
-        The subscription remains, as messages may wait in it; another requests what it did not.
-        """
-        topic, subscriptions = early.topic, [*early.subscriptions]
-        qos = self._overrides.get(topic.name) or request(publishers, self._depth)
-        if not same_strength(qos, subscriptions[0].qos_profile):
-            subscriptions.append(self._create(topic.name, message_class(topic.type), qos))
-            self.wake()
-        return replace(
-            early,
-            topic=describe(topic.name, publishers, self._definitions),
-            subscriptions=subscriptions,
-            since=time.monotonic(),
-        )
-
-    def define(self, type_name: str, definition: str) -> None:
-        """Set the `ros2msg` schema of a type that is installed without one."""
-        self._definitions[type_name] = definition
 
     def _create(self, name: str, message_type: type[Any], qos: QoSProfile) -> Subscription:
         qos = self._overrides.get(name, qos)

@@ -18,16 +18,14 @@ from rclpy.qos import (
 from rclpy.topic_endpoint_info import TopicEndpointTypeEnum
 
 from barc_sim.bags.recording import Topic
-from barc_sim.bags.schemas import definition, definition_of
+from barc_sim.bags.schemas import definition
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from rclpy.node import Node
     from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-_RESPONSE_TIMEOUT = 5.0  #: [s]
 _DEPTH = 1000  #: of a queue where none is recorded, as DDS tells no one else
 _POLICIES: Mapping[str, Any] = {
     'history': HistoryPolicy,
@@ -53,14 +51,7 @@ def request(ends: Sequence[TopicEndpointInfo], depth: int) -> QoSProfile:
 
     Of subscriptions, the QoS that gets every message that one of them gets.
     """
-    profiles = [end.qos_profile for end in ends]
-    reliable = all(profile.reliability == ReliabilityPolicy.RELIABLE for profile in profiles)
-    latched = all(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for profile in profiles)
-    return QoSProfile(
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+    return _joined([end.qos_profile for end in ends], depth, all)
 
 
 def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
@@ -68,15 +59,20 @@ def offer(recorded: Sequence[Mapping[str, Any]]) -> QoSProfile:
 
     Where these differ, it reaches every subscription that one of them reached.
     """
-    if not recorded:
-        return QoSProfile(depth=_DEPTH)
-    profiles = [profile(each) for each in recorded]
+    profiles = [profile(each) for each in recorded] or [QoSProfile(depth=_DEPTH)]
     if all(each == profiles[0] for each in profiles):
         return profiles[0]
-    reliable = any(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
-    latched = any(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
+    return _joined(profiles, _DEPTH, any)
+
+
+def _joined(
+    profiles: Sequence[QoSProfile], depth: int, are: Callable[[Iterable[bool]], bool]
+) -> QoSProfile:
+    """Return a QoS that is reliable, or latched, if all or any of the profiles `are`."""
+    reliable = are(each.reliability == ReliabilityPolicy.RELIABLE for each in profiles)
+    latched = are(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in profiles)
     return QoSProfile(
-        depth=_DEPTH,
+        depth=depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
@@ -111,26 +107,19 @@ def matches(publisher: TopicEndpointInfo, requested: QoSProfile) -> bool:
     return bool(compatibility != QoSCompatibility.ERROR)
 
 
-def same_strength(one: QoSProfile, other: QoSProfile) -> bool:
-    """Return whether both request the same of a publisher."""
-    return bool(one.reliability == other.reliability and one.durability == other.durability)
-
-
-def describe(name: str, ends: Sequence[TopicEndpointInfo], definitions: Mapping[str, str]) -> Topic:
+def describe(name: str, ends: Sequence[TopicEndpointInfo]) -> Topic:
     """Return a bag's record of the topic, from its publishers; from subscriptions without any.
-
-    `definitions` has the `ros2msg` schemas of types that are installed without theirs.
 
     Raises
     ------
     LookupError
-        The definition of the topic's type is neither given nor installed.
+        The definition of the topic's type is not installed.
     """
     type_name = ends[0].topic_type
     return Topic(
         name=name,
         type=type_name,
-        definition=definitions.get(type_name) or definition(type_name),
+        definition=definition(type_name),
         type_hash=str(ends[0].topic_type_hash),
         offered_qos=[
             _as_metadata(end.qos_profile)
@@ -157,55 +146,3 @@ def _as_metadata(profile: QoSProfile) -> dict[str, Any]:
 def _seconds(duration: Duration) -> dict[str, int]:
     sec, nsec = divmod(duration.nanoseconds, 10**9)
     return {'sec': sec, 'nsec': nsec}
-
-
-def request_definition(
-    node: Node, publisher: TopicEndpointInfo, on_response: Callable[[str | None], None]
-) -> None:
-    """Request the definition of a topic's type from its publisher, through `node`, which spins.
-
-    `on_response` is called once, with the `ros2msg` schema, or None where there is none.
-    """
-    from type_description_interfaces.srv import GetTypeDescription  # noqa: PLC0415 (rare)
-
-    namespace = publisher.node_namespace.rstrip('/')
-    client = node.create_client(
-        GetTypeDescription, f'{namespace}/{publisher.node_name}/get_type_description'
-    )
-    response = client.call_async(
-        GetTypeDescription.Request(
-            type_name=publisher.topic_type,
-            type_hash=str(publisher.topic_type_hash),
-            include_type_sources=False,
-        )
-    )
-
-    def finish() -> None:
-        timer.cancel()
-        node.destroy_timer(timer)
-        node.destroy_client(client)
-        received = response.result() if response.done() else None
-        on_response(_definition(publisher.topic_type, received))
-
-    timer = node.create_timer(_RESPONSE_TIMEOUT, finish)
-    response.add_done_callback(lambda _: finish() if not timer.is_canceled() else None)
-
-
-def _definition(name: str, response: Any) -> str | None:  # noqa: ANN401 (a generated class)
-    if not response or not response.successful:
-        return None
-    about = response.type_description
-    types = [about.type_description, *about.referenced_type_descriptions]
-    try:
-        return definition_of(name, map(_as_json, types))
-    except LookupError:
-        return None
-
-
-def _as_json(about: Any) -> dict[str, Any]:  # noqa: ANN401 (a generated class)
-    names = ('type_id', 'capacity', 'string_capacity', 'nested_type_name')
-    fields = [
-        {'name': field.name, 'type': {name: getattr(field.type, name) for name in names}}
-        for field in about.fields
-    ]
-    return {'type_name': about.type_name, 'fields': fields}

@@ -133,33 +133,14 @@ def test_node_that_offers_no_parameters_is_named(ros: Context) -> None:
     assert '/mute has no parameter services' in among.stderr
 
 
-def test_dump_is_loaded_again(car: Node, tmp_path: Path) -> None:
-    path = tmp_path / 'car.yaml'
-    for name, other in (('gain', 1e-7), ('road', '7'), ('seed', 2**53), ('wait', False)):
-        assert car.set_parameters([RosParameter(name, value=other)])[0].successful
-    path.write_text(barc('param', 'dump', '/one/car').stdout)
-    default = {parameter.name: parameter.default for parameter in TABLE if not parameter.read_only}
-    car.set_parameters([RosParameter(name, value=one) for name, one in default.items()])
-    done = barc('param', 'load', '/one/car', str(path))
-    assert (done.returncode, done.stderr) == (0, '')
-    assert 'Set parameter gain successful\n' in done.stdout
-    assert 'Set parameter mass successful\n' in done.stdout
-    assert [value(car, name) for name in default] == [1e-7, '7', 2**53, False]
-
-
-def test_what_cannot_be_loaded_is_named_and_the_rest_is_loaded(car: Node, tmp_path: Path) -> None:
-    path = tmp_path / 'car.yaml'
-    given = {'gain': 5.0, 'mass': 3.0, 'road': 7, 'other': 1}
-    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': given}}))
-    done = barc('param', 'load', '/one/car', str(path))
-    assert done.returncode == 1
-    assert done.stdout == 'Set parameter gain successful\n'
-    assert [line.partition(' failed: ')[0] for line in done.stderr.splitlines()] == [
-        'Set parameter mass',
-        'Set parameter other',
-        'Set parameter road',
-    ]
-    assert value(car, 'gain') == 5.0
+def test_dump_is_a_file_of_parameters(car: Node) -> None:
+    given = {'gain': 1e-7, 'road': '7', 'seed': 2**53, 'wait': False}
+    car.set_parameters([RosParameter(name, value=one) for name, one in given.items()])
+    car.declare_parameter('motor.delay', 0.02)
+    dump = yaml.safe_load(barc('param', 'dump', '/one/car').stdout)
+    (found,) = (each['ros__parameters'] for node, each in dump.items() if node == '/one/car')
+    assert {name: found[name] for name in given} == given
+    assert found['motor'] == {'delay': 0.02}
 
 
 SIMULATOR = {

@@ -205,7 +205,6 @@ def test_names_a_topic_whose_type_has_no_definition(
         raise LookupError(f'no definition of {type_name}')
 
     monkeypatch.setattr('barc_sim.ros.topics.definition', definition)
-    monkeypatch.setattr('barc_sim.ros.topics.definition_of', definition)
     talker.create_subscription(Log, '/rosout', lambda log: said.append(log.msg), 10)
     executor.add_node(talker)
     talker.create_publisher(Float64, 'value', LATCHED).publish(Float64())
@@ -215,29 +214,6 @@ def test_names_a_topic_whose_type_has_no_definition(
     assert len([text for text in logged if text.startswith('/value is not recorded')]) == 1
     assert '/value' not in recorder.counts
     assert 'std_msgs/msg/Float64' in bag.info(recorder.path)['not recorded /value']
-
-
-def test_missing_definition_is_requested_from_the_publisher(
-    recorder: BagRecorder,
-    talker: Node,
-    executor: QuickExecutor,
-    spin_until: Callable[..., None],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def definition(type_name: str) -> str:
-        raise LookupError(f'no definition of {type_name}')
-
-    monkeypatch.setattr('barc_sim.ros.topics.definition', definition)
-    executor.add_node(talker)
-    talker.create_publisher(ColorRGBA, 'color', LATCHED).publish(ColorRGBA(r=1.0))
-    spin_until(executor, lambda: recorder.counts.get('/color') == 1)
-    recorder.close()
-    assert 'not recorded /color' not in bag.info(recorder.path)
-    with AnyReader([recorder.path]) as reader:
-        ((connection, _, data),) = reader.messages(
-            [connection for connection in reader.connections if connection.topic == '/color']
-        )
-        assert reader.deserialize(data, connection.msgtype).r == 1.0  # type: ignore[attr-defined]
 
 
 def test_parameter_overrides_the_folder(ros: Context, tmp_path: Path) -> None:
