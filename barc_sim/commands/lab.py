@@ -119,9 +119,9 @@ def run_report(options: Namespace) -> None:
 def add_arguments_submit(parser: Parser) -> None:
     """Describe the command."""
     parser.description = (
-        'Pack what you hand in as one zip: code, gains, the bag of the course with its plot and '
-        'report, bag and video of the drive by hand, the graph, your description. Each part that '
-        'is missing is named in a line; the rest is packed.'
+        'Pack what you hand in as one zip: code, gains, the bags of the course and of the drive '
+        'by hand with their reports (plots and graph), its video, your description. Each part '
+        'that is missing is named in a line; the rest is packed.'
     )
     parser.epilog = 'barc grade takes the zip as it is.'
     parser.add_argument('folder', type=Path, metavar='LAB', help='your folder')

@@ -1,21 +1,16 @@
-"""What a student hands in: code, gains, bags, figures, video and description, in one zip."""
+"""What a student hands in: code, gains, bags, reports, video and description, in one zip."""
 
 from __future__ import annotations
 
-import io
 import shutil
 import time
 import zipfile
 from typing import TYPE_CHECKING, NamedTuple
 
-from matplotlib.figure import Figure
-
 from barc_sim.bags import reader, records
 from barc_sim.cli.files import open_regular
 from barc_sim.control.pid import PID
 from barc_sim.errors import UserError
-from barc_sim.figures.graph_figure import GraphDrawing
-from barc_sim.figures.run_figures import settings, speed_figure
 from barc_sim.lab.grade.submissions import MAX_ARCHIVE, listed, take
 from barc_sim.lab.handout import COMPOSE, FILES, files_in, find_name, templates
 from barc_sim.lab.report import Facts, page, read
@@ -28,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from barc_sim.bags.node_graph import NodeGraph
     from barc_sim.lab.user_code.source import ChosenGains
 
 #: The text of the printed lines, in the zip.
@@ -65,9 +59,7 @@ def collect(
         yield Part('course', f'its end: {text}' if facts else text, missing=True)
     if course and facts:
         yield _course(course, facts, folder)
-        yield _plot(facts)
-        yield from _graph(facts.graph, 'graph')
-    yield from _teleop(teleop)
+    yield _teleop(teleop)
     yield _video(video)
     yield _description(folder)
 
@@ -212,35 +204,13 @@ def _bag(bag: Path, name: str) -> dict[str, bytes | Path]:
     return {f'{name}/{file.name}': file for file in files if file.is_file()}
 
 
-def _plot(facts: Facts) -> Part:
-    figure = speed_figure(facts.log, title='The course', settings=settings(facts.info))
-    return Part('plot', 'speed.png', {'speed.png': _png(figure)})
-
-
-def _graph(graph: NodeGraph | None, name: str) -> Iterator[Part]:
-    if graph:
-        drawing = GraphDrawing(graph)
-        figure = Figure(figsize=drawing.size)
-        drawing.draw(figure)
-        yield Part('graph', f'{name}.png', {f'{name}.png': _png(figure)})
-
-
-def _png(figure: Figure) -> bytes:
-    data = io.BytesIO()
-    figure.savefig(data, format='png', dpi=150)
-    return data.getvalue()
-
-
-def _teleop(bag: Path | None) -> Iterator[Part]:
+def _teleop(bag: Path | None) -> Part:
     facts, fault = _facts(bag)
-    if bag and facts:
-        text = f'{facts.log.t[-1]:.1f} s by hand ({facts.info.get("command", "no command known")})'
-        yield Part('teleop', text, _bag(bag, 'teleop'))
-        yield from _graph(facts.graph, 'teleop_graph')
-    else:
-        yield Part(
-            'teleop', fault or 'drive with barc teleop, or name a bag: --teleop', missing=True
-        )
+    if bag is None or facts is None:
+        text = fault or 'drive with barc teleop, or name a bag: --teleop'
+        return Part('teleop', text, missing=True)
+    text = f'{facts.log.t[-1]:.1f} s by hand ({facts.info.get("command", "no command known")})'
+    return Part('teleop', text, _bag(bag, 'teleop') | {'teleop.html': page(facts).encode()})
 
 
 def _video(video: Path | None) -> Part:

@@ -56,7 +56,7 @@ def test_everything_is_in_the_zip(lab: Path) -> None:
         summary = archive.read('summary.txt').decode()
         assert archive.read('controller.py') == CONTROLLER.encode()
     wanted = {
-        *OWN, 'report.html', 'speed.png', 'graph.png', 'summary.txt', 'teleop.mp4',
+        *OWN, 'report.html', 'teleop.html', 'summary.txt', 'teleop.mp4',
         'course/metadata.yaml',
     }  # fmt: skip
     assert wanted <= {*names}
