@@ -265,21 +265,14 @@ def test_gains_that_the_object_has_not_are_not_set(tmp_path: Path) -> None:
     assert pid.acc_calculate(8.0, 7.0, 0.02) == 1.0
 
 
-@pytest.mark.parametrize(
-    ('result', 'said'),
-    [
-        ('None', 'None; expected a finite number, the acceleration [m/s²]: is its return missing?'),
-        ('float("nan")', 'nan; expected a finite number'),
-        ('"fast"', "'fast'; expected a finite number"),
-        ('[1.0]', '[1.0]; expected a finite number'),
-    ],
-)
-def test_a_command_that_is_no_number_is_refused(tmp_path: Path, result: str, said: str) -> None:
-    text = PID.replace('return self.proportional + self.calls', f'return {result}')
-    with pytest.raises(UserCodeError) as caught:
+def test_a_command_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    text = PID.replace('return self.proportional + self.calls', 'return [1.0]')
+    sentence = (
+        r'controller\.py, line 7: acc_calculate\(speed_reference=8.0, speed_current=7.0\) returned '
+        r'\[1.0\]; expected a finite number, the acceleration'
+    )
+    with pytest.raises(UserCodeError, match=sentence):
         controller(tmp_path, text)(1.0, 2.0, 3.0).acc_calculate(8.0, 7.0, 0.02)
-    call = 'acc_calculate(speed_reference=8.0, speed_current=7.0)'
-    assert f'controller.py, line 7: {call} returned {said}' in str(caught.value)
 
 
 def test_a_constructor_that_fails_names_the_gains(tmp_path: Path) -> None:
@@ -288,17 +281,6 @@ def test_a_constructor_that_fails_names_the_gains(tmp_path: Path) -> None:
         UserCodeError, match=r'line 5: PID\(kp=30.0, ki=2.0, kd=0.0\) raised ValueError: 30.0'
     ):
         controller(tmp_path, text)(30.0, 2.0, 0.0)
-
-
-def test_a_method_that_takes_too_little_is_refused_when_a_controller_is_made(
-    tmp_path: Path,
-) -> None:
-    text = PID.replace('speed_reference, speed_current):', 'speed_current):')
-    with pytest.raises(
-        UserCodeError,
-        match=r'acc_calculate takes \(speed_current\); expected \(speed_reference, speed_current',
-    ):
-        controller(tmp_path, text)(1.0, 2.0, 3.0)
 
 
 @pytest.mark.parametrize(
@@ -325,11 +307,6 @@ def test_a_lab_has_what_its_folder_has(tmp_path: Path) -> None:
     data = (folder / 'controller.py').read_bytes()
     assert controller_source.text.encode() == data
     assert controller_source.sha256 == hashlib.sha256(data).hexdigest()
-
-
-def test_only_the_parts_that_are_asked_for_are_loaded(tmp_path: Path) -> None:
-    folder = lab(tmp_path, controller=PID, relay='1 / 0\n')
-    assert load_folder(folder, ['model', 'controller']).relay is None
 
 
 def test_files_of_two_folders_make_one_lab(tmp_path: Path) -> None:
