@@ -173,7 +173,7 @@ an error at a low speed | 50 50 49.25 | on the road: controller.py, line
     # integral -> if speed_current > 7.9: acc = missing
 print of Python 2 | 50 50 49.25 | this is the print of Python 2: write print('acc', acc)
     return acc -> print 'acc', acc⏎return acc
-a shadowed sin | 50 40.67 42.3 | sin is 1 here
+a shadowed sin | 50 40.67 42.3 | sin is 1: it hides
     g = 9.8 -> g = 9.8; sin = 1
 friction by sign | 100 90.67 92.3 | right in all
     a0*v**2 - Ff -> (a0*v**2 + Ff)*sign(v)

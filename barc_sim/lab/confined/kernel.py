@@ -139,8 +139,6 @@ _ERRNO = 0x00050000
 _ALLOW = 0x7FFF0000
 _LOAD, _JUMP_IF_EQUAL, _RETURN, _AND = 0x20, 0x15, 0x06, 0x54
 _NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16  # offsets in struct seccomp_data
-# Only to duplicate and to read: with F_SETOWN the kernel would send signals to other processes.
-_FCNTL_COMMANDS = (0, 1, 2, 3, 1030)  # F_DUPFD, F_GETFD, F_SETFD, F_GETFL, F_DUPFD_CLOEXEC
 # Before Linux 6.2 Landlock lets a file that may be read be emptied, unless the call asks to write.
 _NO_MODE = O_WRONLY | O_RDWR  # neither to read nor to write; also the mask of the access modes
 _EMPTYING = (O_RDONLY | O_TRUNC, _NO_MODE | O_TRUNC)
@@ -198,9 +196,6 @@ def program(machine: Machine | None = None) -> bytes:
             # As for a file that is no terminal.
             _instruction(_JUMP_IF_EQUAL, machine.number('ioctl'), otherwise=1),
             _instruction(_RETURN, _ERRNO | ENOTTY),
-            *_allowed_where(machine.number('fcntl'), 8 * 1, _FCNTL_COMMANDS),
-            # Limits can be read: the pointer to new ones is null, in both of its halves.
-            *_allowed_where(machine.number('prlimit64'), 8 * 2 + 4, (0,), and_also=8 * 2),
             *_opening(machine),
             *_if_one_of(machine.allowed()),
             _instruction(_RETURN, _ERRNO | EPERM),
@@ -215,21 +210,6 @@ def _if_one_of(values: Sequence[int]) -> list[bytes]:
         _instruction(_JUMP_IF_EQUAL, value, if_equal=len(values) - i)
         for i, value in enumerate(values)
     ]
-
-
-def _allowed_where(
-    call: int, offset: int, values: tuple[int, ...], and_also: int | None = None
-) -> list[bytes]:
-    """Return the instructions that allow `call` if its argument at `offset` is one of `values`.
-
-    The argument at `and_also`, if given, must be one of them, too.
-    """
-    body: list[bytes] = []
-    for at in [offset] if and_also is None else [offset, and_also]:
-        body += [_instruction(_LOAD, _ARGUMENTS + at), *_if_one_of(values)]
-        body.append(_instruction(_RETURN, _ERRNO | EPERM))
-    body.append(_instruction(_RETURN, _ALLOW))
-    return [_instruction(_JUMP_IF_EQUAL, call, otherwise=len(body)), *body]
 
 
 def _opening(machine: Machine) -> list[bytes]:

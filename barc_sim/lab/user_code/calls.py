@@ -365,29 +365,18 @@ def _cause(folder: Folder, error: BaseException) -> str:
         return f'did you mean self.{error.name}?'
     if not isinstance(error, TypeError) or 'object is not callable' not in describe_error(error):
         return ''
-    tree = folder.trees[frame.f_code.co_filename]
     names = {**frame.f_globals, **frame.f_locals, **{f'self.{n}': v for n, v in own.items()}}
     called = [
         node.func
-        for node in ast.walk(tree)
+        for node in ast.walk(folder.trees[frame.f_code.co_filename])
         if isinstance(node, ast.Call) and node.lineno <= line <= (node.end_lineno or line)
     ]
     for function in sorted(called, key=lambda node: (node.end_lineno, node.end_col_offset)):
         name = ast.unparse(function)
         value = names.get(name, len)
-        if callable(value):
-            continue
-        if not (hasattr(builtins, name) or hasattr(math, name)):
-            return f'{name} is {short_repr(value)}: is a * missing before the bracket?'
-        at = _assigned_at(tree, name)
-        where = f', assigned in line {at},' if at else ''
-        return f'{name} is {short_repr(value)} here{where} which hides the function {name}'
+        if not callable(value):
+            hides = hasattr(builtins, name) or hasattr(math, name)
+            missing = 'is a * missing before the bracket?'
+            why = f'it hides the function {name}' if hides else missing
+            return f'{name} is {short_repr(value)}: {why}'
     return ''
-
-
-def _assigned_at(tree: ast.Module, name: str) -> int | None:
-    """Return the first line that assigns to `name`."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Store):
-            return node.lineno
-    return None

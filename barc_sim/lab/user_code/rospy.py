@@ -20,8 +20,6 @@ from barc_sim.ros.local.messages import message_type, store
 from barc_sim.ros.local.node import Node
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from barc_sim.ros.local.executor import World
 
 _FOREVER = 10**6 * SECOND
@@ -109,17 +107,10 @@ def modules(world: World) -> dict[str, Any]:
         return _Seconds(world.now_ns / SECOND)
 
     def subscribe(
-        name: str,
-        data_class: Any,
-        callback: Callable[..., object] = lambda *_: None,
-        callback_args: object = None,
-        **_: object,
-    ) -> SimpleNamespace:
-        def call(message: Any) -> None:
-            callback(message, *([] if callback_args is None else [callback_args]))
-
-        made = node.create_subscription(message_type(data_class.__msgtype__), name, call, 1000)
-        return SimpleNamespace(unregister=partial(node.destroy_subscription, made))
+        name: str, data_class: Any, callback: Any = None, *_: object, **__: object
+    ) -> Any:
+        kind = message_type(data_class.__msgtype__)
+        return node.create_subscription(kind, name, callback or (lambda _: None), 1000)
 
     def publisher(name: str, data_class: Any, *_: object, **__: object) -> SimpleNamespace:
         kind = message_type(data_class.__msgtype__)
@@ -132,7 +123,7 @@ def modules(world: World) -> dict[str, Any]:
 
         return SimpleNamespace(publish=publish, get_num_connections=made.get_subscription_count)
 
-    def timer(period: float, callback: Callable[[Any], object], **_: object) -> object:
+    def timer(period: float, callback: Any, **_: object) -> object:
         made = node.create_timer(period, partial(callback, SimpleNamespace()))
         return SimpleNamespace(shutdown=made.cancel)
 

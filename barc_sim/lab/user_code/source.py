@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MAX_BYTES = 1_000_000
 _SHOWN = 120  #: characters of a wrong line
+_INDENTATION = re.compile(r'^[ \t]+', re.MULTILINE)
 _PRINT = re.compile(r'print\s+(?![=(])(?:>>\s*\w[\w.]*\s*,\s*)?(.*?),?$')
 #: Error messages of Python 3 about Python 2 code, and what to write instead.
 _PYTHON_2 = {
@@ -91,27 +92,25 @@ class Compiled(NamedTuple):
 
 def compiled(source: Source) -> Compiled:
     """Compile the source, which must be Python 3; a tab goes to the next multiple of 8."""
-    try:
-        return _compiled(source, source.text)
-    except TabError:
-        pass
-    except SyntaxError as error:
-        raise _syntax_error(source, error) from error
-    try:
-        expanded = _compiled(source, _with_blanks(source.text))
-    except SyntaxError as error:
-        raise _syntax_error(source, error) from error
-    return expanded._replace(tolerated=('tabs and blanks are mixed, a tab counts as 8',))
-
-
-def _compiled(source: Source, text: str) -> Compiled:
+    tolerated: tuple[str, ...] = ()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')
-            tree = ast.parse(text.encode(), source.name)
-            return Compiled(compile(tree, str(source.path), 'exec', dont_inherit=True), tree)
+            try:
+                tree = ast.parse(source.text.encode(), source.name)
+            except TabError:
+                tolerated = ('tabs and blanks are mixed, a tab counts as 8',)
+                tree = ast.parse(_INDENTATION.sub(_with_blanks, source.text), source.name)
+            code = compile(tree, str(source.path), 'exec', dont_inherit=True)
+    except SyntaxError as error:
+        raise _syntax_error(source, error) from error
     except (ValueError, RecursionError, MemoryError) as error:
         raise UserCodeError(f'{source.name} is no Python 3: {error}') from error
+    return Compiled(code, tree, tolerated)
+
+
+def _with_blanks(indentation: re.Match[str]) -> str:
+    return indentation[0].expandtabs(8)
 
 
 class Reassigned(ast.NodeTransformer):
@@ -136,15 +135,6 @@ class Reassigned(ast.NodeTransformer):
         return [node, *(ast.fix_missing_locations(ast.copy_location(new, node)) for new in added)]
 
     visit_AnnAssign = visit_Assign  # noqa: N815 (as ast calls it)
-
-
-def _with_blanks(text: str) -> str:
-    """Return `text` with the tabs of each indentation expanded."""
-    lines = []
-    for line in text.splitlines(keepends=True):
-        rest = line.lstrip(' \t')
-        lines.append(line[: len(line) - len(rest)].expandtabs(8) + rest)
-    return ''.join(lines)
 
 
 def _syntax_error(source: Source, error: SyntaxError) -> UserCodeError:
