@@ -83,7 +83,7 @@ _ABOUT = {
     'P': 'Each slope leaves an error: P needs one to give a command. Raise kp, then add ki.',
     'PI': 'I removes the error on each slope, after a while. Raise ki: when does it swing?',
     'PID': 'D brakes fast changes. Add noise to the car: what does D do with it?',
-    'Tuned': 'Hard to improve here. Press P to begin; then give the car a delay of 0.2 s.',
+    'Tuned': 'The RMS error of a lap is 0.021 m/s: kp and ki can halve it. Or begin with P.',
     'Too much I': 'I corrects too late and too much: the speed swings. Raise kp, or lower ki.',
     'Noise': 'D turns the noise into large commands. Lower kd: what becomes better, what worse?',
     'Delay': 'The motor answers 0.2 s late, and the loop swings. Which gain must go down?',

@@ -10,7 +10,7 @@ import pytest
 from barc_sim.control.lqr import LQR
 from barc_sim.control.pid import speed_controller
 from barc_sim.page.protocol import CAR, OTHERS, TUNABLE, driven_road, facts
-from barc_sim.simulation.closed_loop import closed_loop
+from barc_sim.simulation.closed_loop import closed_loop, simulate
 from barc_sim.simulation.metrics import summary
 from barc_sim.vehicle.actuators import Actuator
 from barc_sim.vehicle.plant import Plant
@@ -53,6 +53,15 @@ def test_presets_set_known_parameters_and_the_windup_alone_has_a_limit_of_the_mo
         overshoots.append(summary(log).overshoot)
     assert overshoots[0] > 0.5
     assert overshoots[1] < 0.1
+
+
+def test_what_the_default_gains_leave_to_improve_is_true_and_within_the_sliders() -> None:
+    told = facts('acc', {}, {})
+    error = summary(simulate()).rms_error_after_run_up
+    assert f'{error:.3f} m/s: kp and ki can halve it' in told['about']['Tuned']
+    better = {'kp': 70.0, 'ki': 400.0, 'kd': 0.0}
+    assert all(value <= told['sliders'][name]['max'] for name, value in better.items())
+    assert summary(simulate(**better)).rms_error_after_run_up < 0.5 * error
 
 
 @pytest.mark.parametrize('simulator', [{}, {'road': 'no/such/file.csv'}])
