@@ -8,6 +8,7 @@ import shutil
 import sys
 import time
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -206,12 +207,16 @@ class Run:
         if self.recorder:
             self.recorder.discover()
             self.recorder.add_metadata(_description(options.argv, self.nodes, self.simulators))
-            self.recorder.add_metadata({'graph': node_graph(self.recorder).to_json()})
+            self._record_graph(self.recorder)
         # A full garbage collection takes half a step: exclude what lives as long as the run.
         gc.collect()
         gc.freeze()
         sys.setswitchinterval(_SWITCH_INTERVAL)
         self._stop.then(self.finish)
+
+    def _record_graph(self, recorder: BagRecorder) -> None:
+        graph = replace(node_graph(recorder), code=self.inputs.user_code.files)
+        recorder.add_metadata({'graph': graph.to_json()})
 
     def _add_mirrors(self) -> None:
         if mirrors := wanted_mirrors(self.options):
@@ -300,7 +305,7 @@ class Run:
             self.fail(str(error))
         if self.recorder and keeps_bag:
             self.recorder.add_metadata(_results(self.simulators))
-            self.recorder.add_metadata({'graph': node_graph(self.recorder).to_json()})
+            self._record_graph(self.recorder)
         bag = str(self.recorder.path) if self.recorder else ''
         for view in self._views:
             view.page.end('The run has ended.', bag)

@@ -11,3 +11,17 @@ def test_our_own_nodes_have_a_purpose() -> None:
     ours, foreign = purposes(graph)
     assert ours == ('/car2/controller', NODES['controller'])
     assert foreign == ('/rviz', '')
+
+
+def test_the_users_relay_is_named_as_a_function_and_as_a_node_of_its_own() -> None:
+    code = {'relay': 'mine.py'}
+    graph = NodeGraph(('/controller', '/relay', '/rviz'), {}, (), (), code)
+    about = dict(purposes(NodeGraph.from_json(graph.to_json())))
+    assert about == {
+        '/controller': NODES['controller'],
+        '/relay': f'{NODES["relay"]}; code: mine.py',
+        '/rviz': '',
+    }
+    links = (('/keys', '/cmd_vel'), ('/own', '/ecu'))
+    graph = NodeGraph(('/keys', '/own'), {}, links, (), code)
+    assert purposes(graph) == [('/keys', ''), ('/own', 'code: mine.py')]

@@ -291,11 +291,16 @@ class UserCode:
         path = self.paths[part]
         return self._folders[path.parent].sources.get(str(path))
 
+    @property
+    def files(self) -> dict[str, str]:
+        """The names of the loaded files by part: model, controller, relay."""
+        return {part: source.name for part in self.paths if (source := self._source(part))}
+
     def describe(self) -> dict[str, str]:
         """Return the entry of a bag's metadata: files by part, and hashes."""
         hashes = {source.name: source.sha256 for source in self.sources}
-        files = {part: source.name for part in self.paths if (source := self._source(part))}
-        return {'student_code': json.dumps({'files': files, 'sha256': hashes})} if hashes else {}
+        entry = {'files': self.files, 'sha256': hashes}
+        return {'student_code': json.dumps(entry)} if hashes else {}
 
     def attachments(self) -> dict[str, bytes]:
         """Return the user's files, by their names as attachments of a bag."""
