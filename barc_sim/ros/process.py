@@ -90,8 +90,6 @@ def ros(args: list[str] | None, *, network: bool = False) -> Iterator[None]:
     if get_logger_level('rcl') == LoggingSeverity.FATAL:
         set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
-        if secure:
-            _check_security()
         yield
     finally:
         rclpy.try_shutdown()
@@ -103,18 +101,6 @@ def _check_files(args: list[str]) -> None:
         if option == '--params-file':  # rcl would wait at a pipe, and take hours for a large one
             with suppress(OSError):  # rcl names it
                 read_regular(Path(file), MAX_LONG_TEXT)
-
-
-def _check_security() -> None:
-    """Create a DDS participant, so that an error of DDS security is one sentence."""
-    options = {'enable_rosout': False, 'start_parameter_services': False}
-    try:
-        rclpy.create_node('_security', **options).destroy_node()
-    except Exception as error:  # noqa: BLE001 (rclpy raises a private kind)
-        raise UserError(
-            f'ROS_SECURITY_ENABLE is true, and DDS security cannot be had: {_reason(error)} (the '
-            'ROS 2 from PyPI has none: source a ROS 2 Jazzy that has, or unset it)'
-        ) from None
 
 
 def _reason(error: Exception) -> str:

@@ -41,16 +41,12 @@ def test_topics_have_types_and_counts_of_both_ends() -> None:
     assert '_hidden' not in done.stdout
 
 
-def test_hidden_topics_are_listed_when_asked_for() -> None:
-    done = barc('topics', '--include-hidden-topics')
-    assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
-
-
 def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
-    done = barc('topics', '-v', 'ecu')
-    first, *blocks = done.stdout.strip().split('\n\n')
-    assert first == '/ecu [barc_interfaces/msg/ECU] 1 publisher, 1 subscriber'
-    publisher, subscription = blocks
+    done = barc('topics', '-v', '--include-hidden-topics')
+    assert '/_hidden [std_msgs/msg/String] 1 publisher, 0 subscribers' in done.stdout
+    ours = done.stdout.partition('/ecu [')[2]
+    assert ours.startswith('barc_interfaces/msg/ECU] 1 publisher, 1 subscriber')
+    publisher, subscription, *_ = ours.split('\n\n')[1:]
     assert 'Node name: talker\n' in publisher
     assert 'Endpoint type: PUBLISHER\n' in publisher
     assert 'Node name: listener\n' in subscription
@@ -58,7 +54,7 @@ def test_verbose_prints_nodes_and_their_quality_of_service() -> None:
 
 
 def test_rate_is_measured() -> None:
-    done = barc('topics', 'ecu', '--hz', '1')
+    done = barc('topics', 'ecu', '--hz', '0.5')
     _, rate = done.stdout.splitlines()
     words = re.fullmatch(
         r'  average rate: ([\d.]+) min: [\d.]+s max: [\d.]+s std dev: [\d.]+s window: (\d+)', rate

@@ -47,12 +47,11 @@ def test_nodes_of_two_processes_find_each_other_and_drive(
     assert running['controller'].returncode == 0
 
 
-@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
-def test_node_that_waits_ends_at_a_signal(start: Start, number: signal.Signals) -> None:
+def test_node_that_waits_ends_at_a_signal(start: Start) -> None:
     process = start('-m', 'barc_sim', 'node', 'vehicle_simulator')
     assert process.stderr
     assert 'waiting for a controller' in process.stderr.readline()
-    process.send_signal(number)
+    process.send_signal(signal.SIGTERM)
     assert process.communicate(timeout=20) == ('', '')
     assert process.returncode == 0
 
@@ -87,18 +86,17 @@ def test_bad_argument_is_a_sentence_without_a_place_in_the_source(
     assert not rclpy.ok()
 
 
-@pytest.mark.parametrize(('given', 'expected'), [('rcl:=debug', 'DEBUG'), ('warn', 'WARN')])
-def test_levels_of_the_log_are_the_users(given: str, expected: str) -> None:
+def test_levels_of_the_log_are_the_users() -> None:
     # In a process of its own: the levels outlive the context.
     script = (
         'from barc_sim.ros.process import ros\n'
         'from rclpy.logging import get_logger_effective_level\n'
-        f"with ros(['--ros-args', '--log-level', '{given}']):\n"
+        "with ros(['--ros-args', '--log-level', 'rcl:=debug']):\n"
         "    print(get_logger_effective_level('rcl').name)"
     )
     command = [sys.executable, '-c', script]
     told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert told.stdout == f'{expected}\n'
+    assert told.stdout == 'DEBUG\n'
 
 
 @pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
@@ -113,29 +111,15 @@ def test_run_is_seen_on_this_machine_only_unless_set_otherwise(
         assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == expected
 
 
-@pytest.mark.parametrize('strategy', ['Enforce', 'Permissive'])
 def test_security_without_a_keystore_is_refused(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, strategy: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
-    monkeypatch.setenv('ROS_SECURITY_STRATEGY', strategy)
     monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
     with (
         pytest.raises(UserError, match=rf"ROS_SECURITY_KEYSTORE, '{tmp_path}', is no keystore"),
         ros([]),
     ):
-        pass
-    assert not rclpy.ok()
-
-
-def test_security_without_keys_for_the_run_is_refused(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    (tmp_path / 'enclaves').mkdir()
-    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
-    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
-    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
-    with pytest.raises(UserError, match=r'ROS_SECURITY_ENABLE is true|SECURITY ERROR'), ros([]):
         pass
     assert not rclpy.ok()
 

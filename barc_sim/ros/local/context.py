@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -216,12 +215,8 @@ class Logger:
             return False
         self._last[place] = now
         sec, nanosec = divmod(self._world.date(), SECOND)
-        text = os.environ.get('RCUTILS_CONSOLE_OUTPUT_FORMAT')
-        text = text or '[{severity}] [{time}] [{name}]: {message}'
-        values = {'severity': severity.name, 'time': f'{sec}.{nanosec:09d}', 'name': self.name}
-        for key, value in (values | {'message': message}).items():
-            text = text.replace(f'{{{key}}}', value)
-        print(text, file=sys.stderr, flush=True)  # noqa: T201
+        time = f'{sec}.{nanosec:09d}'
+        print(f'[{severity.name}] [{time}] [{self.name}]: {message}', file=sys.stderr, flush=True)  # noqa: T201
         if self.rosout:
             log = message_type('rcl_interfaces/msg/Log')(
                 level=severity, name=self.name, msg=message

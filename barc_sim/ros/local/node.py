@@ -154,11 +154,6 @@ class Client(_Entity):
             server.offer((request.__copy__(), self, future))
         return future
 
-    def run(self) -> None:
-        if self.queue:
-            future, response = self.queue.popleft()
-            future.set_result(response)
-
     def service_is_ready(self) -> bool:
         return bool(self.node.context.all('services', self.topic_name))
 
@@ -168,6 +163,11 @@ class Client(_Entity):
         while not self.service_is_ready() and world.now() < end and world.is_ok:
             world.sleep(SECOND // 100)
         return self.service_is_ready()
+
+
+def _answer(arrived: tuple[Future, Any]) -> None:
+    future, response = arrived
+    future.set_result(response)
 
 
 class GuardCondition(_Entity):
@@ -260,7 +260,10 @@ class Node(Parameters):
 
     resolve_service_name = resolve_topic_name
 
-    def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **_: Any) -> Publisher:
+    def create_publisher(
+        self, msg_type: Any, topic: str, qos_profile: Any, *, callback_group: Any = None
+    ) -> Publisher:
+        del callback_group
         name = self.resolve_topic_name(topic)
         self.publishers.append(Publisher(self, name, msg_type, _as_profile(qos_profile)))
         self.publishers[-1].match()
@@ -273,9 +276,10 @@ class Node(Parameters):
         callback: Callable[..., Any],
         qos_profile: Any,
         *,
+        callback_group: Any = None,
         raw: bool = False,
-        **_: Any,
     ) -> Subscription:
+        del callback_group
         name, qos = self.resolve_topic_name(topic), _as_profile(qos_profile)
         made = Subscription(self, name, msg_type, qos, callback)
         made.raw = raw
@@ -298,7 +302,7 @@ class Node(Parameters):
 
     def create_client(self, srv_type: Any, srv_name: str, **_: Any) -> Client:
         name, qos = self.resolve_service_name(srv_name), qos_profile_system_default
-        self.clients.append(Client(self, name, srv_type, qos))
+        self.clients.append(Client(self, name, srv_type, qos, _answer))
         return self.clients[-1]
 
     def create_timer(
