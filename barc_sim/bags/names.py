@@ -28,7 +28,7 @@ ROAD_MARKERS = 'road_markers'  #: the road, once, latched (transient local)
 
 # ROS's own tools expect these outside of every namespace.
 TF = '/tf'  #: the pose of odom as a transform, where ROS has tf2_msgs
-#: timing, age of the command, noise, and losses of the bag, once a second
+#: timing, age of the command, and losses of the bag, once a second
 DIAGNOSTICS = '/diagnostics'
 
 # Services. Not `~/reset`: a remapped node keeps these names, so that its clients find them.

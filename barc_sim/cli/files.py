@@ -46,20 +46,8 @@ def _check_regular(path: Path, status: os.stat_result) -> None:
 def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
     """Open a regular file for reading; this never waits, as for a named pipe's other end.
 
-    Parameters
-    ----------
-    path
-        The file.
-    follow
-        Whether it may be a link: True for what the user names, False for what lies in a folder that
-        somebody else has made.
-
-    Raises
-    ------
-    UserError
-        It is a folder, a named pipe, a socket, a device, or a link that is not to be followed.
-    OSError
-        It does not exist, or cannot be read.
+    `follow` lets it be a link: for what the user names, not for what lies in a folder that somebody
+    else has made. UserError: it is no regular file; OSError: it cannot be read.
     """
     # Checked before, as opening a device can do something; and after, as it may have changed.
     _check_regular(path, path.stat(follow_symlinks=follow))
@@ -76,12 +64,7 @@ def open_regular(path: Path, *, follow: bool = True) -> BinaryIO:
 def read_regular(path: Path, limit: int, *, follow: bool = True) -> bytes:
     """Return the bytes of a regular file, opened as by `open_regular`.
 
-    Raises
-    ------
-    UserError
-        It is no regular file, or has more than `limit` bytes.
-    OSError
-        It does not exist, or cannot be read.
+    UserError: it is no regular file, or has more than `limit` bytes; OSError: it cannot be read.
     """
     with open_regular(path, follow=follow) as file:
         data = file.read(limit + 1)
@@ -95,12 +78,8 @@ def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
     """Give a new, empty file beside `path`, which takes its place when the block succeeds.
 
     What was at `path` is replaced; it stays as it was if the block fails, and no part of the new
-    file is left. With `sync`, the data is on the disk before.
-
-    Raises
-    ------
-    OSError
-        At once if nothing can be written there; or when writing fails later.
+    file is left. With `sync`, the data is on the disk before. OSError: at once if nothing can be
+    written there, or when writing fails later.
     """
     part = path.with_name(f'.{token_hex(8)}{path.suffix}')
     os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | _flags('O_NOFOLLOW'), 0o666))
@@ -117,13 +96,7 @@ def replacing(path: Path, *, sync: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def saving(path: Path, option: str = '--save') -> Iterator[Path]:
-    """Do as `replacing` does, for a file that the user named with `option`.
-
-    Raises
-    ------
-    UserError
-        At once if nothing can be written there; or when writing fails later.
-    """
+    """Do as `replacing` does, for a file that the user named with `option`; errors: UserError."""
     try:
         with replacing(path) as part:
             yield part
@@ -135,13 +108,7 @@ def saving(path: Path, option: str = '--save') -> Iterator[Path]:
 
 
 def target(name: str, formats: Sequence[str]) -> Path:
-    """Return the path `name` to save to, which must end in one of `formats`, such as `png`.
-
-    Raises
-    ------
-    UserError
-        It has another extension, or is a folder.
-    """
+    """Return the path `name` to save to; UserError unless it ends in one of `formats` (`png`)."""
     path = Path(name)
     if path.suffix.lower().lstrip('.') not in formats:
         *others, last = (f'.{suffix}' for suffix in formats)
@@ -153,13 +120,7 @@ def target(name: str, formats: Sequence[str]) -> Path:
 
 
 def make_folder(path: Path, within: Path) -> Path:
-    """Make and return the folder `path` in the folder `within`, without following links in that.
-
-    Raises
-    ------
-    OSError
-        It cannot be made.
-    """
+    """Make and return the folder `path` in the folder `within`, without following links in that."""
     within.mkdir(parents=True, exist_ok=True)
     folder = within
     for name in path.relative_to(within).parts:

@@ -15,6 +15,7 @@ import shlex
 import sys
 import time
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +74,7 @@ def call(prog: str, main: Callable[[], int | None]) -> int:
 
 
 def report(prog: str, message: str) -> None:
-    """Print an error on stderr, in one line."""
+    """Print an error of the program `prog` on stderr, in one line."""
     print(error_line(prog, message), file=sys.stderr)  # noqa: T201
 
 
@@ -154,8 +155,6 @@ def needs_ros(what: str) -> UserError:
 
 
 def _is_installed(package: str) -> bool:
-    from importlib.util import find_spec  # noqa: PLC0415 (not for --help)
-
     try:
         spec = find_spec(package)
     except ImportError:
@@ -188,23 +187,18 @@ def _prepare() -> None:
 
 
 def _drop_missing_middleware() -> None:
-    """Unset RMW_IMPLEMENTATION, with a warning, where ROS has none of that name.
+    """Unset RMW_IMPLEMENTATION, with a warning, where this ROS has none of that name.
 
     ROS would end the process while it is imported.
     """
     name = os.environ.get('RMW_IMPLEMENTATION')
-    if not name or not has_ros():
+    spec = find_spec('rclpy') if name and has_ros() else None
+    if spec is None or spec.origin is None:
         return
-    from importlib.util import find_spec  # noqa: PLC0415 (rare)
-
-    spec = find_spec('rclpy')
-    found = Path(spec.origin) if spec and spec.origin else Path()
-    prefixes = [
-        *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep),
-        *map(str, found.parents[4:5]),
-    ]
-    indices = [Path(prefix, 'share/ament_index/resource_index') for prefix in prefixes]
-    known = {path.name for index in indices for path in index.glob('rmw_typesupport/*')}
+    prefixes = [Path(each) for each in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]
+    prefixes += Path(spec.origin).parents[4:5]
+    index = 'share/ament_index/resource_index/rmw_typesupport/*'
+    known = {path.name for prefix in prefixes for path in prefix.glob(index)}
     if known and name not in known:
         warn(f'RMW_IMPLEMENTATION is {name!r}, which this ROS does not have: its default is used')
         del os.environ['RMW_IMPLEMENTATION']
@@ -287,19 +281,9 @@ def _missing(error: ImportError, prog: str) -> str | None:
     with suppress(metadata.PackageNotFoundError):
         for requirement in metadata.requires('barc_sim') or ():
             if name.match(requirement) and 'extra ==' not in requirement:
-                install = [sys.executable, '-m', 'pip', 'install', *_pip_options(), requirement]
+                install = [sys.executable, '-m', 'pip', 'install', requirement]
                 return (
                     f'the package {package!r} is not installed in this Python, or is too old: '
                     f'run {shlex.join(install)}'
                 )
     return None
-
-
-def _pip_options() -> list[str]:
-    """Return what pip needs to install beside the packages of the system, as with ROS from apt."""
-    import sysconfig  # noqa: PLC0415 (only for an error)
-
-    managed = Path(sysconfig.get_path('stdlib'), 'EXTERNALLY-MANAGED')
-    if sys.prefix == sys.base_prefix and managed.exists():
-        return ['--user', '--break-system-packages']
-    return []

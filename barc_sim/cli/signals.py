@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 # Windows has no SIGHUP.
 _SIGHUP = getattr(signal, 'SIGHUP', None)
+#: [s] A second signal within this time repeats the first and is ignored: `timeout` signals the
+#: process and then its group, and a parent can pass a terminal's Ctrl-C on.
+_ECHO = 0.5
 _SIGNALS = tuple(filter(None, (signal.SIGINT, signal.SIGTERM, _SIGHUP)))
 
 
@@ -42,20 +45,11 @@ class StopSignals:
     A second signal ends the process, in case it hangs. After the exit the signals are ignored,
     because they would disturb the interpreter's own end.
 
-    Parameters
-    ----------
-    echo
-        A second signal within this time [s] repeats the first and is ignored: `timeout` signals
-        the process and then its group, and a parent can pass a terminal's Ctrl-C on.
-
-    Notes
-    -----
     A handler in Python runs only between two bytecodes of the main thread, which can be waiting
     in DDS for long: the signals are read from a wake-up file descriptor by a thread of their own.
     """
 
-    def __init__(self, echo: float = 0.5) -> None:
-        self._echo = echo
+    def __init__(self) -> None:
         self.requested = threading.Event()
         self._callbacks: list[Callable[[], object]] = []
         self._lock = threading.Lock()
@@ -101,7 +95,7 @@ class StopSignals:
                 if not self.requested.is_set():
                     first = time.monotonic()
                     self._request()
-                elif time.monotonic() - first > self._echo:
+                elif time.monotonic() - first > _ECHO:
                     os._exit(128 + number[0])
 
     def _request(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentTypeError
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from barc_sim.cli.parser import accept_ros_args, number, whole
@@ -12,7 +13,6 @@ from barc_sim.control.driver import INPUTS, PEDAL
 from barc_sim.control.pid import ACCELERATION_LIMIT, PID, SPEED_REFERENCE
 from barc_sim.control.types import DEFAULT_TYPE, GAINS, TYPES
 from barc_sim.runs import options as run_options
-from barc_sim.runs.carrier import choose_carrier
 from barc_sim.simulation.stepper import DISTANCE, LAPS
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from barc_sim.cli.parser import Parser
 
 _MAX_CARS = 100
+_MODULES = {'acc': 'cruise_control', 'teleop': 'teleop'}  #: in `runs`
 
 
 def add_arguments_acc(parser: Parser) -> None:
@@ -97,10 +98,16 @@ def add_arguments_acc(parser: Parser) -> None:
 def run_acc(options: Namespace) -> int:
     """Drive, and return the exit code."""
     with StopSignals() as stop:
-        choose_carrier(options)
-        from barc_sim.runs.cruise_control import drive  # noqa: PLC0415 (slow; after the choice)
+        options.engine = run_options.choose_engine(options)
+        if options.engine == 'local':
+            from barc_sim.ros.local import install  # noqa: PLC0415
 
-        return drive(options, stop)
+            install()  # before nodes are imported
+        run = import_module(f'barc_sim.runs.{_MODULES[options.mode]}')  # slow
+        return int(run.drive(options, stop))
+
+
+run_teleop = run_acc
 
 
 def add_arguments_teleop(parser: Parser) -> None:
@@ -121,15 +128,6 @@ def add_arguments_teleop(parser: Parser) -> None:
     run_options.add_arguments(parser, 'model', 'relay', road='flat', view='web')
     accept_ros_args(parser)
     parser.shorten_help('--input', *run_options.USUAL)
-
-
-def run_teleop(options: Namespace) -> int:
-    """Drive, and return the exit code."""
-    with StopSignals() as stop:
-        choose_carrier(options)
-        from barc_sim.runs.teleop import teleop  # noqa: PLC0415
-
-        return teleop(options, stop)
 
 
 def _gain(text: str) -> tuple[str, float]:

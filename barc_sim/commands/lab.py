@@ -14,7 +14,7 @@ from barc_sim.cli.files import check_plain, saving, target
 from barc_sim.cli.parser import add_bag_arguments, barc_path
 from barc_sim.errors import UserError, escaped
 from barc_sim.lab.handout import COMPOSE, FILES, templates
-from barc_sim.runs.carrier import add_engine_option, uses_ros
+from barc_sim.runs.options import add_engine_option, choose_engine
 
 if TYPE_CHECKING:
     from argparse import Namespace
@@ -166,7 +166,7 @@ def run_submit(options: Namespace) -> None:
             f'barc new {shlex.quote(str(folder))} writes one'
         )
     path = target(options.save or f'{folder.resolve().name}.zip', ARCHIVES)
-    ros = uses_ros(options)
+    engine = choose_engine(options)
     bags = (Path('bags'), folder / 'bags')
     teleop = options.teleop or submit.newest_drive(bags, 'teleop')
     beside = [] if teleop is None else [teleop if teleop.is_dir() else teleop.parent]
@@ -177,7 +177,7 @@ def run_submit(options: Namespace) -> None:
     with saving(path) as part, tempfile.TemporaryDirectory() as made:
         course, why = options.course, ''
         if course is None:
-            course, why = _drive(folder, Path(made), 'ros' if ros else 'local')
+            course, why = _drive(folder, Path(made), engine)
         parts = [*submit.collect(folder, course, why, teleop, video)]
         submit.write(part, parts)
     for line in parts:

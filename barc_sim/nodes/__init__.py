@@ -11,5 +11,5 @@ MIRRORS = {
     'tf': 'the same pose as a transform, where ROS has the package tf2_msgs',
     'path': 'the path so far, as nav_msgs/Path, once a second',
     'markers': 'the car and the road for RViz and Foxglove',
-    'diagnostics': 'the timing, the command, the noise and the bag, once a second',
+    'diagnostics': 'the timing, the command and the bag, once a second',
 }

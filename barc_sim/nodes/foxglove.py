@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from barc_sim.bags import names
 from barc_sim.bags.messages import leading_time
-from barc_sim.cli.parser import FOXGLOVE_PORT
+from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import declare
 from barc_sim.ros.topic_subscriptions import TopicSubscriptions
@@ -24,126 +24,24 @@ except ModuleNotFoundError:
     foxglove, ServerListener = None, object  # type: ignore[assignment,misc]
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from foxglove.websocket import ChannelView, Client
 
     from barc_sim.bags.messages import Message
-    from barc_sim.bags.recording import Topic
 
 #: [s] between two polls of the topics, while a client is subscribed and while none is.
 _PERIOD, _SLOW_PERIOD = 0.02, 0.1
 #: [s] between two searches for new topics.
 _DISCOVERY_PERIOD = 0.2
-
-
 _HOST = '127.0.0.1'
-
-
-class LiveServer:
-    """A WebSocket server of the Foxglove app, for this machine only.
-
-    Messages bear the simulated time where there is a `/clock`, else the time of their reception.
-    Latched messages are sent again to late clients.
-
-    Attributes
-    ----------
-    url
-        The address to open in the app.
-    """
-
-    def __init__(self, port: int) -> None:
-        """Serve at `port`; 0: at any that is free.
-
-        Raises
-        ------
-        UserError
-            The SDK is not installed, or the port cannot be had.
-        """
-        if foxglove is None:
-            raise UserError(
-                'the Foxglove SDK is not installed in this Python: '
-                "python -m pip install 'foxglove-sdk>=0.30,<1'"
-            )
-        self._context = foxglove.Context()
-        try:
-            self._server = foxglove.start_server(
-                name='barc_sim',
-                host=_HOST,
-                port=port,
-                capabilities=[Capability.Time],
-                server_listener=_SubscribeListener(self._on_subscribe),
-                context=self._context,
-            )
-        except RuntimeError as error:
-            raise UserError(f'port {port} cannot be had for Foxglove: {error}') from None
-        self.url = f'ws://{_HOST}:{self._server.port}'
-        self._channels: dict[str, foxglove.Channel] = {}
-        self._latched: dict[str, bytes] = {}
-        self._asked: list[str] = []
-        self._clock: int | None = None
-
-    @property
-    def watched(self) -> bool:
-        """Whether a client is subscribed to anything."""
-        return any(channel.has_sinks() for channel in self._channels.values())
-
-    def offer(self, topic: Topic) -> None:
-        """Advertise a topic to clients."""
-        if topic.name not in self._channels:
-            self._channels[topic.name] = foxglove.Channel(
-                topic.name,
-                message_encoding='cdr',
-                schema=foxglove.Schema(
-                    name=topic.type, encoding='ros2msg', data=topic.definition.encode()
-                ),
-                context=self._context,
-            )
-
-    def send(self, messages: Iterable[Message]) -> None:
-        """Send messages, in order, to the clients that subscribe to their topics."""
-        while self._asked:
-            name = self._asked.pop()
-            if name in self._latched:
-                self._channels[name].log(self._latched[name], log_time=self._clock)
-        for message in messages:
-            topic = message.topic
-            self.offer(topic)
-            if topic.name == names.CLOCK:
-                self._clock = leading_time(message.data)
-                self._server.broadcast_time(self._clock)
-            if any(profile['durability'] == 'transient_local' for profile in topic.offered_qos):
-                self._latched[topic.name] = message.data
-            at = message.received if self._clock is None else self._clock
-            self._channels[topic.name].log(message.data, log_time=at)
-
-    def close(self) -> None:
-        """Stop serving."""
-        self._server.stop()
-
-    def _on_subscribe(self, name: str) -> None:
-        # Runs in a thread of the SDK: the latched message follows with the next messages.
-        self._asked.append(name)
-
-
-class _SubscribeListener(ServerListener):
-    """Passes the topics of new subscriptions to a callback."""
-
-    def __init__(self, callback: Callable[[str], None]) -> None:
-        self._callback = callback
-
-    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
-        """Pass on the topic's name."""
-        self._callback(channel.topic)
-
-
-def is_visible(topic: str, _: object = ()) -> bool:
-    """Return whether a topic is not hidden, by its full name."""
-    return '/_' not in topic
 
 
 class FoxgloveServer(Node):
     """Serves all visible topics at `url` on this machine, in a thread of its own.
+
+    Messages bear the simulated time where there is a `/clock`, else the time of their reception.
+    Latched messages are sent again to late clients.
 
     Examples
     --------
@@ -164,11 +62,32 @@ class FoxgloveServer(Node):
         UserError
             The Foxglove SDK is not installed, or the port cannot be had.
         """
+        if foxglove is None:
+            raise UserError(
+                'the Foxglove SDK is not installed in this Python: '
+                "python -m pip install 'foxglove-sdk>=0.30,<1'"
+            )
         super().__init__('foxglove', **options)
-        known = Parameter('port', port, 'its port; 0: any that is free', (0, 65535), read_only=True)
-        self._server = LiveServer(declare(self, [known])['port'])
-        self.url = self._server.url
-        self._topics = TopicSubscriptions(self, is_visible)
+        what, between = 'its port; 0: any that is free', (0, MAX_PORT)
+        port = declare(self, [Parameter('port', port, what, between, read_only=True)])['port']
+        self._channels: dict[str, foxglove.Channel] = {}
+        self._latched: dict[str, bytes] = {}
+        self._asked: list[str] = []  # topics to which a client has subscribed
+        self._time: int | None = None  # [ns] of `/clock`
+        self._sdk_context = foxglove.Context()
+        try:
+            self._server = foxglove.start_server(
+                name='barc_sim',
+                host=_HOST,
+                port=port,
+                capabilities=[Capability.Time],
+                server_listener=_Listener(self._asked),
+                context=self._sdk_context,
+            )
+        except RuntimeError as error:
+            raise UserError(f'port {port} cannot be had for Foxglove: {error}') from None
+        self.url = f'ws://{_HOST}:{self._server.port}'  #: to open in the app
+        self._topics = TopicSubscriptions(self, _is_visible)
         self._discover()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DISCOVERY_PERIOD, self._discover, clock=steady)
@@ -180,7 +99,7 @@ class FoxgloveServer(Node):
         """Send the waiting messages, close the port, and destroy the node."""
         self._closing.set()
         self._thread.join()
-        self._server.close()
+        self._server.stop()
         self._topics.close()
         super().destroy_node()
 
@@ -191,8 +110,46 @@ class FoxgloveServer(Node):
     def _serve(self) -> None:
         closing = False
         while not closing:
-            closing = self._closing.wait(_PERIOD if self._server.watched else _SLOW_PERIOD)
-            self._server.send(sorted(self._topics.take(), key=attrgetter('received')))
+            is_watched = any(channel.has_sinks() for channel in self._channels.values())
+            closing = self._closing.wait(_PERIOD if is_watched else _SLOW_PERIOD)
+            self._send(sorted(self._topics.take(), key=attrgetter('received')))
+
+    def _send(self, messages: Iterable[Message]) -> None:
+        """Send messages, in order, to the clients that subscribe to their topics."""
+        while self._asked:
+            name = self._asked.pop()
+            if name in self._latched:
+                self._channels[name].log(self._latched[name], log_time=self._time)
+        for message in messages:
+            topic = message.topic
+            if topic.name not in self._channels:
+                schema = foxglove.Schema(
+                    name=topic.type, encoding='ros2msg', data=topic.definition.encode()
+                )
+                self._channels[topic.name] = foxglove.Channel(
+                    topic.name, message_encoding='cdr', schema=schema, context=self._sdk_context
+                )
+            if topic.name == names.CLOCK:
+                self._time = leading_time(message.data)
+                self._server.broadcast_time(self._time)
+            if any(profile['durability'] == 'transient_local' for profile in topic.offered_qos):
+                self._latched[topic.name] = message.data
+            at = message.received if self._time is None else self._time
+            self._channels[topic.name].log(message.data, log_time=at)
+
+
+def _is_visible(topic: str, _: object = ()) -> bool:
+    return '/_' not in topic
+
+
+class _Listener(ServerListener):
+    """Keeps the topics of new subscriptions; called in a thread of the SDK."""
+
+    def __init__(self, asked: list[str]) -> None:
+        self._asked = asked
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
+        self._asked.append(channel.topic)
 
 
 def announced() -> FoxgloveServer:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import time
 from itertools import pairwise
-from math import atan2, cos, hypot, isfinite, radians, sin, sqrt
-from typing import TYPE_CHECKING, Any, ClassVar
+from math import cos, hypot, isfinite, radians, sin
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from barc_interfaces.msg import ECU, ZDynBkMdl
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion, TransformStamped, Vector3
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import Clock, ClockType
@@ -26,14 +26,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from barc_sim.bags import names
 from barc_sim.bags.messages import NANOSECONDS
 from barc_sim.nodes import MIRRORS
-from barc_sim.nodes.diagnosis import Facts, diagnose
 from barc_sim.ros.node_helpers import declare, frames, to_header, to_nanoseconds
-from barc_sim.vehicle.bike_model import HALF_TRACK, WHEEL_RADIUS, WHEEL_WIDTH, Vehicle
+from barc_sim.simulation.timing import TOLERATED
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.road import Road
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     Colour = tuple[float, float, float]
     Size = tuple[float, float, float]
@@ -43,20 +42,10 @@ try:
 except ImportError:  # there is no wheel of it
     TFMessage = None
 
-_VEHICLE = Vehicle()
+_OK, _WARN, _ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 PARAMETERS = [
     *(Parameter(name, True, f'publish {what}', read_only=True) for name, what in MIRRORS.items()),
     Parameter('road', 'lab', "the simulator's road", read_only=True),
-    *(
-        Parameter(
-            name,
-            getattr(_VEHICLE, name),
-            f"the simulator's distance to the {axle} axle [m]",
-            (0.01, 100.0),
-            read_only=True,
-        )
-        for name, axle in (('l_f', 'front'), ('l_r', 'rear'))
-    ),
 ]
 #: [s] of wall-clock time between two pictures of the car: 25 a second, if states come at 50 Hz.
 _PICTURE_PERIOD = 0.035
@@ -64,20 +53,36 @@ _MAX_POSES, _MIN_SPACING = 200, 0.5  #: of the path; [m] between two poses
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 _BLUE, _SKY = (0.0, 0.447, 0.698), (0.337, 0.706, 0.914)
-_INK, _SURFACE, _PAINT = (0.133, 0.133, 0.133), (0.49, 0.467, 0.416), (0.9, 0.9, 0.9)
-_OVERHANG = 0.7  #: [m] from an axle to the bumper
+_SURFACE, _PAINT = (0.49, 0.467, 0.416), (0.9, 0.9, 0.9)
+_LENGTH = 4.4  #: [m] of the car
 _ROAD_WIDTH = 6.0  #: [m]
 _LINE_WIDTH = 0.12  #: [m]
 _MARGIN = 200.0  #: [m] of road before the end of its first stretch, and after the start of its last
+#: Share of the requested real-time factor below which a run is slow.
+_SLOW = 0.9
+
+
+class Facts(NamedTuple):
+    """Facts of a run that no topic carries; None where unknown."""
+
+    missed: int | None = None  #: commands that missed their deadline
+    slipped: int | None = None  #: periods by which time has fallen behind the wall clock
+    paused: bool | None = None
+    requested_factor: float | None = None  #: simulated seconds per second; 0: as fast as possible
+    recorded: int | None = None  #: messages in the bag
+    lost: int | None = None  #: messages lost
+    failure: str | None = None  #: why the bag could not be written
+    rivals: Sequence[str] = ()  #: the nodes that command, where there are several
+    stamp_lag: float | None = None  #: [s] by which stamps in real time are behind the wall clock
 
 
 class MirrorNode(Node):
     """Publishes each `z_vhcl` again in standard messages.
 
     They show the measured state on the road of the parameter `road`, the simulator's: `x` is the
-    distance along its surface in `z_vhcl`, and the one on the map here. The wheels are steered as
-    commanded. Frames are called `odom`, which is where `map` is, and `base_link`; in the namespace
-    `/car2`, `car2/odom` and `car2/base_link`. A mirror whose parameter is false has no publisher.
+    distance along its surface in `z_vhcl`, and the one on the map here. Frames are called `odom`,
+    which is where `map` is, and `base_link`; in the namespace `/car2`, `car2/odom` and
+    `car2/base_link`. A mirror whose parameter is false has no publisher.
 
     Examples
     --------
@@ -118,10 +123,8 @@ class MirrorNode(Node):
         super().__init__('mirror', **options)
         values = declare(self, PARAMETERS)
         self._road = road or Road.named(values['road'])
-        self._vehicle = Vehicle(l_f=values['l_f'], l_r=values['l_r'])
         self._map, self._base_link = frames(self)
         self._odom = self._base_link.replace('base_link', 'odom')
-        self._servo = 0.0
         self._last: ZDynBkMdl | None = None
         self._poses: list[PoseStamped] = []
         self._spacing = _MIN_SPACING
@@ -153,10 +156,8 @@ class MirrorNode(Node):
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(period, self._diagnose, clock=steady)
 
-    def _on_command(self, command: ECU) -> None:
+    def _on_command(self, _: ECU) -> None:
         self._command_received = time.time_ns()
-        if isfinite(command.servo):
-            self._servo = command.servo
 
     def _on_state(self, state: ZDynBkMdl) -> None:
         self.latest = to_nanoseconds(state.header.stamp)
@@ -167,7 +168,11 @@ class MirrorNode(Node):
         self._state = self.latest, time.time_ns()
         self._extend_path(state, PoseStamped(header=header, pose=pose))
         if pub := self._pubs.get('odom'):
-            pub.publish(self._odometry(state, header, pose))
+            odometry = Odometry(header=header, child_frame_id=self._base_link)
+            odometry.pose.pose, twist = pose, odometry.twist.twist
+            twist.linear.x, twist.linear.y = state.v_x, state.v_y
+            twist.angular.z = state.psi_dot
+            pub.publish(odometry)
         if pub := self._pubs.get('tf'):
             transform = TransformStamped(header=header, child_frame_id=self._base_link)
             there = pose.position
@@ -179,18 +184,10 @@ class MirrorNode(Node):
         now = time.monotonic()
         if (pub := self._pubs.get('markers')) and now >= self._next_picture:
             self._next_picture = now + _PICTURE_PERIOD
-            pub.publish(car_markers(state, self._servo, self._road, self._vehicle, header))
+            pub.publish(car_markers(pose, header))
         if (pub := self._pubs.get('path')) and now >= self._next_path:
             self._next_path = now + self._period
             pub.publish(Path(header=header, poses=self._poses))
-
-    def _odometry(self, state: ZDynBkMdl, header: Header, pose: Pose) -> Odometry:
-        message = Odometry(header=header, child_frame_id=self._base_link)
-        message.pose.pose = pose
-        twist = message.twist.twist
-        twist.linear.x, twist.linear.y = state.v_x, state.v_y
-        twist.angular.z = state.psi_dot
-        return message
 
     def _extend_path(self, state: ZDynBkMdl, pose: PoseStamped) -> None:
         """Add a pose unless it is close to the last; of a full path, drop every other pose."""
@@ -220,68 +217,45 @@ class MirrorNode(Node):
 
 
 def to_pose(state: ZDynBkMdl, road: Road) -> Pose:
-    """Return the pose of `base_link` in `odom` of a car, whose `x` is along the road's surface."""
-    place = Point(x=road.horizontal(state.x), y=state.y, z=road.elevation(state.x))
+    """Return the pose of `base_link` in `odom` of a car, whose `x` is along the road's surface.
+
+    Its orientation is a rotation by -theta about y, then one by psi about the rotated z.
+    """
     theta = radians(road.grade_deg(state.x))
-    return Pose(position=place, orientation=orientation(theta, state.psi))
-
-
-def orientation(theta: float, psi: float) -> Quaternion:
-    """Return the orientation of a car with heading `psi` [rad] on a road of grade `theta` [rad].
-
-    It is a rotation by -theta about y, then one by psi about the rotated z.
-    """
     c_theta, s_theta = cos(theta / 2.0), sin(theta / 2.0)
-    c_psi, s_psi = cos(psi / 2.0), sin(psi / 2.0)
-    return Quaternion(x=-s_theta * s_psi, y=-s_theta * c_psi, z=c_theta * s_psi, w=c_theta * c_psi)
-
-
-def ackermann(servo: float, vehicle: Vehicle, y: float) -> float:
-    """Return the angle [rad] of the front wheel `y` [m] left of the middle.
-
-    The bicycle's front wheel stands for two that turn about the same centre, the inner one by more.
-    """
-    base = vehicle.l_f + vehicle.l_r
-    return atan2(base * sin(servo), base * cos(servo) - y * sin(servo))
+    c_psi, s_psi = cos(state.psi / 2.0), sin(state.psi / 2.0)
+    return Pose(
+        position=Point(x=road.horizontal(state.x), y=state.y, z=road.elevation(state.x)),
+        orientation=Quaternion(
+            x=-s_theta * s_psi, y=-s_theta * c_psi, z=c_theta * s_psi, w=c_theta * c_psi
+        ),
+    )
 
 
 def is_continuous(before: ZDynBkMdl, now: ZDynBkMdl) -> bool:
     """Return whether a car can move from one state to the next; if not, it was reset.
 
-    The margins leave room for measurement noise.
+    The margin leaves room for measurement noise.
     """
     dt = (to_nanoseconds(now.header.stamp) - to_nanoseconds(before.header.stamp)) / NANOSECONDS
-    way = hypot(now.x - before.x, now.y - before.y)
-    fastest = max(abs(before.v_x), abs(now.v_x), abs(before.v_y), abs(now.v_y))
-    return (
-        dt > 0.0
-        and way <= 2.0 * fastest * dt + 1.0
-        and abs(now.v_x - before.v_x) <= 100.0 * dt + 1.0
-    )
+    fastest = max(map(abs, (before.v_x, now.v_x, before.v_y, now.v_y)))
+    return dt > 0.0 and hypot(now.x - before.x, now.y - before.y) <= 2.0 * fastest * dt + 1.0
 
 
-def car_markers(
-    state: ZDynBkMdl, servo: float, road: Road, vehicle: Vehicle, header: Header
-) -> MarkerArray:
-    """Return the car to scale: a body, a cabin, and four wheels that steer by `servo` [rad]."""
-    pose, theta = to_pose(state, road), radians(road.grade_deg(state.x))
-    middle = (vehicle.l_f - vehicle.l_r) / 2.0
-    length = vehicle.l_f + vehicle.l_r + 2.0 * _OVERHANG
-    body = _marker(header, Marker.CUBE, (length, 1.76, 0.56), _BLUE)
-    cabin = _marker(header, Marker.CUBE, (0.48 * length, 1.4, 0.44), _SKY)
-    for marker, x, z in ((body, middle, 0.5), (cabin, middle - 0.2, 1.0)):
-        marker.pose = Pose(position=_place(pose, theta, state.psi, x, 0.0, z))
-        marker.pose.orientation = pose.orientation
-    tyre = (2.0 * WHEEL_RADIUS, 2.0 * WHEEL_RADIUS, WHEEL_WIDTH)
-    tyres = []
-    for x, is_front in ((vehicle.l_f, True), (-vehicle.l_r, False)):
-        for y in (HALF_TRACK, -HALF_TRACK):
-            marker = _marker(header, Marker.CYLINDER, tyre, _INK)
-            angle = ackermann(servo, vehicle, y) if is_front else 0.0
-            marker.pose.position = _place(pose, theta, state.psi, x, y, WHEEL_RADIUS)
-            marker.pose.orientation = _lying(orientation(theta, state.psi + angle))
-            tyres.append(marker)
-    return _numbered('car', [body, cabin, *tyres])
+def car_markers(pose: Pose, header: Header) -> MarkerArray:
+    """Return the car, a body with a cabin, at the pose of its `base_link`."""
+    body = _marker(header, Marker.CUBE, (_LENGTH, 1.76, 0.9), _BLUE)
+    cabin = _marker(header, Marker.CUBE, (0.48 * _LENGTH, 1.4, 0.44), _SKY)
+    q = pose.orientation
+    for marker, x, z in ((body, 0.0, 0.5), (cabin, -0.2, 1.1)):
+        # The vector (x, 0, z) of the car, turned by the quaternion.
+        marker.pose.position = Point(
+            x=pose.position.x + x * (1 - 2 * (q.y**2 + q.z**2)) + 2 * z * (q.x * q.z + q.w * q.y),
+            y=pose.position.y + 2 * x * (q.x * q.y + q.w * q.z) + 2 * z * (q.y * q.z - q.w * q.x),
+            z=pose.position.z + 2 * x * (q.x * q.z - q.w * q.y) + z * (1 - 2 * (q.x**2 + q.y**2)),
+        )
+        marker.pose.orientation = q
+    return _numbered('car', [body, cabin])
 
 
 def road_markers(road: Road, frame: str) -> MarkerArray:
@@ -319,26 +293,75 @@ def _numbered(namespace: str, markers: list[Marker]) -> MarkerArray:
     return MarkerArray(markers=markers)
 
 
-def _place(pose: Pose, theta: float, psi: float, x: float, y: float, z: float) -> Point:
-    """Return the place in `odom` of a point of `base_link` [m]."""
-    along, across = x * cos(psi) - y * sin(psi), x * sin(psi) + y * cos(psi)
-    there = pose.position
-    return Point(
-        x=there.x + along * cos(theta) - z * sin(theta),
-        y=there.y + across,
-        z=there.z + along * sin(theta) + z * cos(theta),
-    )
-
-
-def _lying(turn: Quaternion) -> Quaternion:
-    """Return `turn` after a quarter turn about x: a cylinder's axis, z, then lies along y."""
-    x, y, z, w = (part / sqrt(2.0) for part in (turn.x, turn.y, turn.z, turn.w))
-    return Quaternion(x=x + w, y=y + z, z=z - y, w=w - x)
-
-
 def _ratio(before: tuple[int, int] | None, now: tuple[int, int] | None) -> float | None:
     """Return simulated seconds per second between two states, each with its reception."""
     if before is None or now is None:
         return None
     simulated, real = (new - old for new, old in zip(now, before, strict=True))
     return simulated / real if real else 0.0
+
+
+def diagnose(
+    facts: Facts, before: Facts, factor: float | None = None, age: float | None = None
+) -> list[DiagnosticStatus]:
+    """Return the diagnoses; `before` has the facts of the last call.
+
+    `factor` is simulated seconds per second since then, and `age` [s] that of the latest command.
+    """
+    found = [_timing(facts, before, factor)]
+    if age is not None:
+        level, message = _OK, f'{age:.3f} s old'
+        if facts.rivals:
+            level, message = _WARN, f'{" and ".join(facts.rivals)} drive together: end one'
+        found.append(_status('command', level, message, {'age [s]': f'{age:.6f}'}))
+    if facts.recorded is not None:
+        found.append(_recording(facts))
+    return found
+
+
+def _timing(facts: Facts, before: Facts, factor: float | None) -> DiagnosticStatus:
+    missed = (facts.missed or 0) - (before.missed or 0)
+    slipped = (facts.slipped or 0) - (before.slipped or 0)
+    requested = facts.requested_factor or 0.0
+    level, message = _WARN, 'in time'
+    if facts.paused:
+        level, message = _OK, 'paused'
+    elif missed > 0:
+        message = f'{missed} commands missed their deadline'
+    elif slipped > 0:
+        message = f'simulated time has fallen behind by {slipped} periods'
+    elif factor is not None and factor < _SLOW * requested:
+        message = f'simulated time runs at {factor:.2f}, not at {requested:g}'
+    elif (facts.stamp_lag or 0.0) > TOLERATED:
+        message = (
+            f'stamps are {facts.stamp_lag:.1f} s behind the wall clock: use_sim_time, or reset'
+        )
+    else:
+        level = _OK
+    values = {
+        'missed deadlines': facts.missed,
+        'slipped periods': facts.slipped,
+        'real-time factor': None if factor is None else f'{factor:.3f}',
+        'behind the wall clock [s]': None if facts.stamp_lag is None else f'{facts.stamp_lag:.3f}',
+    }
+    return _status('timing', level, message, values)
+
+
+def _recording(facts: Facts) -> DiagnosticStatus:
+    level, message = _OK, 'nothing is lost'
+    if facts.failure:
+        level, message = _ERROR, facts.failure
+    elif facts.lost:
+        level, message = _WARN, f'{facts.lost} messages are lost'
+    values = {'recorded messages': facts.recorded, 'lost messages': facts.lost}
+    return _status('bag', level, message, values)
+
+
+def _status(
+    name: str, level: bytes, message: str, values: Mapping[str, object]
+) -> DiagnosticStatus:
+    """Return a status with the values that are not None."""
+    known = [KeyValue(key=key, value=str(each)) for key, each in values.items() if each is not None]
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id='barc_sim', values=known
+    )

@@ -19,6 +19,7 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from barc_sim.bags import names
+from barc_sim.cli.parser import MAX_PORT
 from barc_sim.errors import UserError
 from barc_sim.page.feed import FIELDS, STATE_FIELDS, Feed, controller_values, is_valid
 from barc_sim.page.protocol import CONTROLLER, SIMULATOR, TUNABLE, Drive, Status
@@ -28,8 +29,6 @@ from barc_sim.vehicle.limits import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-
-    from rclpy.client import Client
 
     from barc_sim.page.feed import Sample
     from barc_sim.page.run_page import OnDone
@@ -65,32 +64,8 @@ class ViewNode(Node):
     """Serves the live page at `url`, and publishes `cmd_vel` while a page drives.
 
     The executor only keeps what arrives; the server's thread does the work, between two steps.
-
-    Parameters
-    ----------
-    mode, host, port
-        Defaults of the parameters.
-    status
-        Returns the facts that no topic carries; called in the server's thread, from the first
-        state on.
-    road
-        Replaces the road that the simulator's parameter names.
-    finish
-        Ends the run; without it, the page cannot.
-    options
-        Those of `rclpy.node.Node`.
-
-    Attributes
-    ----------
-    url
-        The page's address, with its token: who has it can drive.
-    page
-        The page: its `end` shows the end of the run, and its `laps` are those so far.
-
-    Raises
-    ------
-    UserError
-        A parameter is invalid, or the port cannot be used.
+    `url` has the page's token: who has it can drive. `page` is the page: its `end` shows the end of
+    the run, and its `laps` are those so far.
 
     Examples
     --------
@@ -116,17 +91,24 @@ class ViewNode(Node):
         finish: Callable[[], None] | None = None,
         **options: Any,  # noqa: ANN401 (Node's own)
     ) -> None:
+        """Serve the page; `mode`, `host` and `port` are defaults of the parameters.
+
+        `status` returns the facts that no topic carries; it is called in the server's thread, from
+        the first state on. `road` replaces the one that the simulator's parameter names. `finish`
+        ends the run; without it, the page cannot.
+
+        Raises
+        ------
+        UserError
+            A parameter is invalid, or the port cannot be used.
+        """
         super().__init__('view', **options)
-        values = declare(
-            self,
-            [
-                Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'", read_only=True),
-                Parameter('host', host, 'the address to serve the page at', read_only=True),
-                Parameter(
-                    'port', port, 'its port; 0: any that is free', (0, 65535), read_only=True
-                ),
-            ],
-        )
+        parameters = [
+            Parameter('mode', mode, "what the page shows: 'acc' or 'teleop'"),
+            Parameter('host', host, 'the address to serve the page at'),
+            Parameter('port', port, 'its port; 0: any that is free', (0, MAX_PORT)),
+        ]
+        values = declare(self, [each._replace(read_only=True) for each in parameters])
         if values['mode'] not in MODES:
             raise UserError(f"mode {values['mode']!r} of the view must be 'acc' or 'teleop'")
         self.page = page = RunPage(
@@ -141,7 +123,6 @@ class ViewNode(Node):
             ParameterEvent, '/parameter_events', _keep_in(self._events), _DEPTH
         )
         page.start(self._feed, clients, self._drive, self._changes)
-        self.get_logger().debug(f'a page of the mode {values["mode"]!r} is served')
 
     @property
     def latest(self) -> int:
@@ -199,10 +180,7 @@ def announced() -> ViewNode:
 
 
 def _keep_in(queue: deque[Any]) -> Callable[[Any], None]:
-    def keep(message: Any) -> None:  # noqa: ANN401 (of any type)
-        queue.append(message)
-
-    return keep
+    return lambda message: queue.append(message)  # noqa: PLW0108 (rclpy reads its signature)
 
 
 def _drained(queue: deque[Any]) -> Iterator[Any]:
@@ -256,75 +234,65 @@ def _controller_values(message: PidState | ControllerState) -> tuple[float, ...]
 class NodeClients:
     """Calls services of `vehicle_simulator` and `controller` without waiting for the responses.
 
-    The callback of a response runs in the thread to which `deliver` passes it.
+    What takes a response is called in the thread to which `deliver` passes it.
     """
 
     def __init__(self, node: Node, deliver: Callable[[Callable[[], object]], None]) -> None:
         """Create the clients of `node`."""
-        self._node = node
-        self._deliver = deliver
+        self._node, self._deliver = node, deliver
         self._clients = {
             service: node.create_client(kind, service) for service, kind in _SERVICES.items()
         }
 
     def reset(self, on_done: OnDone) -> None:
         """Reset the car to the start."""
-        self._request(names.RESET_SIMULATOR, Trigger.Request(), _success, on_done)
+        self._request(names.RESET_SIMULATOR, Trigger.Request(), on_done)
 
     def reset_controller(self, on_done: OnDone) -> None:
         """Make the controller forget its past."""
-        self._request(names.RESET_CONTROLLER, Trigger.Request(), _success, on_done)
+        self._request(names.RESET_CONTROLLER, Trigger.Request(), on_done)
 
     def pause(self, on: bool, on_done: OnDone) -> None:
         """Pause or resume simulated time."""
-        self._request(names.PAUSE_SIMULATOR, SetBool.Request(data=on), _success, on_done)
+        self._request(names.PAUSE_SIMULATOR, SetBool.Request(data=on), on_done)
 
     def tune(self, node: str, name: str, value: float, on_done: OnDone) -> None:
         """Set a parameter of a node."""
         parameter = RosParameter(name, value=value).to_parameter_msg()
         request = SetParameters.Request(parameters=[parameter])
-        self._request(f'{node}/set_parameters', request, _set_success, on_done)
+        self._request(f'{node}/set_parameters', request, on_done)
 
     def parameters(
         self, node: str, wanted: Sequence[str], on_values: Callable[[dict[str, Any]], None]
     ) -> bool:
         """Request parameters of a node; False if it is not there."""
-        client = self._clients[f'{node}/get_parameters']
 
         def on_response(response: GetParameters.Response) -> None:
             # A node that does not have one of the parameters sends no values at all.
-            values = zip(wanted, map(parameter_value_to_python, response.values), strict=False)
-            self._deliver(partial(on_values, dict(values)))
+            values = map(parameter_value_to_python, response.values)
+            on_values(dict(zip(wanted, values, strict=False)))
 
-        return self._call(client, GetParameters.Request(names=wanted), on_response)
+        return self._call(
+            f'{node}/get_parameters', GetParameters.Request(names=wanted), on_response
+        )
 
-    def _request(
-        self,
-        service: str,
-        request: Any,  # noqa: ANN401 (the service's own)
-        success: Callable[[Any], tuple[bool, str]],
-        on_done: OnDone,
-    ) -> None:
+    def _request(self, service: str, request: Any, on_done: OnDone) -> None:  # noqa: ANN401
         def on_response(response: Any) -> None:  # noqa: ANN401 (the service's own)
-            self._deliver(partial(on_done, *success(response)))
+            if isinstance(response, SetParameters.Response):
+                on_done(response.results[0].successful, response.results[0].reason)
+            else:
+                on_done(response.success, response.message)
 
-        if not self._call(self._clients[service], request, on_response):
+        if not self._call(service, request, on_response):
             name = self._node.resolve_service_name(service)
             self._deliver(partial(on_done, False, f'no node offers {name}'))
 
-    def _call(self, client: Client, request: Any, on_response: Callable[[Any], None]) -> bool:  # noqa: ANN401
-        """Call a service if it is there; `on_response` runs in the executor's thread."""
+    def _call(self, service: str, request: Any, on_response: Callable[[Any], None]) -> bool:  # noqa: ANN401
+        """Call a service if it is there."""
+        client = self._clients[service]
         if not client.service_is_ready():
             return False
-
-        client.call_async(request).add_done_callback(lambda future: on_response(future.result()))
+        client.call_async(request).add_done_callback(
+            lambda future: self._deliver(partial(on_response, future.result()))
+        )
         return True
-
-
-def _success(response: Trigger.Response | SetBool.Response) -> tuple[bool, str]:
-    return bool(response.success), str(response.message)
-
-
-def _set_success(response: SetParameters.Response) -> tuple[bool, str]:
-    (result,) = response.results
-    return bool(result.successful), str(result.reason)

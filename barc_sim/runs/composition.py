@@ -7,20 +7,23 @@ import shlex
 import shutil
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from platform import platform, python_version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import rclpy
 import yaml
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from barc_sim import __version__
 from barc_sim.bags.recording import check_root, summary
 from barc_sim.cli.parser import barc_path
-from barc_sim.cli.process import report
+from barc_sim.cli.process import check_clock, report
 from barc_sim.control.types import GAINS
 from barc_sim.errors import UserError
 from barc_sim.lab.user_code.code import UserCode, find_files
@@ -31,15 +34,12 @@ from barc_sim.nodes.recorder import BagRecorder
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.ros.peers import node_graph
 from barc_sim.runs.options import opens_page, recording, wanted_mirrors, wants_page
-from barc_sim.runs.program import Program
 from barc_sim.runs.terminal import UserOutput
 from barc_sim.vehicle.road import Road
-from barc_sim.vehicle.sensor import NoiseLevels
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
+    from collections.abc import Callable, Iterator, Mapping
     from types import TracebackType
 
     from rclpy.executors import Executor
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from barc_sim.cli.signals import StopSignals
-    from barc_sim.nodes.diagnosis import Facts
+    from barc_sim.nodes.mirror import Facts
     from barc_sim.nodes.view import ViewNode
     from barc_sim.page.run_page import RunPage
     from barc_sim.runs.terminal import Display
@@ -58,6 +58,33 @@ _SWITCH_INTERVAL = 1e-4
 #: [s] for mirrors and pages to read the last states.
 _READING_TIMEOUT = 2.0
 _ENGINES = {'ros': 'ROS 2 (rclpy)', 'local': 'local, without ROS'}
+
+
+@contextmanager
+def carrier(options: Namespace) -> Iterator[Callable[[], Any]]:
+    """Initialise rclpy, or what stands in for it; give what makes a run's executor.
+
+    UserError: the arguments after `--ros-args` cannot be used, or no message can hold the
+    clock's time.
+    """
+    arguments = ['--ros-args', '--log-level', 'warn'] if options.quiet else []
+    arguments += options.ros_args
+    if options.engine == 'ros':
+        from barc_sim.ros.executor import QuickExecutor  # noqa: PLC0415 (of rclpy alone)
+        from barc_sim.ros.process import NUM_THREADS, ros  # noqa: PLC0415
+
+        with ros(arguments, network=options.network):
+            yield partial(QuickExecutor, num_threads=NUM_THREADS)
+        return
+    check_clock()
+    try:
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise UserError(f'ROS cannot start with its arguments: {error}') from None
+    try:
+        yield MultiThreadedExecutor
+    finally:
+        rclpy.try_shutdown()
 
 
 class Inputs(NamedTuple):
@@ -71,10 +98,7 @@ class Inputs(NamedTuple):
 def read_inputs(options: Namespace) -> Inputs:
     """Read the road and the user's files, and check that a bag can be made.
 
-    Raises
-    ------
-    UserError
-        One of them cannot be used.
+    UserError: one of them cannot be used.
     """
     road = Road.named(options.road) if options.road else None
     if not options.no_bag:
@@ -103,10 +127,7 @@ class Run:
     def __init__(self, options: Namespace, inputs: Inputs, stop: StopSignals) -> None:
         """Make the recorder, unless there is to be no bag: it records what other nodes begin with.
 
-        Raises
-        ------
-        UserError
-            The bag cannot be made.
+        UserError: the bag cannot be made.
         """
         self.options, self.inputs, self._stop = options, inputs, stop
         self.nodes: list[Any] = []
@@ -118,15 +139,14 @@ class Run:
         self._views: list[ViewNode] = []
         self._readers: list[tuple[Any, VehicleSimulator]] = []
         self._page: RunPage | None = None
-        self._relay: Program | None = None
-        self._death = ''  # of its process, in a sentence
         if options.no_bag:
             return
         self._root_is_new = not options.bag_dir.exists()
         self.recorder = BagRecorder(
             options.bag_dir,
             recording(options),
-            metadata=_engine(options) | inputs.user_code.describe(),
+            metadata=inputs.user_code.describe()
+            | ({'engine': _ENGINES['local']} if options.engine == 'local' else {}),
             attachments=inputs.user_code.attachments(),
         )
         self.recorder.finished.add_done_callback(lambda _: self.finish())
@@ -147,10 +167,7 @@ class Run:
         At its end the run waits until a node that `reads` a simulator has `latest`, the stamp of
         its newest state, at this simulator's last one.
 
-        Raises
-        ------
-        UserError
-            A parameter is out of range, or the topic is taken.
+        UserError: A parameter is out of range, or the topic is taken.
         """
         if self.recorder:
             # A publisher may wait for the node's subscription, send one message, and end.
@@ -192,11 +209,12 @@ class Run:
                 return
             executor.spin_once(timeout_sec=0.1)
 
-    def show(self, display: Display) -> None:
+    def show(self, display: Display | None) -> None:
         """Add what shows the run, describe it in the bag, and prepare to spin: call it last."""
         options = self.options
         self._display = display
-        self.inputs.output.show_with(display.print_line)
+        if display:
+            self.inputs.output.show = display.print_line
         self._print(f'engine     {_ENGINES[options.engine]}')
         if self.recorder:
             self.recorder.use_sim_time = any(each.clock_pub for each in self.simulators)
@@ -219,28 +237,23 @@ class Run:
         recorder.add_metadata({'graph': graph.to_json()})
 
     def _add_mirrors(self) -> None:
-        if mirrors := wanted_mirrors(self.options):
-            for simulator in self.simulators:
-                self._mirror(simulator, mirrors)
+        mirrors = wanted_mirrors(self.options)
+        for simulator in self.simulators if mirrors else ():
+            from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)
+
+            self.add(
+                MirrorNode,
+                {'road': simulator.values['road']} | {name: name in mirrors for name in MIRRORS},
+                namespace=simulator.get_namespace(),
+                reads=simulator,
+                road=simulator.road,
+                facts=partial(_facts, simulator, self.recorder),
+            )
         if self.options.foxglove is not None:
             from barc_sim.nodes.foxglove import FoxgloveServer  # noqa: PLC0415
 
             server = self.add(FoxgloveServer, port=self.options.foxglove)
             self._print(f'foxglove   {server.url}')
-
-    def _mirror(self, simulator: VehicleSimulator, mirrors: frozenset[str]) -> None:
-        """Mirror a simulator, with these `mirrors` on."""
-        from barc_sim.nodes.mirror import MirrorNode  # noqa: PLC0415 (only if wanted)
-
-        values = {name: simulator.values[name] for name in ('road', 'l_f', 'l_r')}
-        self.add(
-            MirrorNode,
-            values | {name: name in mirrors for name in MIRRORS},
-            namespace=simulator.get_namespace(),
-            reads=simulator,
-            road=simulator.road,
-            facts=partial(_facts, simulator, self.recorder),
-        )
 
     def _serve(self, number: int) -> None:
         """Serve the live page of a car."""
@@ -267,19 +280,6 @@ class Run:
     def _print(self, text: str) -> None:
         if not self.options.quiet:
             print(text, flush=True)  # noqa: T201
-
-    def start_relay(self, file: Path) -> None:
-        """Run the user's relay in a process of its own, which ends after the nodes."""
-        self._relay = Program(f'the relay {file.name}', file, self.inputs.output, self._on_death)
-
-    def _on_death(self, sentence: str) -> None:
-        self._death = sentence
-        self.finish()
-
-    def check_relay(self) -> None:
-        """Raise UserError if the relay's process has ended by itself."""
-        if self._death:
-            raise UserError(self._death)
 
     def fail(self, failure: str) -> None:
         """Keep the error that ended the run, also in the bag."""
@@ -313,8 +313,6 @@ class Run:
             self._page = self._views[0].release_page()
         while self.nodes:
             self.nodes.pop().destroy_node()
-        if self._relay:
-            self._relay.close()
         if self.recorder and not keeps_bag:
             shutil.rmtree(self.recorder.path)
             if self._root_is_new:
@@ -349,32 +347,24 @@ class Run:
         return sum(each.stepper.slipped for each in self.simulators)
 
 
-def _engine(options: Namespace) -> dict[str, str]:
-    return {'engine': _ENGINES['local']} if options.engine == 'local' else {}
-
-
 def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
     """Return what no topic carries about a simulator and the bag."""
-    from barc_sim.nodes.diagnosis import Facts  # noqa: PLC0415 (only if wanted)
+    from barc_sim.nodes.mirror import Facts  # noqa: PLC0415 (only if wanted)
 
-    stepper, values = simulator.stepper, simulator.values
-    factor = values['realtime_factor']
-    known = Facts(
+    stepper, factor = simulator.stepper, simulator.values['realtime_factor']
+    facts = Facts(
         stepper.missed,
         stepper.slipped,
         stepper.paused,
         factor,
-        NoiseLevels(*(values[f'noise_{name}'] for name in NoiseLevels._fields)),
         rivals=simulator.peers.rivals,
         stamp_lag=stepper.stamp_lag if factor == 1.0 else None,
     )
     if not recorder:
-        return known
-    return known._replace(
-        recorded=sum(recorder.counts.values()),
-        lost=sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node),
-        failure=recorder.failure,
-    )
+        return facts
+    lost = sum(sum(by_node.values()) for by_node in recorder.lost.values() if by_node)
+    recorded, failure = sum(recorder.counts.values()), recorder.failure
+    return facts._replace(recorded=recorded, lost=lost, failure=failure)
 
 
 def _description(
@@ -427,10 +417,7 @@ def _print_commands(recorder: BagRecorder) -> None:
 def check_left_out(part: str, options: Mapping[str, object]) -> None:
     """Refuse `options`, by name, that are for a part of the run that is left out.
 
-    Raises
-    ------
-    UserError
-        if one of them is given.
+    UserError: one of them is given.
     """
     for name, value in options.items():
         if value is not None:

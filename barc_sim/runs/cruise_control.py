@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from math import inf
 from typing import TYPE_CHECKING
@@ -13,9 +14,8 @@ from barc_sim.errors import UserError
 from barc_sim.lab.user_code.adapters import UserController
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
-from barc_sim.runs.carrier import carrier
-from barc_sim.runs.composition import Run, check_left_out, read_inputs
-from barc_sim.runs.terminal import CruiseStatus, display, print_summaries, print_summary
+from barc_sim.runs.composition import Run, carrier, check_left_out, read_inputs
+from barc_sim.runs.terminal import Display, cruise_line, print_summaries, print_summary
 from barc_sim.simulation.closed_loop import check_ahead
 from barc_sim.simulation.metrics import Laps
 from barc_sim.simulation.progress import Progress
@@ -36,10 +36,7 @@ _DISTANCE = 180.0
 def drive(options: Namespace, stop: StopSignals) -> int:
     """Drive to the end of the road, or until `stop`; return the exit code.
 
-    Raises
-    ------
-    UserError
-        if an option, a user's file or a ROS argument cannot be used; no bag is left then.
+    UserError: an option, a user's file or a ROS argument cannot be used; no bag is left then.
     """
     inputs = read_inputs(options)
     _check(options, inputs.user_code)
@@ -47,9 +44,8 @@ def drive(options: Namespace, stop: StopSignals) -> int:
     namespaces = [f'car{k + 1}' for k in range(options.cars)] if options.cars > 1 else ['']
     with carrier(options) as new_executor, Run(options, inputs, stop) as run:
         cars = [Car(run, namespace, number) for number, namespace in enumerate(namespaces)]
-        cars[0].display = display(
-            quiet=options.quiet, distance=cars[0].simulator.values['distance']
-        )
+        if not options.quiet:
+            cars[0].display = Display(cars[0].simulator.values['distance'])
         run.show(cars[0].display)
 
         with new_executor() as executor:
@@ -66,14 +62,11 @@ class Car:
     def __init__(self, run: Run, namespace: str, number: int) -> None:
         """Add the nodes of the car `number` to the run, in a namespace.
 
-        Raises
-        ------
-        UserError
-            A parameter is out of range, or the topic is taken.
+        UserError: A parameter is out of range, or the topic is taken.
         """
         options, (road, user_code, _) = run.options, run.inputs
         self.name = namespace
-        self.display = display(quiet=True)
+        self.display: Display | None = None
         self._laps = Laps()
         self._missed = [0]  # deadlines, before each lap
         self._progress = Progress(inf)
@@ -136,7 +129,9 @@ class Car:
             self._missed.append(self.simulator.stepper.missed)
         if self._progress.add(t, x, speed, reference):
             self.simulator.stepper.end()
-        self.display.show(CruiseStatus(t, x, speed, reference - speed, theta_deg, lap))
+        if self.display:
+            error = reference - speed
+            self.display.show(x, partial(cruise_line, t, x, speed, error, theta_deg, lap))
 
     @property
     def failure(self) -> str:
@@ -177,10 +172,7 @@ def _check(options: Namespace, user_code: UserCode) -> None:
 def _gains(options: Namespace) -> dict[str, float]:
     """Return the gains that the command line gives, by name.
 
-    Raises
-    ------
-    UserError
-        if the controller has no such gain.
+    UserError: the controller has no such gain.
     """
     kind = options.controller_type or DEFAULT_TYPE
     named = {name: getattr(options, name) for name in PID.gains}

@@ -12,10 +12,9 @@ from pathlib import Path
 
 from barc_sim.bags.recording import Recording
 from barc_sim.cli.parser import FOXGLOVE_PORT, MAX_PORT, number, whole
-from barc_sim.cli.process import is_at_desktop
+from barc_sim.cli.process import has_ros, is_at_desktop, needs_ros
 from barc_sim.lab.handout import FILES
 from barc_sim.nodes import MIRRORS
-from barc_sim.runs.carrier import add_engine_option
 from barc_sim.vehicle.bicycles import DYNAMICS, INTEGRATORS
 from barc_sim.vehicle.parameters import REALTIME_FACTORS, ROWS
 
@@ -24,6 +23,8 @@ USUAL = ('--road', '--realtime-factor', '--lab', '--view', '--bag-dir', '--no-ba
 _PAGES = {'web': 'web', 'none': 'none', 'offer': 'at a desktop, the link to a page'}
 _MAX_SIZE = 2.0**60  #: [B]
 _MAX_DURATION = 1e9  #: [s]
+#: The options of a run that need ROS, and the value with which each does not.
+_ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'foxglove': None, 'network': False}
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
@@ -104,6 +105,31 @@ def _add_user_code(parser: argparse.ArgumentParser, *parts: str) -> None:
             help=f'use this file in place of {FILES[part]}',
         )
     parser.set_defaults(parts=parts)
+
+
+def add_engine_option(parser: argparse.ArgumentParser) -> None:
+    """Add `--engine`."""
+    parser.add_argument(
+        '--engine',
+        choices=('auto', 'ros', 'local'),
+        default='auto',
+        help='what carries the messages: ROS 2, or queues in one process without it (auto: ROS 2 '
+        'where it is installed)',
+    )
+
+
+def choose_engine(options: argparse.Namespace) -> str:
+    """Return what carries the messages of a run, `ros` or `local`.
+
+    UserError: an option needs ROS, and there is none, or it is not to be used.
+    """
+    ros = has_ros() if options.engine == 'auto' else options.engine == 'ros'
+    if ros and not has_ros():
+        raise needs_ros('--engine ros')
+    for name, without in _ROS_OPTIONS.items():
+        if not ros and getattr(options, name, without) != without:
+            raise needs_ros(f'--{name.replace("_", "-")}')
+    return 'ros' if ros else 'local'
 
 
 def _factor(text: str) -> float:

@@ -40,9 +40,9 @@ class TimedRun(Display):
         self.car = Car(self.run, '', 0)
         self.in_lock_step = not self.car.simulator.values['realtime_factor']
         self.car.display = self
-        self.run.show(Display())
+        self.run.show(None)
 
-    def show(self, _: object) -> None:
+    def show(self, *_: object) -> None:
         """Note that a state was published now."""
         self.first = self.first or time.time()
         self.steps.append(time.perf_counter())

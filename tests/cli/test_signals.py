@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 PRELUDE = """
 import os, signal, sys, threading, time
+from barc_sim.cli import signals
 from barc_sim.cli.signals import StopSignals
 def ready():
     print('ready', flush=True)
@@ -95,7 +96,8 @@ with StopSignals() as stop:
 @pytest.mark.parametrize('number', SIGNALS)
 def test_second_signal_ends_a_process_that_hangs(ready: Ready, number: signal.Signals) -> None:
     process = ready("""
-with StopSignals(echo=0.0) as stop:
+signals._ECHO = 0.0
+with StopSignals() as stop:
     stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     threading.Event().wait()
@@ -108,7 +110,8 @@ with StopSignals(echo=0.0) as stop:
 
 def test_echo_of_a_signal_does_not_cut_the_end_short(ready: Ready) -> None:
     process = ready("""
-with StopSignals(echo=3600.0) as stop:
+signals._ECHO = 3600.0
+with StopSignals() as stop:
     stop.then(lambda: os.write(1, b'asked\\n'))
     ready()
     stop.requested.wait()

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from functools import partial
-from math import atan2, isclose, nan, radians, tan
-from typing import TYPE_CHECKING, Any
+from math import cos, isclose, nan, radians, sin, tan
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import pytest
 
 pytest.importorskip('rclpy')
 
+import numpy as np
 from barc_interfaces.msg import ECU, ZDynBkMdl
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry, Path
 from node_bench import NodeBench, overrides
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from visualization_msgs.msg import Marker, MarkerArray
 
 from barc_sim.bags import names
-from barc_sim.nodes.diagnosis import Facts
-from barc_sim.nodes.mirror import WHEEL_RADIUS, MirrorNode
+from barc_sim.nodes.mirror import Facts, MirrorNode, diagnose
 from barc_sim.ros.node_helpers import to_header, to_nanoseconds
 from barc_sim.vehicle.road import Road
 
@@ -105,27 +105,6 @@ def test_pose_lies_on_the_hill_and_is_pitched_by_it(bench: Make) -> None:
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == (8.0, 0.5, 0.1)
 
 
-def angle_of(tyre: Marker) -> float:
-    """Return the angle [rad] to which a wheel of a car that points along x is turned."""
-    turn = tyre.pose.orientation  # after a quarter turn about x
-    return 2.0 * atan2(turn.z, turn.w)
-
-
-def test_front_wheels_are_steered_as_commanded_the_inner_one_by_more(bench: Make) -> None:
-    world = bench()
-    world.commands.publish(ECU(servo=nan))
-    world.commands.publish(ECU(servo=0.3))
-    markers = world.received['markers']
-
-    def is_turned() -> bool:
-        world.send()
-        return bool(markers) and angle_of(markers[-1].markers[2]) > 0.1
-
-    world.until(is_turned)
-    angles = [angle_of(tyre) for tyre in markers[-1].markers[2:]]
-    assert angles == pytest.approx([0.327, 0.277, 0.0, 0.0], abs=1e-3)
-
-
 def test_state_that_is_not_finite_is_left_out(bench: Make) -> None:
     world = bench()
     world.send(x=nan)
@@ -134,27 +113,18 @@ def test_state_that_is_not_finite_is_left_out(bench: Make) -> None:
     assert odom.pose.pose.position.x == 1.0
 
 
-def test_car_is_drawn_to_scale_on_its_wheels(bench: Make) -> None:
-    body, _, *tyres = bench(l_f=1.0, l_r=2.0).answer('markers', x=5.0).markers
-    assert (body.type, [tyre.type for tyre in tyres]) == (Marker.CUBE, [Marker.CYLINDER] * 4)
-    places = [(tyre.pose.position.x, tyre.pose.position.z) for tyre in tyres]
-    assert places == [(6.0, WHEEL_RADIUS)] * 2 + [(3.0, WHEEL_RADIUS)] * 2
-    left, right = (tyre.pose.position.y for tyre in tyres[:2])
-    assert left == -right > 0.0
-    assert body.scale.x == pytest.approx(4.4)
-    assert len({(marker.ns, marker.id) for marker in (body, *tyres)}) == 5
-
-
-def test_cylinders_lie_on_their_axles(bench: Make) -> None:
-    tyre = bench().answer('markers', psi=0.5).markers[-1]
-    turn = tyre.pose.orientation
-    # The cylinder's z axis in `odom`: the third column of the rotation's matrix.
-    axis = (
-        2.0 * (turn.x * turn.z + turn.w * turn.y),
-        2.0 * (turn.y * turn.z - turn.w * turn.x),
-        1.0 - 2.0 * (turn.x * turn.x + turn.y * turn.y),
-    )
-    assert [abs(part) for part in axis] == pytest.approx([0.479426, 0.877583, 0.0], abs=1e-6)
+def test_car_stands_on_the_hill_with_its_cabin_upright(bench: Make) -> None:
+    body, cabin = bench().answer('markers', x=110.0, psi=0.5).markers
+    road = Road.lab()
+    there = np.array([road.horizontal(110.0), 0.0, road.elevation(110.0)])
+    # The car's axes: turned by psi in the surface, which rises by 30 degrees.
+    ahead = np.array([cos(0.5) * cos(radians(30.0)), sin(0.5), cos(0.5) * sin(radians(30.0))])
+    up = np.array([-sin(radians(30.0)), 0.0, cos(radians(30.0))])
+    for marker, x, z in ((body, 0.0, 0.5), (cabin, -0.2, 1.1)):
+        place = marker.pose.position
+        assert [place.x, place.y, place.z] == pytest.approx([*there + x * ahead + z * up])
+    assert (body.type, body.pose.orientation) == (Marker.CUBE, cabin.pose.orientation)
+    assert body.id != cabin.id
 
 
 def test_road_is_latched(bench: Make) -> None:
@@ -174,6 +144,9 @@ def test_path_begins_anew_after_a_reset_and_stays_bounded(bench: Make) -> None:
     world = bench(period=0.0, diagnostics=False)
     for k in range(250):
         path = world.answer('path', x=1.0 * k, v_x=60.0)
+        if k == 9:
+            assert [pose.pose.position.x for pose in path.poses] == [1.0 * k for k in range(10)]
+            assert to_nanoseconds(path.poses[-1].header.stamp) == 10 * STEP
     poses = path.poses
     assert 100 <= len(poses) <= 200
     assert poses[0].pose.position.x == 0.0
@@ -181,43 +154,35 @@ def test_path_begins_anew_after_a_reset_and_stays_bounded(bench: Make) -> None:
     assert len(path.poses) == 1
 
 
-def test_path_has_the_places_so_far(bench: Make) -> None:
-    world = bench(period=0.0, diagnostics=False)
-    for k in range(10):
-        path = world.answer('path', x=1.0 * k, v_x=50.0)
-    assert [pose.pose.position.x for pose in path.poses] == [1.0 * k for k in range(10)]
-    assert path.header.frame_id == 'odom'
-    assert to_nanoseconds(path.poses[-1].header.stamp) == 10 * STEP
-
-
 def test_frames_bear_the_namespace(bench: Make) -> None:
     world = bench(namespace='/car2')
     odom = world.answer('odom')
     assert (odom.header.frame_id, odom.child_frame_id) == ('car2/odom', 'car2/base_link')
-    assert world.answer('markers').markers[0].header.frame_id == 'car2/odom'
+    markers, path = world.answer('markers'), world.received['path'][-1]
+    assert markers.markers[0].header.frame_id == path.header.frame_id == 'car2/odom'
 
 
 def test_diagnostics_combine_facts_and_topics(bench: Make) -> None:
     known = Facts(missed=3, slipped=1, recorded=100, lost=0)
     world = bench(namespace='/car2', facts=lambda: known, period=0.02)
-    diagnosed: dict[str, Any] = {}
+    statuses: dict[str, Any] = {}
 
     def is_diagnosed() -> bool:
         world.send()
         world.commands.publish(ECU())
         for message in world.received['/diagnostics']:
-            diagnosed.update({status.name: status for status in message.status})
-        return '/car2/mirror: command' in diagnosed and len(world.received['/diagnostics']) > 2
+            statuses.update({status.name: status for status in message.status})
+        return '/car2/mirror: command' in statuses and len(world.received['/diagnostics']) > 2
 
     world.until(is_diagnosed)
     first = world.received['/diagnostics'][0].status[0]
     assert (first.level, first.name) == (b'\x01', '/car2/mirror: timing')
-    timing = {entry.key: entry.value for entry in diagnosed['/car2/mirror: timing'].values}
+    timing = {entry.key: entry.value for entry in statuses['/car2/mirror: timing'].values}
     assert (timing['missed deadlines'], timing['slipped periods']) == ('3', '1')
     assert float(timing['real-time factor']) >= 0.0
-    (age,) = diagnosed['/car2/mirror: command'].values
+    (age,) = statuses['/car2/mirror: command'].values
     assert 0.0 <= float(age.value) < 60.0
-    assert diagnosed['/car2/mirror: bag'].level == b'\x00'
+    assert statuses['/car2/mirror: bag'].level == b'\x00'
 
 
 @pytest.mark.parametrize(
@@ -233,3 +198,76 @@ def test_mirror_that_is_off_has_no_publisher(bench: Make, off: str, topics: set[
     every = bench().mirrored()
     assert topics <= every
     assert bench(**{off: False}).mirrored() == every - topics
+
+
+# Diagnoses
+
+WELL = Facts(0, 0, False, 1.0, 100, 0)
+REAL = (1.0, 0.01)  # factor, and age of the command [s]
+
+
+class Diagnosis(NamedTuple):
+    """What a status says."""
+
+    level: bytes
+    message: str
+    values: dict[str, str]
+
+
+def diagnosed(facts: Facts, before: Facts = WELL, *measured: float | None) -> dict[str, Diagnosis]:
+    return {
+        each.name: Diagnosis(
+            each.level, each.message, {value.key: value.value for value in each.values}
+        )
+        for each in diagnose(facts, before, *measured)
+    }
+
+
+def test_run_that_is_well_is_ok_in_everything_and_has_its_figures() -> None:
+    found = diagnosed(WELL, WELL, *REAL)
+    assert {each.level for each in found.values()} == {DiagnosticStatus.OK}
+    assert {name: each.values for name, each in found.items()} == {
+        'timing': {'missed deadlines': '0', 'slipped periods': '0', 'real-time factor': '1.000'},
+        'command': {'age [s]': '0.010000'},
+        'bag': {'recorded messages': '100', 'lost messages': '0'},
+    }
+    assert diagnosed(Facts(), Facts()) == {'timing': Diagnosis(DiagnosticStatus.OK, 'in time', {})}
+
+
+@pytest.mark.parametrize(
+    ('name', 'facts', 'factor', 'message'),
+    [
+        ('timing', WELL._replace(missed=2), 1.0, '2 commands missed their deadline'),
+        ('timing', WELL._replace(slipped=3), 1.0, 'simulated time has fallen behind by 3 periods'),
+        ('timing', WELL._replace(requested_factor=5.0), 3.0, 'simulated time runs at 3.00, not at'),
+        ('timing', WELL._replace(stamp_lag=6.1), 1.0, 'stamps are 6.1 s behind the wall clock: us'),
+        ('command', WELL._replace(rivals=['/a', '/b']), 1.0, '/a and /b drive together: end one'),
+        ('bag', WELL._replace(lost=7), 1.0, '7 messages are lost'),
+    ],
+)
+def test_what_is_wrong_is_a_warning(name: str, facts: Facts, factor: float, message: str) -> None:
+    found = diagnosed(facts, WELL, factor, 0.01)[name]
+    assert (found.level, found.message[: len(message)]) == (DiagnosticStatus.WARN, message)
+
+
+@pytest.mark.parametrize(
+    ('facts', 'factor'),
+    [
+        (WELL._replace(paused=True), 0.0),
+        (WELL._replace(requested_factor=0.0), 0.1),
+        (WELL._replace(stamp_lag=0.004), 1.0),
+    ],
+)
+def test_what_is_meant_is_ok(facts: Facts, factor: float) -> None:
+    assert diagnosed(facts, WELL, factor)['timing'].level == DiagnosticStatus.OK
+
+
+def test_deadline_that_was_missed_long_ago_is_only_counted() -> None:
+    late = WELL._replace(missed=2, slipped=1)
+    timing = diagnosed(late, late, *REAL)['timing']
+    assert (timing.level, timing.values['missed deadlines']) == (DiagnosticStatus.OK, '2')
+
+
+def test_bag_that_cannot_be_written_is_an_error() -> None:
+    broken = diagnosed(WELL._replace(lost=7, failure='disk full'), WELL, *REAL)['bag']
+    assert (broken.level, broken.message) == (DiagnosticStatus.ERROR, 'disk full')

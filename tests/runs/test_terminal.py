@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import os
 import pty
-import sys
 import time
 from contextlib import closing, redirect_stdout, suppress
+from functools import partial
 from math import nan, radians
 from typing import TYPE_CHECKING
 
 import pytest
 
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.runs.terminal import CruiseStatus, DriveStatus, UserOutput, display, print_summary
+from barc_sim.runs.terminal import Display, UserOutput, cruise_line, drive_line, print_summary
 from barc_sim.simulation.metrics import SegmentErrors, SpeedErrors, Summary
 
 if TYPE_CHECKING:
@@ -24,8 +24,9 @@ if TYPE_CHECKING:
 HIDE, SHOW = '\x1b[?25l', '\x1b[?25h'
 END = '\x04'
 LINE = '  1.50 s    12.3 m   7.990 m/s  error +0.010 m/s  grade -10°'
-STATE = CruiseStatus(1.5, 12.34, 7.99, 0.01, -10.0)
-DRIVE = DriveStatus(12.34, 0.0, -3.456, radians(-7.26), DriverInput(forward=1.0, turn=-1.0))
+STATE = (12.34, partial(cruise_line, 1.5, 12.34, 7.99, 0.01, -10.0))
+PRESSED = DriverInput(forward=1.0, turn=-1.0)
+DRIVE = (0.0, partial(drive_line, 12.34, -3.456, radians(-7.26), PRESSED))
 DRIVE_LINE = '   12.3 s  speed  -3.46 m/s  steering  -7.3°  held ↑ →'
 
 
@@ -71,18 +72,11 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
         yield terminal
 
 
-def test_nothing_is_shown_where_quiet(capsys: Capture) -> None:
-    shown = display(quiet=True, distance=180.0)
-    shown.show(STATE)
-    shown.close()
-    assert capsys.readouterr() == ('', '')
-
-
 def test_pipe_gets_a_plain_line_a_second(capsys: Capture, clock: Callable[[float], None]) -> None:
-    shown = display(quiet=False, distance=180.0)
+    shown = Display(180.0)
     for k in range(250):
         clock(10.0 + 0.01 * k)
-        shown.show(STATE)
+        shown.show(*STATE)
     shown.close()
     assert capsys.readouterr() == (f'{LINE}\n' * 3, '')
 
@@ -92,13 +86,13 @@ def test_terminal_gets_a_line_in_place_and_its_cursor_back(
 ) -> None:
     clock(10.0)
     with redirect_stdout(terminal.stdout):
-        shown = display(quiet=False, distance=180.0)
-        shown.show(STATE)
+        shown = Display(180.0)
+        shown.show(*STATE)
         text = terminal.shown()
         assert HIDE in text
         assert LINE.strip() in text
         assert '\n' not in text
-        shown.show(CruiseStatus(1.52, 12.5, 8.0, 0.0, 10.0))
+        shown.show(12.5, partial(cruise_line, 1.52, 12.5, 8.0, 0.0, 10.0))
         shown.close()
         text = terminal.shown()
     assert 'grade +10°' in text  # the last state, however soon after the one before it
@@ -110,24 +104,24 @@ def test_terminal_is_drawn_ten_times_a_second(
     terminal: Terminal, clock: Callable[[float], None]
 ) -> None:
     with redirect_stdout(terminal.stdout):
-        shown = display(quiet=False, distance=0.0)
+        shown = Display(0.0)
         for k in range(100):
             clock(10.0 + 0.01 * k)
-            shown.show(CruiseStatus(k * 0.01, 0.0, 0.0, 0.0, 0.0))
+            shown.show(*STATE)
         assert terminal.shown().count(' m/s  error') == 10
         shown.close()
 
 
 def test_terminal_is_left_alone_by_a_run_without_a_state(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
-        display(quiet=False, distance=180.0).close()
+        Display(180.0).close()
     assert HIDE not in terminal.shown()
 
 
 def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
-        shown = display(quiet=False)
-        shown.show(DRIVE)
+        shown = Display()
+        shown.show(*DRIVE)
         text = terminal.shown()
         shown.print_line('user code prints [this]')
         printed = terminal.shown()
@@ -139,27 +133,22 @@ def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
 
 def test_terminal_that_is_gone_does_not_end_the_run(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
-        shown = display(quiet=False)
-        shown.show(DRIVE)
+        shown = Display()
+        shown.show(*DRIVE)
         os.dup2(os.open(os.devnull, os.O_RDONLY), terminal.stdout.fileno())  # writing fails
         shown.print_line('lost')
         shown.close()
 
 
-def test_line_of_a_drive_has_time_speed_steering_and_held_keys() -> None:
-    assert DRIVE.text() == DRIVE_LINE
-
-
 @pytest.mark.parametrize(
     ('pressed', 'held'),
-    [(COAST, '-'), (FULL_BRAKE, 'brake'), (DriverInput(forward=-0.5, turn=0.1), '↓ ←')],
+    [(PRESSED, '↑ →'), (COAST, '-'), (FULL_BRAKE, 'brake'), (DriverInput(-0.5, 0.1), '↓ ←')],
 )
-def test_held_keys_are_shown(pressed: DriverInput, held: str) -> None:
-    assert DriveStatus(0.0, 0.0, 0.0, 0.0, pressed).text().endswith(f'held {held}')
-
-
-def test_there_is_no_negative_zero_and_columns_stay() -> None:
-    still = DriveStatus(0.0, 0.0, -0.001, -0.0001).text()
+def test_held_keys_are_shown_in_columns_that_stay_without_a_negative_zero(
+    pressed: DriverInput, held: str
+) -> None:
+    still = drive_line(0.0, -0.001, -0.0001, pressed)
+    assert still.endswith(f'held {held}')
     assert '-0' not in still
     assert still.index('held') == DRIVE_LINE.index('held')
 
@@ -200,46 +189,15 @@ def test_table_of_a_run_without_a_state_has_no_nan(capsys: Capture) -> None:
 # What user code prints
 
 
-def shown(output: UserOutput) -> list[str]:
-    lines: list[str] = []
-    output.show_with(lines.append)
-    return lines
-
-
-def test_pieces_become_whole_lines() -> None:
+def test_pieces_become_whole_lines(capsys: Capture) -> None:
     output = UserOutput()
-    lines = shown(output)
+    lines: list[str] = []
     for piece in ('a', 'b\nc', '\n\nd'):
         output(piece)
-    assert lines == ['ab', 'c', '']
+    assert capsys.readouterr().out == 'ab\nc\n\n'
+    output.show = lines.append
     output.close()
-    assert lines == ['ab', 'c', '', 'd']
-
-
-def test_a_file_gets_all_lines() -> None:
-    output = UserOutput()
-    lines = shown(output)
-    output('x\n' * 1000)
-    output.close()
-    assert lines == ['x'] * 1000
-
-
-def test_a_terminal_gets_some_lines_a_second_and_how_many_were_left_out(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(sys.stdout, 'isatty', lambda: True)
-    now = 100.0
-    monkeypatch.setattr('time.monotonic', lambda: now)
-    output = UserOutput()
-    lines = shown(output)
-    output('x\n' * 1000)
-    assert lines == ['x'] * 20
-    now = 101.0
-    output('y\n')
-    assert lines[20:] == ['… lines left out: 980 (with > FILE, all are kept)', 'y']
-    output('z\n' * 20)
-    output.close()
-    assert lines[-1].startswith('… lines left out: 1 ')
+    assert lines == ['d']
 
 
 def test_what_code_prints_is_not_shown_where_quiet(capsys: Capture) -> None:
@@ -247,10 +205,3 @@ def test_what_code_prints_is_not_shown_where_quiet(capsys: Capture) -> None:
     output('a\n')
     output.close()
     assert capsys.readouterr().out == ''
-
-
-def test_lines_are_output_where_nothing_else_shows_them(capsys: Capture) -> None:
-    output = UserOutput()
-    output('a\nb')
-    output.close()
-    assert capsys.readouterr().out == 'a\nb\n'
