@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import os
 import re
 import shlex
+import shutil
 import sys
 from contextlib import suppress
 from math import inf
@@ -140,15 +140,10 @@ def did_you_mean(name: str, names: Iterable[str], prefix: str = '') -> str:
 
 def barc_path() -> str:
     """Return `barc` as it can be typed in this shell and directory, quoted."""
-    program = Path(sys.executable).with_name('barc')
-    for folder in map(Path, os.get_exec_path()):
-        if (folder / 'barc').exists():
-            if (folder / 'barc').samefile(program):
-                return 'barc'
-            break
+    program, found = Path(sys.executable).with_name('barc'), shutil.which('barc')
     if not program.exists():  # under colcon, for one
         return f'{_quoted(Path(sys.executable))} -m barc_sim'
-    return _quoted(program)
+    return 'barc' if found and program.samefile(found) else _quoted(program)
 
 
 def _quoted(path: Path) -> str:

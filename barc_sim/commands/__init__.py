@@ -57,16 +57,16 @@ _SHARED |= dict.fromkeys(GROUPS['look'], 'figures')
 _SHARED |= dict.fromkeys(('new', 'report', 'submit'), 'lab')
 _SHARED |= dict.fromkeys(('info', 'convert', 'recover'), 'bags')
 _SHARED |= dict.fromkeys(GROUPS['ROS'], 'introspection')
-#: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and what makes it.
+#: By name, for `barc node NAME` and `ros2 run barc_sim NAME`: module in `nodes`, and class.
 NODES = {
     'bag_recorder': ('recorder', 'BagRecorder'),
     'controller': ('controller', 'CruiseController'),
-    'foxglove_server': ('foxglove', 'announced'),
-    'keyboard': ('keyboard', 'on_stdin'),
+    'foxglove_server': ('foxglove', 'FoxgloveServer'),
+    'keyboard': ('keyboard', 'Keyboard'),
     'mirror': ('mirror', 'MirrorNode'),
     'relay': ('relay', 'Relay'),
     'vehicle_simulator': ('simulator', 'VehicleSimulator'),
-    'view': ('view', 'announced'),
+    'view': ('view', 'ViewNode'),
 }
 
 

@@ -16,6 +16,8 @@ from barc_sim.errors import UserError, escaped
 if TYPE_CHECKING:
     from argparse import Namespace
 
+    from rclpy.node import Node
+
     from barc_sim.bags.node_graph import NodeGraph
     from barc_sim.cli.parser import Parser
 
@@ -237,8 +239,14 @@ def run_node(options: Namespace) -> int:
             f'a node takes no {options.arguments[0]!r}: give its parameters to ROS, as in '
             f'{ROS_ARGS} -p kp:=20.0'
         )
-    module, create = NODES[options.name]
-    node = getattr(import_module(f'barc_sim.nodes.{module}'), create)
+    module, kind = NODES[options.name]
+    make = getattr(import_module(f'barc_sim.nodes.{module}'), kind)
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
-    return call(options.name, lambda: spin(node, options.arguments))
+    def create() -> Node:
+        node: Node = make()
+        if url := getattr(node, 'url', ''):  # not into /rosout: a page's has its token
+            print(f'{options.name}  {url}', flush=True)  # noqa: T201
+        return node
+
+    return call(options.name, lambda: spin(create, options.arguments))

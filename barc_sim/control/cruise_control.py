@@ -134,32 +134,25 @@ class CruiseControl:
         self._state: tuple[int, float, float] | None = None  # of subtract_error: as `take_state`
         self._error: tuple[int, float] | None = None
 
-    def take_state(self, stamp: int, speed: float, x: float = 0.0) -> Answer | None:
-        """Return the answer to a state stamped `stamp` [ns]; None if it is not due, or refused."""
-        if not (self.values['subtract_error'] and self._awaits_error):
-            return self.answer(stamp, speed, x)
-        self._state = stamp, speed, x
-        return self._join()
-
     def take_error(self, stamp: int, error: float) -> Answer | None:
         """Take the error of a measured speed [m/s]; return as `take_state` does."""
         if not self.values['subtract_error']:
             return None
         self._error, self._awaits_error = (stamp, error), True
-        return self._join()
-
-    def _join(self) -> Answer | None:
-        """Answer once the state and the error of the same stamp are both there."""
-        if self._state is None or self._error is None or self._state[0] != self._error[0]:
+        if self._state is None or self._state[0] != stamp:
             return None
-        stamp, speed, x = self._state
-        return self.answer(stamp, speed - self._error[1], x)
+        return self.take_state(*self._state)
 
-    def answer(self, stamp: int, speed: float, x: float) -> Answer | None:
+    def take_state(self, stamp: int, speed: float, x: float = 0.0) -> Answer | None:
         """Return the answer to the state stamped `stamp` [ns] at `x` metres.
 
-        None: its speed is refused.
+        None: it is not due before the state's error has come, or its speed is refused.
         """
+        if self.values['subtract_error'] and self._awaits_error:
+            self._state = stamp, speed, x
+            if self._error is None or self._error[0] != stamp:
+                return None
+            speed -= self._error[1]
         if not abs(speed) <= _FASTEST:  # NaN, too
             self._refuse(lambda: f'a state whose speed is {speed} m/s')
             return None

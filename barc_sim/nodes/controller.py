@@ -13,13 +13,7 @@ from std_srvs.srv import Trigger
 from barc_sim.bags import names
 from barc_sim.control.cruise_control import Answer, CruiseControl
 from barc_sim.control.pid import ACCELERATION_LIMIT
-from barc_sim.ros.node_helpers import (
-    Heard,
-    RefusedInput,
-    declare,
-    frames,
-    to_nanoseconds,
-)
+from barc_sim.ros.node_helpers import Heard, RefusedInput, declare, frames, to_nanoseconds
 
 if TYPE_CHECKING:
     from builtin_interfaces.msg import Time
@@ -50,7 +44,6 @@ class CruiseController(Node):
     """
 
     _error_sub: Subscription | None = None
-    #: The topics that it subscribes to from its start.
     inputs: ClassVar = {names.STATE: ZDynBkMdl, names.SPEED_REFERENCE: Float64}
 
     def __init__(
@@ -71,18 +64,17 @@ class CruiseController(Node):
         """
         super().__init__('controller', **options)
         self._heard, self.refused = Heard(self), RefusedInput(self)
-        refused = self.refused
+        refuse, warn = self.refused.add, self.refused.warn
         self._control = CruiseControl(
-            controller, partial(declare, self), acceleration_limit, refused.add, refused.warn
+            controller, partial(declare, self), acceleration_limit, refuse, warn
         )
-        self.values = self._control.values
-        self.reference = self._control.reference
+        self.values, self.reference = self._control.values, self._control.reference
         self.add_post_set_parameters_callback(self._on_parameters)
 
-        topic = names.PID_STATE if self._control.is_pid else names.CONTROLLER_STATE
-        computed = PidState if self._control.is_pid else ControllerState
-        # To make new messages would cost more.
-        self._header = header = Header(frame_id=frames(self)[1])
+        topic, computed = names.PID_STATE, PidState
+        if not self._control.is_pid:
+            topic, computed = names.CONTROLLER_STATE, ControllerState
+        self._header = header = Header(frame_id=frames(self)[1])  # new messages would cost more
         self._ecu, self._computed = ECU(header=header), computed(header=header)
         self._computed_pub = self.create_publisher(computed, topic, names.QOS)
         self._ecu_pub = self.create_publisher(ECU, names.ECU, names.QOS)

@@ -150,10 +150,3 @@ class _Listener(ServerListener):
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002
         self._asked.append(channel.topic)
-
-
-def announced() -> FoxgloveServer:
-    """Return a node, whose address is printed."""
-    node = FoxgloveServer()
-    print(f'foxglove   {node.url}', flush=True)  # noqa: T201
-    return node

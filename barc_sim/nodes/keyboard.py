@@ -44,8 +44,8 @@ class Keyboard(Node):
     (None, None)
     """
 
-    def __init__(self, terminal: Terminal, **options: Any) -> None:  # noqa: ANN401 (Node's own)
-        """Read keys from `terminal`, which is closed at the end.
+    def __init__(self, terminal: Terminal | None = None, **options: Any) -> None:  # noqa: ANN401
+        """Read keys from `terminal`, the standard input unless given; it is closed at the end.
 
         Raises
         ------
@@ -56,7 +56,7 @@ class Keyboard(Node):
         values = declare(self, PARAMETERS)
         self._keys = HeldKeys(values['press_hold'], values['repeat_hold'])
         self._events: deque[tuple[KeyEvent, float]] = deque()
-        self._terminal = terminal
+        self._terminal = terminal = terminal or Terminal()
         self.finished = Future()
         # The terminal is restored before all else ends, whichever thread ends it.
         self.finished.add_done_callback(lambda _: terminal.close())
@@ -103,8 +103,3 @@ class Keyboard(Node):
         request = self._keys.request(time.monotonic())
         if request is not None:
             self._twist_pub.publish(to_twist(request))
-
-
-def on_stdin() -> Keyboard:
-    """Return a keyboard of the terminal that is the standard input."""
-    return Keyboard(Terminal())

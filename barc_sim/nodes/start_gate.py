@@ -30,6 +30,7 @@ _POLLS = 3
 #: discovered, and messages sent meanwhile would be lost. Our recorder discovers topics every 0.2 s.
 _POLLS_OTHER_PROCESS = 40
 _LEASE = 20.0  #: [s] until DDS notices that a process was killed
+_RESETS = (names.RESET_CONTROLLER, names.RESET_RELAY)
 _RESET_TIMEOUT = 0.5  #: [s] for the nodes that command to answer their reset
 
 
@@ -45,11 +46,9 @@ class StartGate:
 
         If `wait` is false, no controller is needed.
         """
-        self._node = node
-        self._begin = begin
-        self._wait = wait
+        self._node, self._begin, self._wait = node, begin, wait
         self._clients: dict[str, Client] = {}
-        self._new: list[Client] = []  # to be called once they have found their servers
+        self._uncalled: list[Client] = []  # to be called once they have found their servers
         self._answers: list[Future] = []
         self._give_up_at = 0.0
         self._is_reset = False
@@ -58,41 +57,37 @@ class StartGate:
 
     def restart(self) -> None:
         """Reset the nodes that command, and call `begin` again after that."""
-        known = [client for client in self._clients.values() if client.service_is_ready()]
-        self._answers = [client.call_async(Trigger.Request()) for client in known]
-        self._new = self._add_clients()
+        self._uncalled, self._answers = self._resets(), []
         self._give_up_at = time.monotonic() + _RESET_TIMEOUT
-        self._polls_found = min(
-            self._polls_found, self._polls_required - 1
-        )  # discovered already: one poll is enough
+        # Where the controller is discovered already, one poll is enough.
+        self._polls_found = min(self._polls_found, self._polls_required - 1)
         self._is_reset = True
         self._timer.reset()
 
-    def _add_clients(self) -> list[Client]:
-        """Create and return a client of each reset that is served by now.
+    def _resets(self) -> list[Client]:
+        """Return a client of each reset that is served by now.
 
         Without a server, ROS would list the service because of the client.
         """
-        new = []
-        for name in (names.RESET_CONTROLLER, names.RESET_RELAY):
-            if name not in self._clients and self._node.count_services(name):
-                new.append(self._node.create_client(Trigger, name))
-                self._clients[name] = new[-1]
-        return new
+        served = [each for each in _RESETS if self._node.count_services(each)]
+        for name in served:
+            if name not in self._clients:
+                self._clients[name] = self._node.create_client(Trigger, name)
+        return [self._clients[name] for name in served]
 
     def _poll(self) -> None:
-        for client in [client for client in self._new if client.service_is_ready()]:
-            self._new.remove(client)
+        for client in [client for client in self._uncalled if client.service_is_ready()]:
+            self._uncalled.remove(client)
             self._answers.append(client.call_async(Trigger.Request()))
-        if self._new or not all(answer.done() for answer in self._answers):
+        if self._uncalled or not all(answer.done() for answer in self._answers):
             if time.monotonic() < self._give_up_at:
                 return
             self._node.get_logger().warning('a node that commands has not answered its reset')
-            self._new, self._answers = [], []
+            self._uncalled, self._answers = [], []
         ends = publishers(self._node, names.ECU)
         self._polls_required = _POLLS if all_own(self._node, ends) else _POLLS_OTHER_PROCESS
         self._polls_found = self._polls_found + 1 if ends or not self._wait else 0
-        self._add_clients()
+        self._resets()  # clients find their servers meanwhile
         if self._polls_found < self._polls_required:
             return
         if not self._is_reset:

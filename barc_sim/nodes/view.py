@@ -172,13 +172,6 @@ def status(stepper: Stepper) -> Status:
     return Status(stepper.missed, stepper.slipped, stepper.paused)
 
 
-def announced() -> ViewNode:
-    """Return a node, whose page's address is printed."""
-    node = ViewNode()
-    print(f'view    {node.url}', flush=True)  # noqa: T201 (not into /rosout: it has the token)
-    return node
-
-
 def _keep_in(queue: deque[Any]) -> Callable[[Any], None]:
     return lambda message: queue.append(message)  # noqa: PLW0108 (rclpy reads its signature)
 

@@ -224,7 +224,7 @@ class Run:
                 self._serve(number)
         if self.recorder:
             self.recorder.discover()
-            self.recorder.add_metadata(_description(options.argv, self.nodes, self.simulators))
+            self.recorder.add_metadata(_description(options.argv, self.nodes))
             self._record_graph(self.recorder)
         # A full garbage collection takes half a step: exclude what lives as long as the run.
         gc.collect()
@@ -304,7 +304,14 @@ class Run:
         if is_failure:
             self.fail(str(error))
         if self.recorder and keeps_bag:
-            self.recorder.add_metadata(_results(self.simulators))
+            steppers = [each.stepper for each in self.simulators]
+            self.recorder.add_metadata(
+                {
+                    'steps': str(sum(each.states for each in steppers)),
+                    'missed_deadlines': str(sum(each.missed for each in steppers)),
+                    'slipped_periods': str(self.slipped),
+                }
+            )
             self._record_graph(self.recorder)
         bag = str(self.recorder.path) if self.recorder else ''
         for view in self._views:
@@ -367,41 +374,27 @@ def _facts(simulator: VehicleSimulator, recorder: BagRecorder | None) -> Facts:
     return facts._replace(recorded=recorded, lost=lost, failure=failure)
 
 
-def _description(
-    argv: list[str], nodes: list[Node], simulators: list[VehicleSimulator]
-) -> dict[str, str]:
+def _description(argv: list[str], nodes: list[Node]) -> dict[str, str]:
     """Return what describes a run, with its parameters in the form that `ros2 param load` takes."""
-    parameters = {node.get_fully_qualified_name(): _parameters(node) for node in nodes}
-    # By class, not by name: `-r __node:=car` gives all nodes one name.
-    controllers = [node.values for node in nodes if isinstance(node, CruiseController)]
-    road = {'road': simulators[0].values['road']} if simulators else {}
-    own = (controllers[0] if controllers else {}) | road
+    parameters: dict[str, Any] = {}
+    own: dict[str, Any] = {}  # of the first car
+    for node in nodes:
+        found = node.get_parameters(node.list_parameters(prefixes=[], depth=0).names)
+        name = node.get_fully_qualified_name()
+        parameters[name] = {'ros__parameters': {each.name: each.value for each in found}}
+        # By class, not by name: `-r __node:=car` gives all nodes one name.
+        if isinstance(node, CruiseController):
+            own = {name: node.values[name] for name in GAINS if name in node.values} | own
+        elif isinstance(node, VehicleSimulator):
+            own.setdefault('road', node.values['road'])
     return {
         'command': shlex.join(['barc', *argv]),
         'barc_sim': __version__,
         'python': python_version(),
         'platform': platform(),
-        'parameters': yaml.safe_dump(
-            {name: {'ros__parameters': values} for name, values in parameters.items()},
-            sort_keys=False,
-        ),
-        **{name: str(own[name]) for name in (*GAINS, 'road') if name in own},
+        'parameters': yaml.safe_dump(parameters, sort_keys=False),
+        **{name: str(value) for name, value in own.items()},
     }
-
-
-def _parameters(node: Node) -> dict[str, Any]:
-    names = node.list_parameters(prefixes=[], depth=0).names
-    return {parameter.name: parameter.value for parameter in node.get_parameters(names)}
-
-
-def _results(simulators: list[VehicleSimulator]) -> dict[str, str]:
-    steppers = [simulator.stepper for simulator in simulators]
-    results = {
-        'steps': sum(each.states for each in steppers),
-        'missed_deadlines': sum(each.missed for each in steppers),
-        'slipped_periods': sum(each.slipped for each in steppers),
-    }
-    return {name: str(value) for name, value in results.items()}
 
 
 def _print_commands(recorder: BagRecorder) -> None:

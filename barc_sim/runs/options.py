@@ -28,18 +28,10 @@ _ROS_OPTIONS = {'no_controller': False, 'no_relay': False, 'foxglove': None, 'ne
 
 
 def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view: str) -> None:
-    """Add the options of a run.
+    """Add the options of a run, whose `road` is that without `--road`.
 
-    Parameters
-    ----------
-    parser
-        The parser of the run's command.
-    parts
-        What a user's own code can replace: `model`, `controller`, `relay`.
-    road
-        The road without `--road`.
-    view
-        What `--view auto` stands for: `web`, `none`, or `offer`, a page that does not open itself.
+    Files of a user's can replace the `parts`: `model`, `controller`, `relay`. `view` is what
+    `--view auto` stands for: `web`, `none`, or `offer`, a page that does not open itself.
     """
     parser.add_argument(
         '--road',
@@ -52,7 +44,16 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
         metavar='FACTOR',
         help='simulated seconds per second; max: at full speed (1)',
     )
-    _add_user_code(parser, *parts)
+    files = ' and '.join(FILES[part] for part in parts)
+    parser.add_argument('--lab', type=Path, metavar='DIR', help=f'a folder with {files}')
+    for part in parts:
+        parser.add_argument(
+            f'--{part}',
+            type=Path,
+            metavar='FILE',
+            help=f'use this file in place of {FILES[part]}',
+        )
+    parser.set_defaults(parts=parts)
     add_view_options(parser, auto=view)
     bag = parser.add_mutually_exclusive_group()
     bag.add_argument(
@@ -87,24 +88,6 @@ def add_arguments(parser: argparse.ArgumentParser, *parts: str, road: str, view:
     add_engine_option(parser)
     add_mirror_options(parser)
     add_recording_options(parser)
-
-
-def _add_user_code(parser: argparse.ArgumentParser, *parts: str) -> None:
-    files = ' and '.join(FILES[part] for part in parts)
-    parser.add_argument(
-        '--lab',
-        type=Path,
-        metavar='DIR',
-        help=f'a folder with {files}',
-    )
-    for part in parts:
-        parser.add_argument(
-            f'--{part}',
-            type=Path,
-            metavar='FILE',
-            help=f'use this file in place of {FILES[part]}',
-        )
-    parser.set_defaults(parts=parts)
 
 
 def add_engine_option(parser: argparse.ArgumentParser) -> None:
@@ -173,9 +156,10 @@ def add_address_options(parser: argparse.ArgumentParser, *, can: str = 'drive') 
 
 
 def wants_page(options: argparse.Namespace) -> bool:
-    """Return whether to serve the live page; False for a program without these options."""
+    """Return whether to serve the live page."""
+    is_offered = options.view == 'auto' and options.view_auto == 'offer'
     return opens_page(options) or (
-        _view(options) == 'offer'
+        is_offered
         and not options.quiet
         and options.realtime_factor != 0.0
         and sys.stdout.isatty()
@@ -185,12 +169,7 @@ def wants_page(options: argparse.Namespace) -> bool:
 
 def opens_page(options: argparse.Namespace) -> bool:
     """Return whether the live page opens itself, not only where a person opens its link."""
-    return _view(options) == 'web'
-
-
-def _view(options: argparse.Namespace) -> str:
-    choice = getattr(options, 'view', 'none')
-    return str(options.view_auto if choice == 'auto' else choice)
+    return 'web' in (options.view, options.view == 'auto' and options.view_auto)
 
 
 def add_mirror_options(parser: argparse.ArgumentParser) -> None:
@@ -215,16 +194,13 @@ def add_mirror_options(parser: argparse.ArgumentParser) -> None:
 
 def wanted_mirrors(options: argparse.Namespace) -> frozenset[str]:
     """Return the mirrors named on the command line; without names, all for Foxglove, else none."""
-    chosen = getattr(options, 'mirrors', None)
-    if chosen is None:
-        return frozenset(() if getattr(options, 'foxglove', None) is None else MIRRORS)
-    return frozenset(chosen)
+    if options.mirrors is None:
+        return frozenset(() if options.foxglove is None else MIRRORS)
+    return frozenset(options.mirrors)
 
 
 def _mirrors(text: str) -> frozenset[str]:
-    if text in ('all', 'none'):
-        return frozenset(MIRRORS if text == 'all' else ())
-    names = frozenset(text.split(','))
+    names = frozenset({'all': MIRRORS, 'none': ()}.get(text, text.split(',')))
     if not names <= set(MIRRORS):
         raise argparse.ArgumentTypeError(
             f"{text!r} is neither 'all', 'none' nor some of {','.join(MIRRORS)}"
@@ -294,9 +270,8 @@ def add_topic_choice(parser: argparse.ArgumentParser, verb: str) -> None:
 
 def recording(options: argparse.Namespace) -> Recording:
     """Return the settings on the command line; an option that it does not have is the default."""
-    given = vars(options)
     names = {field.name for field in fields(Recording)}
-    return Recording(**{name: value for name, value in given.items() if name in names})
+    return Recording(**{name: value for name, value in vars(options).items() if name in names})
 
 
 def pattern(text: str) -> re.Pattern[str]:

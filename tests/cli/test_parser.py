@@ -52,23 +52,7 @@ def test_negative_numbers_are_values_of_options(text: str) -> None:
     assert parser.parse_args(['--kp', text]).kp == float(text)
 
 
-def test_sub_command_reports_in_the_same_way(capsys: pytest.CaptureFixture[str]) -> None:
-    parser = Parser(prog='drive')
-    parser.add_subparsers().add_parser('acc').add_argument('--speed', type=float)
-    with pytest.raises(SystemExit) as end:
-        parser.parse_args(['acc', '--speed', 'fast'])
-    assert end.value.code == 2
-    stderr = capsys.readouterr().err
-    assert stderr.startswith('drive acc: error: ')
-    assert stderr.count('\n') == 1
-
-
 # The exit code
-
-
-@pytest.mark.parametrize(('result', 'code'), [(None, 0), (0, 0), (3, 3)])
-def test_exit_code_is_the_commands_own(result: int | None, code: int) -> None:
-    assert call('drive', lambda: result) == code
 
 
 def test_user_error_is_one_line_on_stderr_and_exit_code_2(
@@ -98,29 +82,6 @@ def test_a_package_that_is_missing_is_named_with_the_line_that_installs_it(
     assert error.count('\n') == 1
     assert f"the package '{module.partition('.')[0]}' is not installed" in error
     assert f"-m pip install '{requirement.partition('<')[0]}" in error
-
-
-def test_a_python_of_the_system_gets_the_line_that_it_accepts(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    (tmp_path / 'EXTERNALLY-MANAGED').touch()
-    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    monkeypatch.setattr('sysconfig.get_path', lambda _: tmp_path)
-    call('barc acc', lambda: raising(ModuleNotFoundError('', name='rosbags')))
-    install = "-m pip install --user --break-system-packages 'rosbags<0.12,>=0.11'"
-    assert install in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('flush', [True, False])
-def test_reader_that_went_away_ends_the_command(
-    *, flush: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reading, writing = os.pipe()
-    os.close(reading)
-    with os.fdopen(writing, 'w') as stdout:
-        monkeypatch.setattr(sys, 'stdout', stdout)
-        assert call('drive', lambda: print('a line', flush=flush)) == 0  # noqa: T201
-        monkeypatch.undo()
 
 
 @pytest.mark.parametrize('main', ["lambda: print('a line')", 'Parser().print_help'])

@@ -105,10 +105,6 @@ def test_a_path_that_is_too_long_is_refused(words: tuple[str, ...]) -> None:
     assert LONG in refused(*words)
 
 
-def test_a_path_of_a_run_that_is_too_long_is_refused(tmp_path: Path) -> None:
-    assert LONG in sentence(limited(*LOCAL, '--bag-dir', LONG, cwd=tmp_path))
-
-
 @pytest.mark.parametrize('year', [1966, 2126])
 def test_a_clock_that_no_message_can_hold_is_named(year: int, tmp_path: Path) -> None:
     seconds = round((year - 1969.5) * 31_556_952)
@@ -230,11 +226,6 @@ def test_what_the_machine_refuses_is_one_sentence(
     assert failing(error, cause) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert expected in line
-
-
-def test_a_fault_of_ours_keeps_its_traceback() -> None:
-    with pytest.raises(KeyError):
-        failing(KeyError('ours'))
 
 
 @pytest.mark.parametrize(

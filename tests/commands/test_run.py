@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import pty
 import random
 import signal
 import subprocess
-from contextlib import closing
 from typing import TYPE_CHECKING
 
 import pytest
@@ -132,21 +130,6 @@ def test_parameters_after_ros_args_count_unless_an_option_is_given(run: Run, her
     assert bag.info(here / out.strip())['kp'] == '25.0'
 
 
-def test_namespace_moves_every_topic_of_the_run(run: Run, here: Path) -> None:
-    code, out, _ = run('acc', '-q', *SHORT, '--ros-args', '-r', '__ns:=/car2')
-    assert code == 0
-    with AnyReader([here / out.strip()]) as reader:
-        moved = set(reader.topics) - {'/rosout', '/parameter_events', '/clock'}
-    names = ('z_vhcl', 'ez_vhcl', 'environment', 'ecu', 'pid_state')
-    assert moved == {f'/car2/{name}' for name in names}
-    assert bag.read(here / out.strip()).x[-1] >= 1.0
-
-
-def test_bag_goes_nowhere_on_request(run: Run, here: Path) -> None:
-    assert run('acc', '-q', *SHORT, '--no-bag') == (0, '', '')
-    assert not list(here.iterdir())
-
-
 def test_quiet_run_prints_the_path_of_its_bag_and_nothing_else(run: Run, here: Path) -> None:
     code, out, err = run('acc', '-q', *SHORT, '--bag-dir', 'a/b')
     assert code == 0
@@ -185,44 +168,6 @@ def test_pipe_gets_plain_lines_a_table_and_what_to_do_next(run: Run, here: Path)
     # Quoted where the path of the environment has a space.
     assert plot_line.replace("'", '').endswith(f'bin/barc plot {path}')
     assert replay_line.replace("'", '').endswith(f'bin/barc replay {path}')
-
-
-class Terminal:
-    """A terminal for a run to write on."""
-
-    def __init__(self) -> None:
-        self._master, self.slave = pty.openpty()
-        self.text = ''
-
-    def read(self) -> bool:
-        """Take more of what was written; return whether there was more to come."""
-        try:
-            self.text += os.read(self._master, 4096).decode(errors='replace')
-        except OSError:  # Linux: the other end is closed
-            return False
-        return True
-
-    def close(self) -> None:
-        """Hang up."""
-        os.close(self._master)
-
-
-@pytest.mark.parametrize('signalled', [False, True])
-def test_terminal_gets_a_live_line_and_its_cursor_back(start: Start, *, signalled: bool) -> None:
-    with closing(Terminal()) as terminal:
-        process = start('acc', *(ENDLESS if signalled else SHORT), stdout=terminal.slave)
-        os.close(terminal.slave)
-        while 'm/s  error' not in terminal.text:
-            assert terminal.read()
-        if signalled:
-            process.send_signal(signal.SIGINT)
-        while terminal.read():
-            pass
-        _, err = process.communicate(timeout=20)
-    assert process.returncode == 0
-    assert 'Traceback' not in err
-    assert terminal.text.rindex('\x1b[?25h') > terminal.text.rindex('\x1b[?25l')
-    assert 'whole run' in terminal.text
 
 
 def test_reader_that_went_away_ends_the_run_in_order(start: Start, here: Path) -> None:

@@ -18,7 +18,6 @@ pytest.importorskip('rclpy')
 from barc_interfaces.msg import ECU, ZDynBkMdl
 from command_line import bag_of, started
 from node_bench import NodeBench, overrides
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
@@ -106,23 +105,6 @@ def test_clock_is_published_at_another_factor_or_on_request(
     assert bench(**parameters).peer.count_publishers('/clock') == expected
 
 
-@pytest.mark.parametrize('parameters', [{'clock': True}, {'realtime_factor': 0.0}])
-def test_clock_publishes_the_stamp_of_each_state(
-    bench: Make, parameters: dict[str, float | bool]
-) -> None:
-    world = bench(**parameters)
-    world.until(lambda: len(world.stamps) >= 20)
-    world.until(lambda: len(world.times) >= 20)
-    assert world.times[:20] == world.stamps[:20]
-
-
-def test_best_effort_subscription_receives_the_clock(bench: Make) -> None:
-    world = bench(realtime_factor=0.0)
-    times: list[Clock] = []
-    world.peer.create_subscription(Clock, '/clock', times.append, CLOCK_QOS)
-    world.until(lambda: len(times) > 5)
-
-
 def test_clock_stands_while_paused_and_is_repeated_for_late_nodes(bench: Make) -> None:
     world = bench(realtime_factor=5.0, check_period=0.02)
     world.until(lambda: len(world.times) > 5)
@@ -151,22 +133,6 @@ def test_clock_begins_in_real_time_when_a_pause_has_left_stamps_behind(bench: Ma
     world.until(lambda: world.simulator.stepper.stamp_lag < 0.1)
     ticks = len(world.times)
     world.until(lambda: len(world.times) > ticks)
-
-
-def test_a_reset_without_an_answer_is_warned_of_once(
-    bench: Make, capfd: pytest.CaptureFixture[str]
-) -> None:
-    world = bench()
-    world.until(lambda: len(world.stamps) > 3)
-    silent = Node('silent', context=world.peer.context)  # serves, and is not spun
-    silent.create_service(Trigger, names.RESET_RELAY, lambda _, response: response)
-    world.answers = False
-    world.peer.destroy_publisher(world.commands)
-    world.call(Trigger, 'vehicle_simulator/reset')
-    end = time.monotonic() + 1.2
-    world.until(lambda: time.monotonic() > end)
-    silent.destroy_node()
-    assert capfd.readouterr().err.count('has not answered its reset') == 1
 
 
 @pytest.mark.usefixtures('ros_domain')

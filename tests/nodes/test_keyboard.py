@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
 from barc_sim.control.driver import COAST, FULL_BRAKE, DriverInput
-from barc_sim.control.keyboard import HeldKeys, KeyDecoder, Terminal
+from barc_sim.control.keyboard import Terminal
 from barc_sim.nodes.keyboard import Keyboard
 from barc_sim.ros.node_helpers import to_driver_input
 
@@ -91,31 +91,6 @@ def test_a_press_drives_then_coasts_once_and_falls_silent(bench: Bench) -> None:
     count = len(bench.received)
     spin_for(bench, 0.3)
     assert len(bench.received) == count
-
-
-def test_what_is_published_is_what_the_keys_make(bench: Bench) -> None:
-    script = [b'\x1b[A', b'\x1b[D', b' ', b'\x1b[C', b's']
-    keys, decoder, expected = HeldKeys(), KeyDecoder(), []
-    for k, data in enumerate(script):
-        for event in decoder.decode(data):
-            keys.handle(event, float(k))
-        expected += [keys.request(k + 0.1), keys.request(k + 0.9)]
-    for data in script:
-        bench.type(data)
-        before = len(bench.received)
-        if data == b' ':
-            bench.until(lambda before=before: len(bench.received) > before)
-            spin_for(bench, 0.7)
-        else:
-            bench.until(lambda before=before: COAST in bench.received[before:])
-    assert bench.changes == [request for request in expected if request is not None]
-
-
-def test_nothing_follows_the_brake(bench: Bench) -> None:
-    bench.type(b' ')
-    bench.until(lambda: FULL_BRAKE in bench.received)
-    spin_for(bench, 0.9)
-    assert bench.changes == [FULL_BRAKE]
 
 
 def test_reset_is_called_once_for_a_key_held(bench: Bench) -> None:

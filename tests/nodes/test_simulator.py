@@ -16,7 +16,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from barc_sim.bags import names
@@ -127,17 +126,6 @@ def test_states_are_stamped_a_period_apart_on_all_topics(world: World, rate: flo
     assert simulator.stepper.missed == 0
 
 
-def test_environment_has_grade_height_and_forces_at_the_state(world: World) -> None:
-    environments = world.received(Environment, 'environment')
-    world.driver(partial(command, 4.0))
-    world.simulator(realtime_factor=LOCK_STEP)
-    world.until(lambda: any(each.elevation > 1.0 for each in environments))
-    seen = next(each for each in environments if each.elevation > 1.0)
-    assert seen.theta == 10.0
-    assert seen.gravity == pytest.approx(-2000.0 * 9.8 * math.sin(math.radians(10.0)))
-    assert seen.drag < seen.friction == -0.01711
-
-
 def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) -> None:
     simulator = world.simulator(realtime_factor=LOCK_STEP, distance=1.0)
     world.driver()
@@ -160,20 +148,6 @@ def test_reset_of_a_relay_is_listed_only_where_there_is_a_relay(world: World) ->
     client = relay.create_client(Trigger, 'vehicle_simulator/reset')
     answer = client.call_async(Trigger.Request())
     world.until(lambda: answer.done() and bool(resets))
-
-
-def test_on_step_is_called_with_simulated_time_and_state(world: World) -> None:
-    calls: list[tuple[float, float]] = []
-    world.driver(partial(command, 8.0))
-    simulator = world.simulator(
-        realtime_factor=LOCK_STEP,
-        distance=0.1,
-        on_step=lambda t, seen: calls.append((t, seen.true.v_x)),
-    )
-    world.until(simulator.finished.done)
-    assert len(calls) == simulator.stepper.states > 3
-    assert [t for t, _ in calls] == pytest.approx([0.02 * k for k in range(len(calls))])
-    assert calls[-1][1] > calls[0][1] == 0.0
 
 
 # Who drives
@@ -217,16 +191,6 @@ def test_new_controller_receives_the_state_that_waits_for_its_answer(world: Worl
     assert simulator.stepper.missed == 0
 
 
-def test_incompatible_publisher_is_warned_of_once(world: World, capfd: Capture) -> None:
-    best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    deaf = world.add(Node('joystick', context=world.context))
-    deaf.create_publisher(ECU, 'ecu', best_effort)
-    simulator = world.simulator(check_period=OFTEN, realtime_factor=1.0)
-    world.until(lambda: simulator.stepper.states >= 10)
-    log = capfd.readouterr().err
-    assert log.count("topic 'ecu', offering incompatible QoS") == 1
-
-
 # Parameters, and the place of its own
 
 
@@ -243,8 +207,6 @@ def test_parameter_cannot_be_changed_in_a_run(world: World) -> None:
     ('name', 'value', 'reason'),
     [
         ('mass', -1.0, 'mass of vehicle_simulator: -1 is not a number from 1 to 1e'),
-        ('mass', 'heavy', 'mass of vehicle_simulator must be of type float'),
-        ('road', 'nowhere', "road 'nowhere' is neither 'lab', 'flat' nor"),
         ('integrator', 'heun', "integrator 'heun' must be 'euler' or 'rk4'"),
     ],
 )
@@ -369,7 +331,7 @@ def test_reset_continues_without_the_controllers_answer(world: World, capfd: Cap
     reset(world)
     before = simulator.stepper.states
     world.until(lambda: simulator.stepper.states > before + 3)
-    assert 'has not answered its reset' in capfd.readouterr().err
+    assert capfd.readouterr().err.count('has not answered its reset') == 1
 
 
 def pose(x: float, y: float, z: float, w: float) -> PoseWithCovarianceStamped:

@@ -15,17 +15,14 @@ pytest.importorskip('rclpy')
 
 import numpy as np
 from barc_interfaces.msg import ECU, Environment, PidState, ZDynBkMdl
-from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterType, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import SetBool, Trigger
 from websockets.sync.client import connect
 
 from barc_sim.bags import names
 from barc_sim.control.lqr import LQR
-from barc_sim.errors import UserError
 from barc_sim.nodes.controller import CruiseController
 from barc_sim.nodes.simulator import VehicleSimulator
 from barc_sim.nodes.view import ViewNode
@@ -44,13 +41,10 @@ STEP = 20_000_000
 
 
 class Peer(Node):
-    """Publishes a run, records `cmd_vel`, and offers reset and pause."""
+    """Publishes a run."""
 
     def __init__(self, context: Context) -> None:
         super().__init__('peer', context=context)
-        self.twists: list[tuple[float, float]] = []
-        self.done: list[object] = []
-        self.refusal = ''
         self._steps = 0
         self._pubs = {
             topic: self.create_publisher(kind, topic, names.QOS)
@@ -61,9 +55,6 @@ class Peer(Node):
                 names.PID_STATE: PidState,
             }.items()
         }
-        self.create_subscription(Twist, 'cmd_vel', self._on_twist, 100)
-        self.create_service(Trigger, 'vehicle_simulator/reset', self._on_request)
-        self.create_service(SetBool, 'vehicle_simulator/pause', self._on_request)
 
     def step(self, x: float) -> None:
         """Publish a state at `x` with its other messages."""
@@ -73,16 +64,6 @@ class Peer(Node):
         self._pubs[names.STATE].publish(ZDynBkMdl(header=header, x=x, v_x=7.0))
         self._pubs[names.ECU].publish(ECU(header=header, motor=1.5, servo=0.1))
         self._pubs[names.PID_STATE].publish(PidState(header=header, reference=8.0))
-
-    def _on_twist(self, twist: Twist) -> None:
-        self.twists.append((twist.linear.x, twist.angular.z))
-        self.braked = twist.linear.z == -1.0
-
-    def _on_request(self, request: Any, response: Any) -> Any:  # noqa: ANN401 (two kinds)
-        self.done.append(request.data if isinstance(request, SetBool.Request) else 'reset')
-        response.success = not self.refusal
-        response.message = self.refusal
-        return response
 
 
 class Client:
@@ -207,28 +188,6 @@ def test_invalid_parameter_events_are_ignored(view: ViewNode, peer: Peer) -> Non
     assert tuned == {'kp': 7.0}
 
 
-def test_page_that_closes_with_a_key_held_brakes(view: ViewNode, peer: Peer) -> None:
-    with page(view) as client:
-        client.request('drive', linear=1.0, angular=0.0)
-        until(lambda: (1.0, 0.0) in peer.twists)
-    until(lambda: peer.twists[-1] == (0.0, 0.0))
-    assert peer.braked
-
-
-def test_reset_and_pause_call_the_simulator(view: ViewNode, peer: Peer) -> None:
-    with page(view) as client:
-        client.request('reset')
-        until(lambda: peer.done == ['reset'])
-        client.request('pause', on=True)
-        until(lambda: peer.done == ['reset', True])
-        while not client.receive('status')['paused']:
-            pass
-        client.request('pause', on=False)
-        while client.receive('status')['paused']:
-            pass
-    assert peer.done == ['reset', True, False]
-
-
 def test_missing_service_is_named(view: ViewNode) -> None:
     with page(view) as client:
         client.request('tune', name='kp', value=1.0)
@@ -293,24 +252,3 @@ def test_namespace_applies_to_its_clients(ros: Context) -> None:
         client.request('tune', name='kp', value=2.0)
         while client.receive('facts')['tuning'].get('kp') != 2.0:
             pass
-
-
-def test_the_realtime_factor_is_measured(ros: Context) -> None:
-    view = ViewNode('teleop', context=ros)
-    simulator = VehicleSimulator(
-        context=ros,
-        parameter_overrides=[
-            Parameter('wait_for_controller', value=False),
-            Parameter('realtime_factor', value=2.0),
-        ],
-    )
-    with spinning(ros, view, simulator), page(view) as client:
-        factor = None
-        while factor is None:
-            factor = client.receive('status')['factor']
-    assert 0.0 < factor < 2.5  # a busy machine is slower
-
-
-def test_unknown_mode_is_named(ros: Context) -> None:
-    with pytest.raises(UserError, match="mode 'drift' of the view"):
-        ViewNode('drift', context=ros)

@@ -81,18 +81,7 @@ def test_bags_are_equal(tmp_path: Path, controller: str) -> None:
         assert found['local'][name] == topic, name
 
 
-#: Those that need no node of another process and no namespace.
-NAMES = [
-    name
-    for name, scenario in SCENARIOS.items()
-    if scenario.mode == 'acc'
-    and not (scenario.driver or scenario.remap or '--cars' in scenario.options)
-]
-
-
-@pytest.mark.parametrize(
-    'name', [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in NAMES]
-)
+@pytest.mark.parametrize('name', ['user_code', 'subtract_error'])  # others: test_carriers
 def test_run_without_ros_gives_the_golden_figures(
     golden: dict[str, Any], name: str, tmp_path: Path
 ) -> None:

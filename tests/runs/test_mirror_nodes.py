@@ -53,17 +53,6 @@ def test_those_that_are_named_stand_on_the_simulators_road_in_its_namespace(tmp_
     assert last.header.frame_id == 'car2/odom'
 
 
-def test_diagnostics_have_time_command_and_bag(tmp_path: Path) -> None:
-    options = ('--distance', '6', '--mirrors', 'diagnostics')
-    last = messages(bag_of(tmp_path, *options))['/diagnostics'][-1]
-    levels = {
-        status.name: {entry.key: entry.value for entry in status.values} for status in last.status
-    }
-    assert set(levels) == {f'/mirror: {name}' for name in ('timing', 'command', 'bag')}
-    assert int(levels['/mirror: timing']['missed deadlines']) >= 0
-    assert int(levels['/mirror: bag']['recorded messages']) > 0
-
-
 @pytest.fixture
 def taken() -> Iterator[int]:
     """Return a port that somebody has."""

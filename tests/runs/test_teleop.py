@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import termios
 from typing import TYPE_CHECKING
 
@@ -176,57 +174,6 @@ def test_without_a_terminal_it_says_so_and_drives_from_cmd_vel(tmp_path: Path) -
     assert run.returncode == 0
     assert 'standard input is not a terminal: keys are ignored' in err
     assert 'held ↑' in out or 'missed deadlines' in out
-
-
-def relayless(folder: Path) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
-    """Start a simulator with a command timeout, and a relay, each in its process."""
-    parameters = ['--ros-args', '-p', 'command_timeout:=0.5', '-p', 'road:=flat']
-    simulator, relay = (
-        subprocess.Popen(
-            [sys.executable, '-m', 'barc_sim', 'node', name, *more], cwd=folder, text=True
-        )
-        for name, more in (('vehicle_simulator', parameters), ('relay', []))
-    )
-    return simulator, relay
-
-
-@pytest.mark.slow
-def test_killing_the_relay_stops_the_car(tmp_path: Path) -> None:
-    watch = (
-        'import os, signal, sys, rclpy\n'
-        'from geometry_msgs.msg import Twist, Vector3\n'
-        'from barc_interfaces.msg import ZDynBkMdl\n'
-        'rclpy.init()\n'
-        "node = rclpy.create_node('watch')\n"
-        "twists = node.create_publisher(Twist, 'cmd_vel', 10)\n"
-        'speeds = [0.0]\n'
-        "node.create_subscription(ZDynBkMdl, 'z_vhcl', lambda m: speeds.append(m.v_x), 10)\n"
-        'node.create_timer(0.1, lambda: twists.publish(Twist(linear=Vector3(x=1.0))))\n'
-        'while speeds[-1] < 2.0:\n'
-        '    rclpy.spin_once(node)\n'
-        'os.kill(int(sys.argv[1]), signal.SIGKILL)\n'
-        'killed = len(speeds)\n'
-        'while speeds[-1] > 1e-6 or len(speeds) < killed + 100:\n'
-        '    rclpy.spin_once(node)\n'
-        'assert min(speeds) >= -1e-9, min(speeds)\n'
-        'gone = next(k for k in range(killed, len(speeds)) if speeds[k] < speeds[k - 1] - 0.1)\n'
-        'print(gone - killed)\n'
-    )
-    simulator, relay = relayless(tmp_path)
-    try:
-        done = subprocess.run(
-            [sys.executable, '-c', watch, str(relay.pid)],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=DEADLINE,
-        )
-    finally:
-        for process in (simulator, relay):
-            process.kill()
-            process.wait()
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) <= 30  # states of 20 ms from the kill to the brake: 0.5 s and a little
 
 
 def test_as_fast_as_it_goes_is_refused_with_one_sentence(tmp_path: Path) -> None:

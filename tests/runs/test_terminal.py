@@ -112,12 +112,6 @@ def test_terminal_is_drawn_ten_times_a_second(
         shown.close()
 
 
-def test_terminal_is_left_alone_by_a_run_without_a_state(terminal: Terminal) -> None:
-    with redirect_stdout(terminal.stdout):
-        Display(180.0).close()
-    assert HIDE not in terminal.shown()
-
-
 def test_drive_by_hand_is_a_line_without_a_bar(terminal: Terminal) -> None:
     with redirect_stdout(terminal.stdout):
         shown = Display()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -16,6 +16,9 @@ from barc_sim.runs.options import (
     wanted_mirrors,
     wants_page,
 )
+
+if TYPE_CHECKING:
+    from argparse import Namespace
 
 
 def parse(*argv: str, auto: str = 'web') -> Namespace:
@@ -83,11 +86,6 @@ def test_a_page_is_offered_at_a_desktop_and_does_not_open_itself(
 )
 def test_mirrors_are_those_named_or_all_for_foxglove(argv: list[str], expected: set[str]) -> None:
     assert wanted_mirrors(parse(*argv)) == expected
-
-
-def test_program_without_these_options_shows_nothing() -> None:
-    assert not wants_page(Namespace())
-    assert not wanted_mirrors(Namespace())
 
 
 @pytest.mark.parametrize(

@@ -63,12 +63,6 @@ def test_acc_drives_and_its_bag_is_read_by_the_other_commands(tmp_path: Path) ->
     assert done.returncode == 0, done.stderr
 
 
-def test_real_time_is_kept(tmp_path: Path) -> None:
-    done = barc(tmp_path, 'acc', '--realtime-factor', '10', '--distance', '20', '--no-bag')
-    assert done.returncode == 0, done.stderr
-    assert 'missed deadlines 0' in done.stdout
-
-
 #: Prints a line of JSON for each of the command lines: exit code, output and error.
 REFUSE = """
 import json, sys
@@ -130,19 +124,6 @@ def test_wrong_parameter_is_refused_and_no_bag_is_left(
     assert (done.returncode, done.stdout) == (2, '')
     assert sentence in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def test_parameters_come_from_a_file(tmp_path: Path) -> None:
-    (tmp_path / 'car.yaml').write_text(
-        'vehicle_simulator:\n  ros__parameters:\n    distance: 2.0\n', encoding='utf-8'
-    )
-    done = barc(
-        tmp_path, 'acc', '--realtime-factor', 'max', '-q', '--ros-args', '--params-file', 'car.yaml'
-    )
-    assert done.returncode == 0, done.stderr
-    (bag,) = (tmp_path / 'bags').iterdir()
-    text = (bag / 'metadata.yaml').read_text(encoding='utf-8')
-    assert 'distance: 2.0' in text
 
 
 RECORD = """
@@ -216,23 +197,3 @@ def test_page_drives_by_hand(begin: Callable[..., Any], tmp_path: Path) -> None:
     assert process.returncode == 0
     log = read_bag(next((tmp_path / 'bags').iterdir()))
     assert log.speed.max() > 1.0
-
-
-def test_page_tunes_and_pauses(begin: Callable[..., Any]) -> None:
-    process, url = begin('acc', '--laps', '0')
-    with connect_page(url) as socket:
-        wait(socket, lambda m: m.get('tuning', {}).get('kp') == 30.0)
-        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': 20.0}))
-        wait(socket, lambda m: m.get('tuning', {}).get('kp') == 20.0)
-        socket.send(json.dumps({'type': 'tune', 'name': 'kp', 'value': -2e6}))
-        refused = wait(socket, lambda m: m.get('type') == 'refused')
-        assert 'Parameter kp out of range' in refused['why']
-        socket.send(json.dumps({'type': 'tune', 'name': 'motor_delay', 'value': 0.3}))
-        wait(socket, lambda m: m.get('tuning', {}).get('motor_delay') == 0.3)
-        socket.send(json.dumps({'type': 'pause', 'on': True}))
-        wait(socket, lambda m: bool(m.get('paused')))
-        process.send_signal(signal.SIGINT)
-        end = wait(socket, lambda m: m.get('type') == 'end')
-        assert end['reason'] == 'The run has ended.'
-    process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0
