@@ -72,7 +72,6 @@ class VehicleSimulator(Node):
     >>> rclpy.shutdown()
     """
 
-    #: The topics that it subscribes to.
     inputs: ClassVar = {names.ECU: ECU, names.INITIAL_POSE: PoseWithCovarianceStamped}
 
     def __init__(
@@ -104,14 +103,12 @@ class VehicleSimulator(Node):
         self.add_post_set_parameters_callback(self._on_parameters)
         self._claim = claim(self, names.STATE)
         self.finished, self._warning = Future(), RateLimitedWarning(self, 10.0)
-        self.refused = RefusedInput(self)
-        self._on_step = on_step
+        self.refused, self._on_step = RefusedInput(self), on_step
 
         # One stamp for all messages of a state; to make new messages would cost more.
-        self._heard = Heard(self)
-        self._stamp = stamp = Time()
-        place, car = (Header(stamp=stamp, frame_id=name) for name in frames(self))
-        self._time, self._environment = ClockMessage(clock=stamp), Environment(header=place)
+        self._heard, self._stamp = Heard(self), Time()
+        place, car = (Header(stamp=self._stamp, frame_id=name) for name in frames(self))
+        self._time, self._environment = ClockMessage(clock=self._stamp), Environment(header=place)
         self._state, self._error = ZDynBkMdl(header=place), EZDynBkMdl(header=car)
         self._may_keep_clock, self.clock_pub = keeps_clock, None
         if values['clock'] or values['realtime_factor'] != 1.0:

@@ -29,8 +29,8 @@ _COURSE = 1152  # states from 0 to 180 m
 class _Run(TimedRun):
     """Ends early where a lock-step course would take minutes."""
 
-    def show(self, status: object) -> None:
-        super().show(status)
+    def show(self, *status: object) -> None:
+        super().show(*status)
         if self.in_lock_step and self.steps[-1] - self.steps[0] > _LOCK_STEP_LIMIT:
             self.run.finish()
 

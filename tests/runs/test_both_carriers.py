@@ -11,7 +11,7 @@ pytest.importorskip('rclpy')
 from command_line import call
 from golden.make_golden import differences, figures
 from golden.scenarios import SCENARIOS
-from golden.test_golden import QUICK, golden
+from golden.test_golden import golden
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
