@@ -6,10 +6,9 @@ import json
 import os
 import sys
 from argparse import ArgumentTypeError
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.cli.files import make_folder, read_regular, saving
 from barc_sim.cli.parser import number, whole
@@ -20,7 +19,7 @@ from barc_sim.lab.handout import BY_HAND, RUBRICS
 
 if TYPE_CHECKING:
     from argparse import Namespace
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from barc_sim.cli.parser import Parser
     from barc_sim.lab.grade.classroom import Student
@@ -79,7 +78,6 @@ def add_arguments(parser: Parser) -> None:
         'A class in DIR keeps its roster, due time and handout: they need not be given again. '
         'One of its folders can be graded alone.'
     )
-    parser.add_argument('--seed', type=whole(0), metavar='N', help="in place of the rubric's")
     parser.add_argument(
         '--jobs', type=whole(1), metavar='N', help='how many at once (one for each core)'
     )
@@ -106,29 +104,23 @@ def _cores() -> int:
 
 
 def run(options: Namespace) -> int:
-    """Write the reports and print the table; return the exit code.
-
-    Raises
-    ------
-    UserError
-        where there is nothing to grade, the code cannot be confined, or no report can be written.
-    """
+    """Write the reports and print the table; return the exit code."""
     from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
 
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
-    from barc_sim.lab.grade import classroom, grade, rubric, submissions  # noqa: PLC0415
+    from barc_sim.lab.grade import classroom, grade, rubric, similarity, submissions  # noqa: PLC0415
 
     points = rubric.load(options.rubric)
-    if options.seed is not None:
-        points = replace(points, seed=options.seed)
     out = options.out.absolute()
     paths = [path for path in submissions.find(options.submissions) if path.absolute() != out]
     # Gradescope looks for the files of a single submission in the folder itself.
     alone = paths == [options.submissions.resolve()] and not (out / _SETTINGS).exists()
-    settings = _Settings.of(options, out)
+    kept = _keep(options, out)
+    students = classroom.read_roster(options.roster) if options.roster else []
+    handout = submissions.read(options.handout).files if options.handout else {}
     folders = {path: out if alone else _folder(out, path) for path in paths}
     before = {} if alone else _records(out)
-    entered = _entered(folders, before, settings, points)
+    entered = _entered(folders, before, students, points)
     check(sandbox=not options.unconfined)
     with grade.processes(options.jobs or _cores()) as executor:
         outcomes = grade.run(
@@ -139,12 +131,12 @@ def run(options: Namespace) -> int:
         )
         grades, failures, interrupted = _collect(outcomes, out, folders, entered, before)
     found = classroom.entries(
-        before | grades, failures, settings.students, settings.due, settings.passages
+        before | grades, failures, students, options.due, similarity.passages(handout)
     )
     files = {_CLASS: classroom.as_csv(found, points)}
     if not alone:
-        files |= {'class.html': classroom.page(found, points), _SETTINGS: settings.as_json()}
-        files |= classroom.gradebooks(found, points) if settings.students else {}
+        files |= {'class.html': classroom.page(found, points), _SETTINGS: kept}
+        files |= classroom.gradebooks(found, points) if students else {}
     for name, text in files.items():
         _write(out, out / name, text.encode())
     counted = [each.grade for each in found if each.grade and not each.newer]
@@ -158,38 +150,6 @@ def run(options: Namespace) -> int:
     return 1 if failures else 0
 
 
-class _Settings(NamedTuple):
-    """What a class keeps for the next time: options that are not given again stay."""
-
-    roster: Path | None
-    due: datetime | None
-    handout: Path | None
-    students: list[Student]
-    passages: frozenset[int]  #: of the handout
-
-    @classmethod
-    def of(cls, options: Namespace, out: Path) -> _Settings:
-        """Return the options' settings, else those of the class in `out`."""
-        from barc_sim.lab.grade import classroom, similarity, submissions  # noqa: PLC0415
-
-        try:
-            kept = json.loads(read_regular(out / _SETTINGS, _MAX_BYTES))
-        except (OSError, ValueError):
-            kept = {}
-        roster = options.roster or (Path(kept['roster']) if 'roster' in kept else None)
-        handout = options.handout or (Path(kept['handout']) if 'handout' in kept else None)
-        due = options.due or (moment(kept['due']) if 'due' in kept else None)
-        students = classroom.read_roster(roster) if roster else []
-        files = submissions.read(handout).files if handout else {}
-        return cls(roster, due, handout, students, similarity.passages(files))
-
-    def as_json(self) -> str:
-        """Return the options as JSON."""
-        paths = {'roster': self.roster, 'handout': self.handout}
-        kept: dict[str, str] = {name: str(path.absolute()) for name, path in paths.items() if path}
-        return json.dumps(kept | ({'due': self.due.isoformat()} if self.due else {}))
-
-
 def moment(text: str) -> datetime:
     """Return a date and time, in the zone of this machine where it has none."""
     try:
@@ -198,6 +158,24 @@ def moment(text: str) -> datetime:
         raise ArgumentTypeError(
             f'{text!r} is no date: expected one such as 2026-11-20T23:59'
         ) from None
+
+
+#: What a class keeps for the next time, and what reads it.
+_KEPT: dict[str, Callable[[str], Any]] = {'roster': Path, 'handout': Path, 'due': moment}
+
+
+def _keep(options: Namespace, out: Path) -> str:
+    """Add what the class in `out` keeps to the options; return what it is to keep, as JSON."""
+    try:
+        kept = json.loads(read_regular(out / _SETTINGS, _MAX_BYTES))
+    except (OSError, ValueError):
+        kept = {}
+    for name, converted in _KEPT.items():
+        if value := getattr(options, name):
+            kept[name] = str(value.absolute() if isinstance(value, Path) else value)
+        elif name in kept:
+            setattr(options, name, converted(kept[name]))
+    return json.dumps(kept)
 
 
 def _folder(out: Path, submission: Path) -> Path:
@@ -215,7 +193,7 @@ def _records(out: Path) -> dict[str, Grade]:
 
 
 def _entered(
-    folders: dict[Path, Path], before: dict[str, Grade], settings: _Settings, points: Rubric
+    folders: dict[Path, Path], before: dict[str, Grade], students: list[Student], points: Rubric
 ) -> dict[Path, tuple[ByHand, Path]]:
     """Return what is entered by hand for each submission, and the folder that it is from.
 
@@ -226,8 +204,8 @@ def _entered(
 
     found = {}
     for path, folder in folders.items():
-        student = owner(path.name, settings.students)
-        others = [name for name in before if student and owner(name, settings.students) is student]
+        student = owner(path.name, students)
+        others = [name for name in before if student and owner(name, students) is student]
         sources = [folder, *(folder.with_name(name) for name in others)]
         hands = ((hand, source) for source in sources if (hand := entered(source, points)))
         found[path] = next(hands, (ByHand(), folder))

@@ -37,11 +37,6 @@ def add_arguments_new(parser: Parser) -> None:
 def write_templates(folder: Path) -> None:
     """Write the templates into `folder`; make it if it does not exist.
 
-    Raises
-    ------
-    UserError
-        where one of the files exists already, or the folder cannot be written to.
-
     Examples
     --------
     >>> from pathlib import Path
@@ -68,13 +63,7 @@ def write_templates(folder: Path) -> None:
 
 
 def run_new(options: Namespace) -> None:
-    """Make the folder and print what to do next.
-
-    Raises
-    ------
-    UserError
-        where the folder has such files already, or cannot be written to.
-    """
+    """Make the folder and print what to do next."""
     write_templates(options.folder)
     barc, folder = barc_path(), shlex.quote(str(options.folder))
     print(f'{folder}: write {", ".join(FILES.values())}, {COMPOSE}, as README.md explains')  # noqa: T201
@@ -95,13 +84,7 @@ def add_arguments_report(parser: Parser) -> None:
 
 
 def run_report(options: Namespace) -> None:
-    """Write the page and print its path.
-
-    Raises
-    ------
-    UserError
-        where the bag cannot be read, or the page cannot be written.
-    """
+    """Write the page and print its path."""
     from barc_sim.bags import reader  # noqa: PLC0415 (slow: not for --help)
     from barc_sim.lab.report import page, read  # noqa: PLC0415
 
@@ -150,13 +133,7 @@ def add_arguments_submit(parser: Parser) -> None:
 
 
 def run_submit(options: Namespace) -> None:
-    """Write the zip, and print a line for each of its parts.
-
-    Raises
-    ------
-    UserError
-        where there is no such folder, no ROS for the engine, or the zip cannot be written.
-    """
+    """Write the zip, and print a line for each of its parts."""
     from barc_sim.lab import submit  # noqa: PLC0415
 
     folder = options.folder
