@@ -104,9 +104,7 @@ def _cores() -> int:
 
 
 def run(options: Namespace) -> int:
-    """Write the reports and print the table; return the exit code."""
-    from rich.console import Console  # noqa: PLC0415 (slow: not for --help)
-
+    """Write the reports and print the score; return the exit code."""
     from barc_sim.lab.confined.process import Limits, check  # noqa: PLC0415
     from barc_sim.lab.grade import classroom, grade, rubric, similarity, submissions  # noqa: PLC0415
 
@@ -141,8 +139,8 @@ def run(options: Namespace) -> int:
         _write(out, out / name, text.encode())
     counted = [each.grade for each in found if each.grade and not each.newer]
     shown = [*grades.values()] if len(paths) == 1 else counted
-    Console().print(classroom.as_table(shown, points))
-    print(out if alone else out / 'class.html')  # noqa: T201
+    lines = [*classroom.summary(shown, points), str(out if alone else out / 'class.html')]
+    print('\n'.join(lines))  # noqa: T201
     for name, failure in failures.items():
         print(f'barc grade: {name} could not be graded: {failure.reason}', file=sys.stderr)  # noqa: T201
     if interrupted:

@@ -16,9 +16,6 @@ from dataclasses import dataclass
 from statistics import mean, median
 from typing import TYPE_CHECKING, NamedTuple
 
-from rich.markup import escape
-from rich.table import Table
-
 from barc_sim.cli.files import read_regular
 from barc_sim.errors import UserError, one_line
 from barc_sim.lab.grade.similarity import alike, in_words
@@ -342,23 +339,13 @@ def _criterion_rows(grades: Sequence[Grade], rubric: Rubric) -> list[_Row]:
     ]
 
 
-def as_table(grades: Sequence[Grade], rubric: Rubric) -> Table:
-    """Return the points of one submission by criterion, or the means of several."""
-    alone = len(grades) == 1
-    table = Table(title=escape(one_line(rubric.title, 70)), box=None, title_justify='left')
-    table.add_column('Criterion')
-    table.add_column('Points' if alone else 'Mean', justify='right')
-    table.add_column('of', justify='right')
-    table.add_column('' if alone else 'Full marks')
-    for row in _criterion_rows(grades, rubric):
-        table.add_row(row.title, f'{row.mean:.2f}', f'{row.worth:g}', '' if alone else row.full)
-    still_open = Counter(name for grade in grades for name in grade.open)
-    for name, count in still_open.items():
-        table.add_row(LABELS[name], 'open', f'{rubric.points[name]:g}', '' if alone else f'{count}')
-    table.add_section()
-    for row in _task_rows(grades, rubric):
-        table.add_row(row.title, f'{row.mean:.2f}', f'{row.worth:g}', '' if alone else row.words)
-    return table
+def summary(grades: Sequence[Grade], rubric: Rubric) -> list[str]:
+    """Return the score of one submission, or the means of several, a line for each task."""
+    return [
+        f'{row.title:6}  {row.mean:.2f} of {row.worth:g}'
+        + (f'  ({row.words})' if len(grades) > 1 else '')
+        for row in _task_rows(grades, rubric)
+    ]
 
 
 def page(found: Sequence[Entry], rubric: Rubric) -> str:
