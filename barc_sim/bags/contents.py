@@ -22,7 +22,8 @@ from barc_sim.cli.files import check_plain
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    import re
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # begins what rosbag2 has compressed; CDR begins with a zero
@@ -170,6 +171,25 @@ def _topic(connection: Any) -> Topic:  # noqa: ANN401 (rosbags' own)
         type_hash=connection.digest,
         offered_qos=dump_qos_v9(getattr(connection.ext, 'offered_qos_profiles', [])),
     )
+
+
+def selected(
+    names: Sequence[str], topics: Sequence[re.Pattern[str]], exclude: Sequence[re.Pattern[str]]
+) -> list[str]:
+    """Return those of a bag's topics that are `topics` or contain them, but for `exclude`.
+
+    Without `topics` these are all.
+    """
+
+    def among(name: str, patterns: Sequence[re.Pattern[str]]) -> bool:
+        return any(
+            each.pattern == name if each.pattern in names else each.search(name)
+            for each in patterns
+        )
+
+    return [
+        name for name in names if (not topics or among(name, topics)) and not among(name, exclude)
+    ]
 
 
 def types_of(topic: Topic) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from rosbags.convert.converter import ConverterError
 from rosbags.convert.converter import convert as convert_bag
 from rosbags.typesys import Stores, get_typestore
 
-from barc_sim.bags.contents import Contents, types_of
+from barc_sim.bags.contents import Contents, selected, types_of
 from barc_sim.errors import UserError
 
 if TYPE_CHECKING:
@@ -30,9 +30,13 @@ _logger = logging.getLogger(__name__)
 
 
 def convert(
-    path: Path, output: Path, kind: str, select: Callable[[Sequence[str]], Sequence[str]]
+    path: Path,
+    output: Path,
+    kind: str,
+    topics: Sequence[re.Pattern[str]] = (),
+    exclude: Sequence[re.Pattern[str]] = (),
 ) -> None:
-    """Write what `select` chooses of the topics to the new folder or file `output`.
+    """Write the `selected` topics to the new folder or file `output`.
 
     A table has a row for each message: `t`, the time of reception in seconds since the start of
     the bag, that time in nanoseconds since 1970, and each field, `header.stamp.sec`. A topic whose
@@ -45,7 +49,7 @@ def convert(
     """
     contents = Contents(path)
     contents.complete()
-    names = select([*contents.topics])
+    names = selected([*contents.topics], topics, exclude)
     if output.exists() or output.is_symlink():
         raise UserError(f'{str(output)!r} exists: name a new --output')
     if kind in _BAGS:

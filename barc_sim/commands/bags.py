@@ -85,11 +85,9 @@ def add_arguments_convert(parser: Parser) -> None:
 def run_convert(options: Namespace) -> None:
     """Convert the bag, and print where it is."""
     from barc_sim.bags.convert import convert  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.bags.playback import Playback  # noqa: PLC0415
 
-    choice = Playback(topics=options.topics, exclude=options.exclude)
     output = options.output or Path(_FORMATS[options.to].format(options.bag.resolve().stem))
-    convert(options.bag, output, options.to, choice.selected)
+    convert(options.bag, output, options.to, options.topics, options.exclude)
     print(output)  # noqa: T201
 
 

@@ -71,9 +71,8 @@ def add_arguments(parser: Parser) -> None:
 
 def run(options: Namespace) -> int:
     """Play the bag to its end or until a signal; return the exit code."""
-    from barc_sim.bags.playback import Playback  # noqa: PLC0415 (slow: not for --help)
-    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415
-    from barc_sim.nodes.player import BagPlayer  # noqa: PLC0415
+    from barc_sim.control.keyboard import Terminal  # noqa: PLC0415 (slow: not for --help)
+    from barc_sim.nodes.player import BagPlayer, Playback  # noqa: PLC0415
     from barc_sim.ros.process import spin  # noqa: PLC0415
 
     playback = Playback(**{name: getattr(options, name) for name in Playback._fields})

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from concurrent.futures import ThreadPoolExecutor
+from itertools import islice
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -12,19 +16,20 @@ from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from barc_sim.bags.contents import Contents
-from barc_sim.bags.playback import Playback, PlaybackClock
+from barc_sim.bags.contents import Contents, selected
 from barc_sim.errors import UserError
 from barc_sim.ros.node_helpers import to_header
 from barc_sim.ros.peers import others_here
 from barc_sim.ros.topics import message_class, offer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    import re
+    from collections.abc import Callable, Generator, Iterator, Sequence
     from pathlib import Path
 
     from rclpy.publisher import Publisher
 
+    from barc_sim.bags.messages import Message
     from barc_sim.control.keyboard import KeyEvent
 
 _SHOW_PERIOD = 0.1  #: [s]
@@ -32,6 +37,99 @@ _SHOW_PERIOD = 0.1  #: [s]
 _MATCHING = 0.6
 _MAX_MATCHING = 5.0
 _ACKNOWLEDGED = 3.0  #: [s] to wait until the last messages are
+_SPIN = 2e-4  #: [s]
+_BATCH = 100  #: messages that are read in advance
+_SWITCH = 1e-4  #: [s] that another thread may take before the player's thread goes on
+
+
+class Playback(NamedTuple):
+    """What to play of a bag, and how."""
+
+    rate: float = 1.0
+    loop: bool = False
+    start_offset: float = 0.0  #: [s]
+    start_paused: bool = False
+    topics: Sequence[re.Pattern[str]] = ()  #: see `selected`
+    exclude: Sequence[re.Pattern[str]] = ()
+    clock: float | None = None  #: [Hz] of `/clock`; None: there is none but the bag's
+
+
+class PlaybackClock:
+    """The time [ns] in a bag that is played; for several threads."""
+
+    def __init__(self, rate: float, *, paused: bool) -> None:
+        self._rate = rate
+        self._paused = paused
+        self._steps = 0
+        self._closed = False
+        self._time, self._since = 0, time.monotonic_ns()  # the bag's time then
+        self._changed = threading.Condition()
+
+    def set(self, to: int) -> None:
+        """Continue from the time `to`."""
+        with self._changed:
+            self._time, self._since = to, time.monotonic_ns()
+
+    @property
+    def now(self) -> int:
+        """The time in the bag [ns]."""
+        passed = 0 if self._paused else time.monotonic_ns() - self._since
+        return self._time + int(passed * self._rate)
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still."""
+        return self._paused
+
+    def toggle(self) -> None:
+        """Pause, or go on."""
+        with self._changed:
+            self._time, self._since = self.now, time.monotonic_ns()
+            self._paused = not self._paused
+            self._steps = 0
+            self._changed.notify_all()
+
+    def step(self) -> None:
+        """Let one message go while time is paused."""
+        with self._changed:
+            self._steps += self._paused
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """End every wait."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def wait_until(self, at: int, *, is_message: bool = True) -> bool:
+        """Sleep until the time `at`, or until a step to it; return False once it is closed.
+
+        The last 0.2 ms are spun, as a sleep ends late.
+        """
+        with self._changed:
+            while not self._closed:
+                if self._paused and self._steps:
+                    self._steps -= is_message
+                    self._time = max(at, self._time)
+                    return True
+                remaining = None if self._paused else (at - self.now) / self._rate / 1e9
+                if remaining is not None and remaining <= 0.0:
+                    return True
+                if remaining is None or remaining > _SPIN:
+                    self._changed.wait(remaining and remaining - _SPIN)
+        return False
+
+
+def _ahead(messages: Generator[Message]) -> Iterator[Message]:
+    """Yield the messages, which a thread reads in advance: a large one would delay others."""
+    with ThreadPoolExecutor(1) as pool:
+        try:
+            following = pool.submit(list, islice(messages, _BATCH))
+            while batch := following.result():
+                following = pool.submit(list, islice(messages, _BATCH))
+                yield from batch
+        finally:
+            pool.submit(messages.close)  # where it was begun, as SQLite demands
 
 
 class BagPlayer(Node):
@@ -81,7 +179,10 @@ class BagPlayer(Node):
         self.played = 0  #: messages
         self.clock_of_bag = PlaybackClock(self._playback.rate, paused=self._playback.start_paused)
         self.clock_of_bag.set(self._first)
-        names = self._playback.selected([*self._contents.topics])
+        playback = self._playback
+        names = selected([*self._contents.topics], playback.topics, playback.exclude)
+        if playback.clock and '/clock' in names:
+            names.remove('/clock')
         self._topic_publishers = {name: made for name in names if (made := self._publisher(name))}
         if not self._topic_publishers:
             self.destroy_node()
@@ -125,6 +226,9 @@ class BagPlayer(Node):
             self.clock_of_bag.close()
 
     def _run(self) -> None:
+        gc.freeze()  # a collection of all that is there now would take 20 ms
+        interval = sys.getswitchinterval()
+        sys.setswitchinterval(_SWITCH)
         try:
             self._wait_for_subscriptions()
             while (ended := self._play()) and self._playback.loop:
@@ -136,6 +240,8 @@ class BagPlayer(Node):
             self.failure = f'{str(self._contents.path)!r} was not played to its end: {error}'
             self.get_logger().error(self.failure)
         finally:
+            sys.setswitchinterval(interval)
+            gc.unfreeze()
             self.finished.set_result(None)
 
     def _wait_for_subscriptions(self) -> None:
@@ -152,12 +258,15 @@ class BagPlayer(Node):
 
     def _play(self) -> bool:
         """Play the bag once; return whether it came to its end."""
-        clock, tick = self.clock_of_bag, self._first
-        clock.set(self._first)
-        for message in self._contents.in_order():
-            publisher = self._topic_publishers.get(message.topic.name)
-            if not publisher or message.received < self._first:
-                continue
+        clock, tick, publishers = self.clock_of_bag, self._first, self._topic_publishers
+        wanted = (
+            message
+            for message in self._contents.in_order()
+            if message.topic.name in publishers and message.received >= self._first
+        )
+        for number, message in enumerate(_ahead(wanted)):
+            if not number:  # reading up to here took time
+                clock.set(self._first)
             while self._clock_publisher and self._playback.clock and tick <= message.received:
                 if not clock.wait_until(tick, is_message=False):
                     return False
@@ -165,7 +274,7 @@ class BagPlayer(Node):
                 tick += max(1, int(1e9 * self._playback.rate / self._playback.clock))
             if not clock.wait_until(message.received):
                 return False
-            publisher.publish(message.data)
+            publishers[message.topic.name].publish(message.data)
             self.played += 1
         return True
 

@@ -17,12 +17,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header
 
 from barc_sim.bags.messages import topic
-from barc_sim.bags.playback import Playback
 from barc_sim.bags.recording import Topic
 from barc_sim.bags.writer import BagWriter
 from barc_sim.control.keyboard import KeyEvent
 from barc_sim.errors import UserError
-from barc_sim.nodes.player import BagPlayer
+from barc_sim.nodes.player import BagPlayer, Playback
 from barc_sim.ros.executor import QuickExecutor
 
 if TYPE_CHECKING:
