@@ -12,7 +12,6 @@ import pytest
 pytest.importorskip('rclpy')
 
 import mcap_doctor
-import yaml
 from command_line import refused, started, wait_for
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -21,7 +20,6 @@ from std_msgs.msg import Float64, UInt8MultiArray
 
 from barc_sim.bags import reader as bag
 from barc_sim.bags.contents import Contents
-from barc_sim.bags.file import CHUNK_SIZE
 from barc_sim.bags.recovery import recover
 
 if TYPE_CHECKING:
@@ -57,27 +55,6 @@ def test_ctrl_c_ends_it_with_its_counts_and_a_whole_bag(talker: Node, tmp_path: 
     ]
     mcap_doctor.check(tmp_path / 'mine' / 'mine_0.mcap')
     assert bag.info(tmp_path / 'mine')['lost_messages'] == '0'
-
-
-def test_files_are_split_at_the_size_without_a_loss(talker: Node, tmp_path: Path) -> None:
-    publisher = talker.create_publisher(UInt8MultiArray, 'value', LATCHED)
-    with started(
-        *('record', '--output', str(tmp_path / 'mine')),
-        *('--topics', 'value', '--max-bag-size', '400000'),
-    ) as process:
-        wait_for(lambda: publisher.get_subscription_count() == 1)
-        for _ in range(100):
-            publisher.publish(UInt8MultiArray(data=os.urandom(50_000)))
-        assert publisher.wait_for_all_acked(Duration(seconds=30))
-        process.send_signal(signal.SIGTERM)
-        out, _ = process.communicate(timeout=60)
-    assert 'recorded 100 messages, lost 0' in out
-    files = [*(tmp_path / 'mine').glob('*.mcap')]
-    # The size, and one chunk more.
-    assert len(files) >= 4
-    assert all(file.stat().st_size < 400_000 + CHUNK_SIZE + 60_000 for file in files)
-    information = yaml.safe_load((tmp_path / 'mine' / 'metadata.yaml').read_text())
-    assert information['rosbag2_bagfile_information']['message_count'] == 100
 
 
 @pytest.mark.usefixtures('ros_domain')

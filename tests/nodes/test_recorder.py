@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import signal
-import subprocess
 import sys
 import time
 from types import SimpleNamespace
@@ -48,15 +46,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from rclpy.publisher import Publisher
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @pytest.fixture
-def recorder(ros: Context, tmp_path: Path) -> Iterator[BagRecorder]:
-    node = BagRecorder(tmp_path, metadata={'command': 'test'}, context=ros)
+def recorder(ros: Context, tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[BagRecorder]:
+    """Return a recorder, with the parameter as its settings."""
+    node = BagRecorder(tmp_path, getattr(request, 'param', None), context=ros)
     yield node
     node.destroy_node()
 
@@ -147,51 +145,6 @@ def test_records_the_log_and_events_of_constructors(recorder: BagRecorder, talke
     assert 'bag_recorder' in [log.name for log in logs]
 
 
-def test_keeps_the_quality_of_service_that_was_offered(recorder: BagRecorder, talker: Node) -> None:
-    publisher = talker.create_publisher(Float64, 'value', LATCHED)
-    recorder.discover()
-    publisher.publish(Float64())
-    recorder.close()
-    metadata = yaml.safe_load((recorder.path / 'metadata.yaml').read_text())
-    topics = metadata['rosbag2_bagfile_information']['topics_with_message_count']
-    (topic,) = [
-        topic['topic_metadata'] for topic in topics if topic['topic_metadata']['name'] == '/value'
-    ]
-    forever = {'sec': 9223372036, 'nsec': 854775807}
-    assert topic['offered_qos_profiles'] == [
-        {
-            'history': 'unknown',
-            'depth': 0,
-            'reliability': 'reliable',
-            'durability': 'transient_local',
-            'deadline': forever,
-            'lifespan': forever,
-            'liveliness': 'automatic',
-            'liveliness_lease_duration': forever,
-            'avoid_ros_namespace_conventions': False,
-        }
-    ]
-
-
-@pytest.mark.parametrize('offered', [LATCHED, BEST_EFFORT], ids=['latched', 'best effort'])
-def test_records_publishers_of_every_qos(
-    recorder: BagRecorder, talker: Node, offered: QoSProfile
-) -> None:
-    publisher = talker.create_publisher(Float64, 'value', offered)
-    recorder.discover()
-    publisher.publish(Float64())
-    recorder.close()
-    assert recorder.counts['/value'] == 1
-
-
-def test_leaves_hidden_topics_out(recorder: BagRecorder, talker: Node) -> None:
-    hidden = talker.create_publisher(Float64, 'arm/_goal/value', 10)
-    recorder.discover()
-    hidden.publish(Float64())
-    recorder.close()
-    assert set(recorder.counts) == {'/parameter_events', '/rosout'}
-
-
 def test_names_a_topic_whose_type_has_no_definition(
     recorder: BagRecorder,
     talker: Node,
@@ -223,50 +176,18 @@ def test_parameter_overrides_the_folder(ros: Context, tmp_path: Path) -> None:
     assert node.path.parent == tmp_path / 'here'
 
 
-@pytest.fixture
-def alone(ros_domain: int, tmp_path: Path) -> Iterator[subprocess.Popen[bytes]]:  # noqa: ARG001
-    """Start a recorder in a process of its own."""
-    with subprocess.Popen(
-        [
-            *(sys.executable, '-m', 'barc_sim', 'node', 'bag_recorder'),
-            *('--ros-args', '-p', f'bag_dir:={tmp_path / "bags"}'),
-        ],
-    ) as process:
-        yield process
-        process.kill()
+def recording(**settings: Any) -> pytest.MarkDecorator:  # noqa: ANN401 (of any kind)
+    """Return the mark of a test whose recorder has these settings."""
+    return pytest.mark.parametrize('recorder', [Recording(**settings)], indirect=True)
 
 
-@pytest.fixture
-def publisher(ros: Context) -> Iterator[Publisher]:
-    node = Node('talker', context=ros)
-    yield node.create_publisher(Float64, 'value', LATCHED)
-    node.destroy_node()
-
-
-def test_alone_it_records_until_a_signal(
-    alone: subprocess.Popen[bytes], publisher: Publisher, tmp_path: Path
-) -> None:
-    wait_for(lambda: publisher.get_subscription_count() == 1)
-    for _ in range(5):
-        publisher.publish(Float64())
-    assert publisher.wait_for_all_acked(Duration(seconds=30))
-    alone.send_signal(signal.SIGINT)
-    assert alone.wait(30) == 0
-    path = bag.newest(tmp_path / 'bags')
-    assert (path / 'metadata.yaml').exists()
-    assert len(messages(path, '/value')) == 5
-
-
+@recording(topics=re.compile('value'), min_free_space=0.0)
 def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
-    ros: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recorder: BagRecorder, talker: Node, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object) -> int:
         raise OSError(28, 'No space left on device')
 
-    recorder = BagRecorder(
-        tmp_path, Recording(topics=re.compile('value'), min_free_space=0.0), context=ros
-    )
-    talker = Node('talker', context=ros)
     publisher = talker.create_publisher(Float64, 'value', 100)
     recorder.discover()
     publisher.publish(Float64())
@@ -275,16 +196,16 @@ def test_what_a_full_disk_refuses_is_lost_also_after_the_node_is_destroyed(
     for _ in range(7):
         publisher.publish(Float64())
     recorder.destroy_node()
-    talker.destroy_node()
-
     assert recorder.counts == {'/value': 1}
     assert recorder.lost['/value'] == {'bag_recorder': 7}
 
 
-def test_losses_are_counted_for_each_publisher_and_kept(ros: Context, tmp_path: Path) -> None:
-    recorder = BagRecorder(tmp_path, Recording(depth=5), context=ros)
-    nodes = [Node(name, context=ros) for name in ('talker', 'other')]
-    first, second = (node.create_publisher(Float64, 'value', 100) for node in nodes)
+@recording(depth=5)
+def test_losses_are_counted_for_each_publisher_and_kept(
+    ros: Context, recorder: BagRecorder, talker: Node
+) -> None:
+    other = Node('other', context=ros)
+    first, second = (node.create_publisher(Float64, 'value', 100) for node in (talker, other))
     recorder.discover()
     first.publish(Float64())
     second.publish(Float64())
@@ -293,9 +214,8 @@ def test_losses_are_counted_for_each_publisher_and_kept(ros: Context, tmp_path: 
         first.publish(Float64())
     for _ in range(3):
         second.publish(Float64())
-    recorder.destroy_node()
-    for node in nodes:
-        node.destroy_node()
+    recorder.close()
+    other.destroy_node()
     lost = 505 - recorder.counts['/value']
     assert lost > 0
     assert recorder.lost['/value'] == {'talker': lost}
@@ -349,11 +269,13 @@ def test_a_topic_is_recorded_before_it_has_a_publisher(
     assert 'name: /silent' not in text
 
 
+@pytest.mark.parametrize('expected', [True, False], ids=['expected', 'found'])
 @pytest.mark.parametrize('qos', [LATCHED, BEST_EFFORT, 10], ids=['latched', 'best effort', 'plain'])
-def test_a_topic_that_was_expected_is_recorded_as_its_publishers_offer_it(
-    recorder: BagRecorder, talker: Node, qos: QoSProfile | int
+def test_a_topic_is_recorded_as_its_publishers_offer_it(
+    recorder: BagRecorder, talker: Node, qos: QoSProfile | int, *, expected: bool
 ) -> None:
-    recorder.expect({'value': Float64})
+    if expected:
+        recorder.expect({'value': Float64})
     publisher = talker.create_publisher(Float64, 'value', qos)
     recorder.discover()
     publisher.publish(Float64(data=1.0))
@@ -416,25 +338,14 @@ def test_a_publisher_in_place_of_one_that_has_gone_is_recorded(
         recorder.discover()
 
 
-def test_only_wanted_topics_are_recorded(ros: Context, tmp_path: Path) -> None:
-    recording = Recording(topics=re.compile('value'), exclude=re.compile('2$'))
-    recorder = BagRecorder(tmp_path, recording, context=ros)
-    talker = Node('talker', context=ros)
-    for name in ('value1', 'value2', 'other'):
-        talker.create_publisher(Float64, name, LATCHED).publish(Float64())
-    recorder.discover()
-    recorder.destroy_node()
-    talker.destroy_node()
-    assert set(recorder.counts) == {'/value1'}
-
-
-@pytest.mark.parametrize('hidden_too', [True, False])
+@pytest.mark.parametrize(
+    ('recorder', 'hidden_too'),
+    [(Recording(include_hidden_topics=True), True), (Recording(all_services=True), False)],
+    indirect=['recorder'],
+)
 def test_hidden_topics_and_service_events_are_recorded_on_request(
-    ros: Context, tmp_path: Path, *, hidden_too: bool
+    recorder: BagRecorder, talker: Node, *, hidden_too: bool
 ) -> None:
-    recording = Recording(include_hidden_topics=hidden_too, all_services=not hidden_too)
-    recorder = BagRecorder(tmp_path, recording, context=ros)
-    talker = Node('talker', context=ros)
     service = talker.create_service(SetBool, 'switch', lambda _, response: response)
     client = talker.create_client(SetBool, 'switch')
     client.configure_introspection(
@@ -444,9 +355,8 @@ def test_hidden_topics_and_service_events_are_recorded_on_request(
     recorder.discover()
     hidden.publish(Float64())
     client.call_async(SetBool.Request(data=True))
-    recorder.destroy_node()
+    recorder.close()
     talker.destroy_service(service)
-    talker.destroy_node()
     assert ('/_value' in recorder.counts) == hidden_too
     (event,) = messages(recorder.path, '/switch/_service_event')
     (request,) = deserialize_message(event.data, SetBool_Event).request
@@ -454,33 +364,33 @@ def test_hidden_topics_and_service_events_are_recorded_on_request(
 
 
 @pytest.mark.parametrize(
-    ('recording', 'expected'),
+    ('recorder', 'expected'),
     [
         (Recording(nodes=['talker']), {'/value', '/color'}),
         (Recording(nodes=['/other']), {'/value'}),
         (Recording(topic_types=['std_msgs/msg/ColorRGBA']), {'/color'}),
+        (Recording(topics=re.compile('o'), exclude=re.compile('s$')), {'/color'}),
     ],
-    ids=['of a node', 'to a node', 'of a type'],
+    ids=['of a node', 'to a node', 'of a type', 'by name'],
+    indirect=['recorder'],
 )
-def test_topics_are_chosen_by_node_and_by_type(
-    ros: Context, tmp_path: Path, recording: Recording, expected: set[str]
+def test_topics_are_chosen_by_node_type_and_name(
+    ros: Context, recorder: BagRecorder, talker: Node, expected: set[str]
 ) -> None:
-    recorder = BagRecorder(tmp_path, recording, context=ros)
-    talker, other = (Node(name, context=ros) for name in ('talker', 'other'))
+    other = Node('other', context=ros)
     other.create_subscription(Float64, 'value', lambda _: None, 10)
     for name, kind in (('value', Float64), ('color', ColorRGBA)):
         talker.create_publisher(kind, name, LATCHED).publish(kind())
     recorder.discover()
-    recorder.destroy_node()
-    talker.destroy_node()
+    recorder.close()
     other.destroy_node()
     assert {*recorder.counts} - {'/rosout', '/parameter_events'} == expected
 
 
-def test_a_snapshot_has_the_last_seconds_and_only_on_request(ros: Context, tmp_path: Path) -> None:
-    recording = Recording(snapshot=0.3, topics=re.compile('value'))
-    recorder = BagRecorder(tmp_path, recording, context=ros)
-    talker = Node('talker', context=ros)
+@recording(snapshot=0.3, topics=re.compile('value'))
+def test_a_snapshot_has_the_last_seconds_and_only_on_request(
+    recorder: BagRecorder, talker: Node, request_service: Callable[[str], tuple[bool, str]]
+) -> None:
     publisher = talker.create_publisher(Float64, 'value', 100)
     recorder.discover()
     publisher.publish(Float64(data=1.0))
@@ -488,35 +398,22 @@ def test_a_snapshot_has_the_last_seconds_and_only_on_request(ros: Context, tmp_p
     wait_for(lambda: time.time_ns() > begin + 500_000_000)
     publisher.publish(Float64(data=2.0))
     assert not recorder.counts
-    client = talker.create_client(Trigger, 'bag_recorder/snapshot')
-    executor = QuickExecutor(2, context=ros)
-    executor.add_node(recorder)
-    response = client.call_async(Trigger.Request())
-    executor.add_node(talker)
-    executor.spin_until_future_complete(response, timeout_sec=20.0)
-    assert response.result().success
+    assert request_service('snapshot') == (True, str(recorder.path))
     assert recorder.counts == {'/value': 1}
     publisher.publish(Float64(data=3.0))
-    recorder.destroy_node()
-    talker.destroy_node()
-    executor.shutdown()
-    assert [
-        deserialize_message(m.data, Float64).data for m in messages(recorder.path, '/value')
-    ] == [2.0]
+    assert [message.data for message in kept(recorder, '/value', Float64)] == [2.0]
     assert recorder.lost['/value'] == {}
 
 
-def test_a_recording_may_begin_paused(ros: Context, tmp_path: Path) -> None:
-    recorder = BagRecorder(tmp_path, Recording(start_paused=True), context=ros)
-    talker = Node('talker', context=ros)
+@recording(start_paused=True)
+def test_a_recording_may_begin_paused(recorder: BagRecorder, talker: Node) -> None:
     publisher = talker.create_publisher(Float64, 'value', 10)
     recorder.discover()
     publisher.publish(Float64())
     recorder.close()
     recorder.restart()
     assert not recorder.paused
-    recorder.destroy_node()
-    talker.destroy_node()
+    recorder.close()
     assert not recorder.counts.get('/value')
 
 
@@ -651,22 +548,19 @@ def test_a_node_that_comes_after_stop_ends_nothing(
     assert not recorder.finished.done()
 
 
-@pytest.mark.parametrize('policy', ['stop', 'continue'])
-def test_write_error_ends_the_run_on_request(ros: Context, tmp_path: Path, policy: str) -> None:
-    recorder = BagRecorder(tmp_path, Recording(on_write_error=policy), context=ros)
+@pytest.mark.parametrize(
+    ('recorder', 'ends'),
+    [(Recording(on_write_error='stop'), True), (Recording(on_write_error='continue'), False)],
+    indirect=['recorder'],
+)
+def test_write_error_ends_the_run_on_request(recorder: BagRecorder, *, ends: bool) -> None:
     shutil.rmtree(recorder.path)
     wait_for(lambda: recorder.failure is not None)
-    if policy == 'stop':
+    if ends:
         wait_for(recorder.finished.done)
-    recorder.destroy_node()
-    assert recorder.finished.done() == (policy == 'stop')
+    recorder.close()
+    assert recorder.finished.done() == ends
     mcap_doctor.check(recorder.path / f'{recorder.path.name}_0.mcap')
-
-
-def test_existing_directory_is_never_overwritten(ros: Context, tmp_path: Path) -> None:
-    (tmp_path / 'mine').mkdir()
-    with pytest.raises(UserError, match="mine' exists: name a new folder for the bag"):
-        BagRecorder(path=tmp_path / 'mine', context=ros)
 
 
 def test_graph_is_in_the_bag_without_a_run(recorder: BagRecorder, talker: Node) -> None:
