@@ -201,10 +201,9 @@ class ChunkBuilder:
         self._pairs[channel] += (received, self.size)
         self.size += size
 
-    @property
-    def counts(self) -> dict[int, int]:
-        """The number of messages, by channel."""
-        return {channel: len(pairs) // 2 for channel, pairs in self._pairs.items()}
+    def __bool__(self) -> bool:
+        """Return whether there are messages."""
+        return bool(self._pairs)
 
     def build(self, offset: int) -> tuple[bytes, ChunkIndex]:
         """Return the chunk with its message indexes, to stand in a file at `offset`.
@@ -273,8 +272,9 @@ class BagFile:
         self.span = Span()
         self.appender = AtomicAppender(path)
         self.finished = False
-        self.on_disk: Counter[str] = Counter()  #: messages that the system has taken, by topic
-        self._in_blocks: Counter[str] = Counter()  # of finished chunks
+        self.counts: Counter[str] = Counter()  #: the number of messages, by topic
+        self.on_disk: Counter[str] = Counter()  #: of those that the system has taken
+        self._in_blocks: Counter[str] = Counter()  # of those in finished chunks
         self.topics: dict[int, Topic] = {}  #: by the ID of their channel
         self._channels: dict[str, int] = {}  # by topic
         self._schemas: dict[tuple[str, str], int] = {}
@@ -289,24 +289,10 @@ class BagFile:
         self._checksum = zlib.crc32(data, self._checksum)
         self.appender.write(data)
 
-    @property
-    def size(self) -> int:
-        """Length [B], without the chunk in progress."""
-        return self.appender.position
-
-    @property
-    def counts(self) -> Counter[str]:
-        """The number of messages, by topic."""
-        return self.on_disk + self._in_blocks + self._in_chunk
-
-    @property
-    def _in_chunk(self) -> Counter[str]:
-        return Counter({self.topics[id_].name: n for id_, n in self._chunk.counts.items()})
-
     def add_metadata(self, entries: Mapping[str, str], name: str = METADATA_NAME) -> None:
         """Add metadata of the run."""
         data = to_bytes(Metadata(name=name, metadata=dict(entries)))
-        self._list(MetadataIndex(offset=self.size, length=len(data), name=name))
+        self._list(MetadataIndex(offset=self.appender.position, length=len(data), name=name))
         self._put(data)
 
     def attach(self, name: str, media_type: str, data: bytes, modified: int = 0) -> None:
@@ -320,7 +306,7 @@ class BagFile:
         )
         record = to_bytes(attachment)
         index = AttachmentIndex(
-            offset=self.size,
+            offset=self.appender.position,
             length=len(record),
             log_time=attachment.log_time,
             create_time=attachment.create_time,
@@ -347,6 +333,7 @@ class BagFile:
         channel = self._channels.get(topic.name) or self._register(topic)
         self._chunk.add(channel, data, received, published, sequence & 0xFFFF_FFFF)
         self.span.add(received)
+        self.counts[topic.name] += 1
         if self._chunk.size > CHUNK_SIZE:
             self.end_chunk()
         return self.appender.waiting
@@ -384,19 +371,18 @@ class BagFile:
 
     def end_chunk(self) -> None:
         """End the chunk in progress, so that it can be committed."""
-        if in_chunk := self._in_chunk:
-            data, index = self._chunk.build(self.size)
+        if self._chunk:
+            data, index = self._chunk.build(self.appender.position)
             self._put(data)
             self._list(index)
-            self._in_blocks += in_chunk
+            self._in_blocks = self.counts.copy()
             self._chunk = ChunkBuilder(self._compression)
 
     def commit(self) -> None:
         """Write the finished chunks, and close the file if it is finished."""
         if self.appender.waiting:
             self.appender.commit()
-            self.on_disk = self.on_disk + self._in_blocks  # others read it in their threads
-            self._in_blocks.clear()
+            self.on_disk = self._in_blocks  # a new object, as others read it in their threads
         if self.finished:
             self.appender.close()
 
@@ -412,11 +398,13 @@ class BagFile:
         self.finished = True
 
     def _statistics(self) -> Statistics:
-        listed, counts = self._listed, self.counts
+        listed = self._listed
         return Statistics(
             attachment_count=listed[Opcode.ATTACHMENT_INDEX],
             channel_count=listed[Opcode.CHANNEL],
-            channel_message_counts={id_: counts[topic.name] for id_, topic in self.topics.items()},
+            channel_message_counts={
+                id_: self.counts[topic.name] for id_, topic in self.topics.items()
+            },
             chunk_count=listed[Opcode.CHUNK_INDEX],
             message_count=self.span.count,
             metadata_count=listed[Opcode.METADATA_INDEX],
@@ -427,7 +415,7 @@ class BagFile:
 
     def _put_summary(self) -> None:
         """Write the summary, its records of one kind together, and how to find each kind."""
-        start, summary, offsets = self.size, b'', b''
+        start, summary, offsets = self.appender.position, b'', b''
         for opcode, records in sorted(self._summary.items()):
             offsets += to_bytes(SummaryOffset(opcode, start + len(summary), len(records)))
             summary += records

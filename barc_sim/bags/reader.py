@@ -43,18 +43,7 @@ TOPICS = {topic: columns for topic in MESSAGE_TYPES if (columns := columns_of(to
 
 
 def newest(root: Path | str = 'bags') -> Path:
-    """Return the bag in the folder `root` that was written to last.
-
-    Raises
-    ------
-    UserError
-        There is no bag.
-
-    Examples
-    --------
-    >>> newest('bags').is_dir()
-    True
-    """
+    """Return the bag in the folder `root` that was written to last; UserError: there is none."""
     files = [file for file in Path(root).glob('*/*.mcap') if not file.is_symlink()]
     if not files:
         raise UserError(f'there is no bag in {str(root)!r}: make a run first, or name a bag')
@@ -62,13 +51,7 @@ def newest(root: Path | str = 'bags') -> Path:
 
 
 def info(path: Path | str) -> dict[str, str]:
-    """Return the metadata of the run: command line, versions, parameters and the like.
-
-    Raises
-    ------
-    UserError
-        There is no bag at `path`.
-    """
+    """Return the metadata of the run: command line, versions, parameters and the like."""
     return load(path, messages=False).info
 
 

@@ -143,7 +143,7 @@ class BagWriter:
     def _full(self) -> bool:
         file = self._files[-1]
         span = file.span.duration
-        return file.size >= self._limits.size or span >= self._limits.duration * 1e9
+        return file.appender.position >= self._limits.size or span >= self._limits.duration * 1e9
 
     def split(self) -> None:
         """Continue in the next file."""

@@ -8,7 +8,7 @@ import time
 from bisect import bisect_left
 from collections import Counter, deque
 from operator import attrgetter
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 from barc_sim.bags.messages import leading_time
 from barc_sim.bags.recording import short_of_space
@@ -30,16 +30,6 @@ _CHUNK_PERIOD = 0.1
 _RECEIVED = attrgetter('received')
 
 
-class Arrivals(Protocol):
-    """What a writer sleeps for."""
-
-    def wait(self, timeout: float) -> object:
-        """Sleep until a message arrives, `wake` is called, or `timeout` [s] has passed."""
-
-    def wake(self) -> object:
-        """End the sleep."""
-
-
 class WriterThread:
     """Polls a source and writes its messages into a bag, until it is closed.
 
@@ -53,7 +43,8 @@ class WriterThread:
     source
         Returns the waiting messages; called in the thread.
     arrivals
-        What to sleep for while there are no messages; without it, the source is polled.
+        What to sleep for while there are no messages, by `wait(timeout)` and `wake()`; without it,
+        the source is polled.
     reserve
         Space to leave free [B].
     on_failure
@@ -67,7 +58,7 @@ class WriterThread:
         source: Callable[[], Iterable[Message]],
         reserve: int,
         on_failure: Callable[[str | None], None],
-        arrivals: Arrivals | None = None,
+        arrivals: Any = None,  # noqa: ANN401 (of either carrier)
     ) -> None:
         self._arrivals = arrivals
         self._unflushed = True  # messages were written since the last flush
@@ -100,11 +91,11 @@ class WriterThread:
             with self._lock:
                 self._run_once()
             if self._arrivals and self._is_idle:
-                self._sleep(self._arrivals)
+                self._sleep()
 
-    def _sleep(self, arrivals: Arrivals) -> None:
+    def _sleep(self) -> None:
         try:
-            arrivals.wait(_LONGEST_SLEEP)
+            self._arrivals.wait(_LONGEST_SLEEP)
         except Exception as error:  # noqa: BLE001 (a thread's end would go unnoticed)
             self._arrivals = None  # the source is polled from now on
             with self._lock:
@@ -241,8 +232,8 @@ class WriterThread:
         if self._closing.is_set():
             return
         self._closing.set()
-        if arrivals := self._arrivals:
-            arrivals.wake()
+        if self._arrivals:
+            self._arrivals.wake()
         if self._thread.is_alive():
             self._thread.join()
         with self._lock:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _SHOW_PERIOD = 0.1  #: [s]
 #: [s] in which publishers and the subscriptions that are there find each other.
-_MATCHING = 0.6
+_MATCHING = 1.0
 _MAX_MATCHING = 5.0
 _ACKNOWLEDGED = 3.0  #: [s] to wait until the last messages are
 _SPIN = 2e-4  #: [s]

@@ -111,7 +111,7 @@ class BagRecorder(Node):
         self._subscribe()  # before the parameters are declared, to record their events
         default = str(directory or 'bags')
         self._root = Path(declare(self, [BAG_DIR._replace(default=default)])['bag_dir'])
-        self.start(path)
+        self._start(path)
 
         # Not `~/pause`: a remapping that renames all nodes would give several of them that service.
         for name, action in (
@@ -157,33 +157,27 @@ class BagRecorder(Node):
         for name, message_type in topics.items():
             self._topics.expect(self.resolve_topic_name(name), message_type)
 
-    def start(self, path: Path | None = None) -> None:
-        """Begin a bag in the directory `path`; without it, in a new one of the folder for bags.
-
-        Raises
-        ------
-        UserError
-            The bag cannot be made.
-        """
+    def _start(self, path: Path | None = None) -> None:
+        """Begin a bag in the directory `path`; without it, in a new one of the folder for bags."""
         reserve = self._recording.reserve
         check_space(path or self._root, reserve)
         path = make_directory(path) if path else new_directory(self._root)
-        limits = FileLimits(self._recording.max_bag_size, self._recording.max_bag_duration)
-        compression = self._recording.compression
+        settings = self._recording
+        limits = FileLimits(settings.max_bag_size, settings.max_bag_duration)
         self._writer = BagWriter(
-            path, metadata=self._metadata, limits=limits, compression=compression
+            path, metadata=self._metadata, limits=limits, compression=settings.compression
         )
         self._writers.append(self._writer)
         arrivals = self._topics if has_dds() else None
         self._thread = WriterThread(
             self._writer, self._topics.take, reserve, self._on_failure, arrivals
         )
-        if not has_dds():
+        if not arrivals:
             self._topics.on_full = self._thread.write_now
         self._thread.attach(self._attachments)
-        self._thread.use_sim_time = self.use_sim_time
-        self._thread.snapshot = self._recording.snapshot
-        self._thread.paused = self._recording.start_paused and len(self._writers) == 1
+        self._thread.use_sim_time = self._use_sim_time
+        self._thread.snapshot = settings.snapshot
+        self._thread.paused = settings.start_paused and len(self._writers) == 1
         self._graph_size = 0
         self._thread.start()
         self.get_logger().info(f'recording to {str(self.path)!r}')
@@ -243,27 +237,14 @@ class BagRecorder(Node):
         """Whether messages are dropped for now."""
         return self._thread.paused
 
-    @paused.setter
-    def paused(self, paused: bool) -> None:
-        self._thread.paused = paused
-
-    @property
-    def use_sim_time(self) -> bool:
-        """Whether messages are stamped with `/clock`, once there is one."""
-        return self._use_sim_time
-
-    @use_sim_time.setter
-    def use_sim_time(self, use: bool) -> None:
-        self._use_sim_time = self._thread.use_sim_time = use
+    def stamp_with_clock(self) -> None:
+        """Stamp messages with `/clock`, once there is one."""
+        self._use_sim_time = self._thread.use_sim_time = True
 
     @property
     def stopped(self) -> bool:
         """Whether the bag is finished."""
         return self._writer.closed
-
-    def split(self) -> None:
-        """Continue in the bag's next file."""
-        self._thread.split()
 
     def add_metadata(self, entries: Mapping[str, str]) -> None:
         """Add metadata of the run to the bag; an entry replaces one of the same name."""
@@ -286,18 +267,6 @@ class BagRecorder(Node):
 
     def _final_metadata(self) -> dict[str, str]:
         return losses_as_metadata(self._lost_of_bag(), self.left_out)
-
-    def restart(self) -> None:
-        """Begin the next bag, after `close`.
-
-        Raises
-        ------
-        UserError
-            It cannot be made.
-        """
-        self._lost, self._thread.unwritten = self.lost, {}
-        self._subscribe()  # latched messages come again
-        self.start()
 
     def destroy_node(self) -> None:
         """Close the bag and destroy the node."""
@@ -325,12 +294,12 @@ class BagRecorder(Node):
 
     def _pause(self, paused: bool) -> str:
         self._check_recording()
-        self.paused = paused
+        self._thread.paused = paused
         return 'paused' if paused else 'recording'
 
     def _split_bagfile(self) -> str:
         self._check_recording()
-        self.split()
+        self._thread.split()
         return str(self.path)
 
     def _snapshot(self) -> str:
@@ -345,9 +314,12 @@ class BagRecorder(Node):
         return str(self.path)
 
     def _record(self) -> str:
+        """Begin the next bag."""
         if not self.stopped:
             raise UserError(f'{str(self.path)!r} is being recorded: call stop first')
-        self.restart()
+        self._lost, self._thread.unwritten = self.lost, {}
+        self._subscribe()  # latched messages come again
+        self._start()
         return str(self.path)
 
 

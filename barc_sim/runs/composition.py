@@ -216,8 +216,8 @@ class Run:
         if display:
             self.inputs.output.show = display.print_line
         self._print(f'engine     {_ENGINES[options.engine]}')
-        if self.recorder:
-            self.recorder.use_sim_time = any(each.clock_pub for each in self.simulators)
+        if self.recorder and any(each.clock_pub for each in self.simulators):
+            self.recorder.stamp_with_clock()
         self._add_mirrors()
         if wants_page(options):
             for number in range(len(self.simulators)):

@@ -411,7 +411,7 @@ def test_a_recording_may_begin_paused(recorder: BagRecorder, talker: Node) -> No
     recorder.discover()
     publisher.publish(Float64())
     recorder.close()
-    recorder.restart()
+    recorder._record()  # noqa: SLF001
     assert not recorder.paused
     recorder.close()
     assert not recorder.counts.get('/value')
