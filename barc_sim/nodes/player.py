@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -226,6 +228,8 @@ class BagPlayer(Node):
             self.clock_of_bag.close()
 
     def _run(self) -> None:
+        with suppress(OSError):  # who may, does not wait for others' threads
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
         gc.freeze()  # a collection of all that is there now would take 20 ms
         interval = sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH)
