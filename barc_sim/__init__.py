@@ -36,6 +36,13 @@ A controller of one's own::
     ...         return 10.0 * (speed_reference - speed_current)
     >>> log = simulate(controller=Proportional())
 
+Laps of a track, in place of the road: ``oval``, ``circle``, ``figure-eight``, or a CSV file::
+
+    >>> from barc_sim import LaneLQR, lap
+    >>> log = lap(LaneLQR(), 'L', speed=6.0, laps=2)
+    >>> print(f'{log.best:.2f} s')
+    28.97 s
+
 Where to look: the laws of the vehicle are in `vehicle/bike_model.py` (`resistance`, `bikeFE`),
 those of the PID in `control/pid.py`. `simulation/stepper.py` (`pass_deadline`) decides each
 deadline of a run, and `bags/reader.py` (`join`) those of a bag. `lab/hills/` judges a user's model
@@ -49,26 +56,36 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from barc_sim.bags.reader import read as read_bag
+    from barc_sim.control.lane import LaneLQR, PurePursuit, Stanley, speed_profile
     from barc_sim.control.lqr import LQR
     from barc_sim.control.pid import PID
     from barc_sim.figures.run_figures import plot
-    from barc_sim.simulation.closed_loop import simulate
+    from barc_sim.simulation.closed_loop import lap, simulate
     from barc_sim.simulation.log import Log
     from barc_sim.simulation.metrics import summary
     from barc_sim.tuning.goal import sweep
+    from barc_sim.vehicle.actuators import Actuator
     from barc_sim.vehicle.bike_model import Vehicle
     from barc_sim.vehicle.road import Road
+    from barc_sim.vehicle.track import Track
 
 __version__ = '0.2.0'
 __all__ = [
     'LQR',
     'PID',
+    'Actuator',
+    'LaneLQR',
     'Log',
+    'PurePursuit',
     'Road',
+    'Stanley',
+    'Track',
     'Vehicle',
+    'lap',
     'plot',
     'read_bag',
     'simulate',
+    'speed_profile',
     'summary',
     'sweep',
 ]
@@ -76,13 +93,20 @@ __all__ = [
 #: The module of each name, and the name there.
 _EXPORTS = {
     'LQR': ('control.lqr', 'LQR'),
-    'Log': ('simulation.log', 'Log'),
     'PID': ('control.pid', 'PID'),
+    'Actuator': ('vehicle.actuators', 'Actuator'),
+    'LaneLQR': ('control.lane', 'LaneLQR'),
+    'Log': ('simulation.log', 'Log'),
+    'PurePursuit': ('control.lane', 'PurePursuit'),
     'Road': ('vehicle.road', 'Road'),
+    'Stanley': ('control.lane', 'Stanley'),
+    'Track': ('vehicle.track', 'Track'),
     'Vehicle': ('vehicle.limits', 'Vehicle'),
+    'lap': ('simulation.closed_loop', 'lap'),
     'plot': ('figures.run_figures', 'plot'),
     'read_bag': ('bags.reader', 'read'),
     'simulate': ('simulation.closed_loop', 'simulate'),
+    'speed_profile': ('control.lane', 'speed_profile'),
     'summary': ('simulation.metrics', 'summary'),
     'sweep': ('tuning.goal', 'sweep'),
 }

@@ -20,6 +20,12 @@ class Gain(NamedTuple):
     between: tuple[float, float] = (0.0, 1e6)  #: what is allowed, ends included
 
 
+class Tunable(Protocol):
+    """What declares its gains; each name is an attribute, too, and may be set at any time."""
+
+    gains: Mapping[str, Gain]
+
+
 class Controller(Protocol):
     """A speed controller, and the declaration of its gains and terms.
 
@@ -55,7 +61,7 @@ def gain_parameters(controller: Controller) -> list[Parameter]:
     ]
 
 
-def check_gains(controller: Controller) -> None:
+def check_gains(controller: Tunable) -> None:
     """Raise UserError where a gain is beyond its limits."""
     for name, gain in controller.gains.items():
         Parameter(name, gain.default, gain.meaning, gain.between).check(getattr(controller, name))

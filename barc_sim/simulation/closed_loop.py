@@ -14,6 +14,7 @@ import numpy as np
 
 from barc_sim.control.controller import check_gains
 from barc_sim.control.cruise_control import LIMIT, SPEED, reference_of
+from barc_sim.control.lane import LaneLQR
 from barc_sim.control.pid import (
     ACCELERATION_LIMIT,
     FIRST_DT,
@@ -26,21 +27,24 @@ from barc_sim.errors import UserError
 from barc_sim.simulation.log import log_of, recordable
 from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
+from barc_sim.simulation.stepper import LAPS
 from barc_sim.vehicle.actuators import Actuator
-from barc_sim.vehicle.bike_model import Command, Vehicle, bikeFE
+from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS
 from barc_sim.vehicle.plant import Plant
 from barc_sim.vehicle.profile import signal
 from barc_sim.vehicle.road import Road
 from barc_sim.vehicle.sensor import NoiseLevels
+from barc_sim.vehicle.track import Track
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from os import PathLike
 
     from barc_sim.control.controller import Controller
-    from barc_sim.simulation.log import Log
+    from barc_sim.control.lane import LaneController
+    from barc_sim.simulation.log import Log, TrackLog
     from barc_sim.simulation.progress import Progress
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model
@@ -52,6 +56,9 @@ if TYPE_CHECKING:
 
 DISTANCE = 180.0  #: [m] of a run
 MAX_DURATION = 600.0  #: [s]
+SERVO = Actuator(
+    lag=0.1, rate=1.0
+)  #: the steering on a track: an ideal one jumps at each arc's end
 #: The limits of the arguments of `simulate`: those of the nodes' parameters.
 LIMITS = {
     'speed_reference': SPEED,
@@ -105,6 +112,10 @@ def simulate(
     dynamics: str = 'kinematic',
     lateral: LateralParameters | None = None,
     ts: float = 0.02,
+    track: Track | str | PathLike[str] | None = None,
+    lane: LaneController | None = None,
+    servo: Actuator | None = None,
+    e_y: float = 0.0,
 ) -> Log:
     """Return the log of a cruise-control run: the trajectory of `acc` with these options.
 
@@ -146,6 +157,8 @@ def simulate(
         'euler' or 'rk4', in steps of `ts` [s], in whole nanoseconds.
     dynamics, lateral
         'kinematic', or 'dynamic': the bicycle with tyres of this `lateral`.
+    track, lane, servo, e_y
+        The arguments of `lap`; the run is on the road's axis unless there is a track.
 
     Raises
     ------
@@ -194,10 +207,14 @@ def simulate(
         disturbance=None if is_constant else force,
         model=model if model is bikeFE else _with_options(model),
         motor=Actuator(delay=delay),
+        servo=servo or (SERVO._replace(delay=delay) if track else None),
         integrator=integrator,
         dynamics=dynamics,
         lateral=lateral,
+        track=Track.of(track) if track else None,
     )
+    if plant.track and e_y:
+        plant.place(State(*plant.track.place(0.0, e_y)))
     driving: Controller = PID(**gains)
     if controller is not None:
         driving = as_controller(controller)
@@ -211,6 +228,70 @@ def simulate(
         reference=None if reference is None else reference_of(reference),
         distance=distance or inf,
         max_duration=max_duration,
+        lane=lane,
+    )
+
+
+def lap(
+    lane: LaneController | None = None,
+    track: Track | str | PathLike[str] = 'L',
+    *,
+    speed: float | str | PathLike[str] | Signal = 6.0,
+    laps: int = 3,
+    e_y: float = 0.0,
+    servo: Actuator | None = None,
+    **options: Any,  # noqa: ANN401 (of `simulate`)
+) -> TrackLog:
+    """Return the log of laps from a standstill; it ends early where the car leaves the track.
+
+    Parameters
+    ----------
+    lane
+        What steers, an object with `steer_calculate(e_y, e_psi, speed, curvature)`: `LaneLQR()`,
+        `Stanley()`, `PurePursuit()`, or one of your own. `curvature(d)` is that of the centre line
+        `d` metres ahead [1/m].
+    track
+        A `Track`, the name of one, or the path of a CSV file with the columns `length_m,radius_m`.
+    speed
+        [m/s] to hold, or a function of time and of the place along the track, such as
+        `speed_profile` returns.
+    laps
+        How many follow one another.
+    e_y
+        [m] to the left of the centre line, where the car starts.
+    servo
+        The steering: with a lag of 0.1 s and 1 rad/s at most, unless given.
+    options
+        All other arguments of `simulate`. A `delay` is that of the steering, too.
+
+    Raises
+    ------
+    UserError
+        where an argument is out of its limits, as in `simulate`.
+
+    Examples
+    --------
+    >>> log = lap(laps=2, dynamics='dynamic')
+    >>> print(f'{log.best:.2f} s, at most {abs(log.e_y).max():.2f} m off the centre line')
+    29.18 s, at most 0.16 m off the centre line
+    """
+    road = Track.of(track)
+    LAPS._replace(between=(1, 10**6)).check(laps)
+    if laps > 1 and not road.is_closed:
+        raise UserError(f'track {road.name!r} is not closed: expected laps 1, not {laps}')
+    if lane and not callable(getattr(lane, 'steer_calculate', None)):
+        raise UserError(
+            f'lane={lane!r} has no method steer_calculate(e_y, e_psi, speed, curvature): expected '
+            'an object with one'
+        )
+    return simulate(  # type: ignore[return-value]  # on a track
+        track=road,
+        lane=lane or LaneLQR(),
+        servo=servo,
+        e_y=e_y,
+        reference=reference_of(speed),
+        distance=laps * road.length,
+        **{'road': 'flat'} | options,
     )
 
 
@@ -223,11 +304,13 @@ def closed_loop(
     distance: float = DISTANCE,
     max_duration: float = MAX_DURATION,
     progress: Progress | None = None,
+    lane: LaneController | None = None,
 ) -> Log:
     """Drive until `distance` [m] is reached, or for `max_duration` [s] of simulated time.
 
     `reference`, where given, is the speed to hold over time and measured place. With `progress` the
-    drive of a car that never arrives ends, too, as a run does.
+    drive of a car that never arrives ends, too, as a run does. On a track `lane` steers, and the
+    drive of a car beyond the track's edge ends.
     `plant` and `controller`, those of a run unless given, are not for another run. The last row is
     the first state at or beyond `distance`, with the command that answers it.
     """
@@ -243,18 +326,29 @@ def closed_loop(
     read = attrgetter('saturated', *terms) if terms else lambda each: (each.saturated,)
     rows: list[_Row] = []
     held, references = speed_reference, []
-    dt = FIRST_DT
+    dt, servo = FIRST_DT, 0.0
+    track, place = plant.track, plant.distance
+
+    def curvature(ahead: float) -> float:
+        return track.curvature(place + ahead) if track else 0.0
+
     for k in range(steps + 1):
         seen = plant.observe()
+        x, y, psi, speed, *_ = seen.measured
+        if track:
+            place, e_y, e_psi, _ = track.frenet(x, y, psi, place)
+            servo = lane.steer_calculate(e_y, e_psi, speed, curvature) if lane else 0.0
         if reference:
-            held = reference(k * plant.period_ns / 1e9, seen.measured.x)
-        motor = controller.acc_calculate(held, seen.measured.v_x, dt)
-        command = Command(motor, 0.0)
+            held = reference(k * plant.period_ns / 1e9, place if track else x)
+        motor = controller.acc_calculate(held, speed, dt)
+        command = Command(motor, servo)
         references.append(held)
         rows.append((seen, command, read(controller)))
-        if plant.state.x >= distance:
+        if plant.distance >= distance:
             break
-        if progress and progress.add(k * plant.ts, seen.true.x, seen.true.v_x, held):
+        if seen.on_track and track and abs(seen.on_track.e_y) > 0.5 * track.width:
+            break
+        if progress and progress.add(k * plant.ts, plant.distance, seen.true.v_x, held):
             break
         plant.advance(command)
         dt = plant.period_ns / 1e9  # as the nodes take it from stamps
@@ -269,13 +363,17 @@ def log_of_rows(
 ) -> Log:
     """Return the log of states and their commands, in steps of `period_ns`."""
     seen, commands, values = zip(*rows, strict=True)
-    _, measured, errors, around, _ = zip(*seen, strict=True)
+    _, measured, errors, around, _, on_track = zip(*seen, strict=True)
     saturated, *columns = np.array(values, dtype=np.float64).T.copy()
     recorded = dict(zip(terms, columns, strict=True))
     unknown = np.full(len(rows), nan)
     return log_of(
         period_ns,
-        *map(_arrays, (measured, errors, commands, around)),
+        _arrays(measured),
+        _arrays(errors),
+        _arrays(commands),
+        _arrays(around),
+        on_track[0] and _arrays(on_track),
         reference=np.full(len(rows), references),
         saturated=saturated.astype(np.bool_),
         **{name: recorded.pop(name, unknown) for name in PID.terms},

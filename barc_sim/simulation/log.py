@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from typing_extensions import Self
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -36,6 +37,7 @@ PID_STATE = 'pid_state'
 CONTROLLER_STATE = 'controller_state'
 #: the stamp of each state, where the real-time factor is not 1, and with --clock
 CLOCK = '/clock'
+TRACK = 'track_vhcl'
 #: The message type of each topic that a log is made of, by the topic's name without namespace.
 MESSAGE_TYPES = {
     STATE: 'barc_interfaces/msg/ZDynBkMdl',
@@ -71,6 +73,8 @@ class Log:
     >>> print(len(log), f'{log.speed.max():.3f} m/s')
     1152 8.126 m/s
     """
+
+    declared: ClassVar[Mapping[str, Column]]  #: its columns, by name
 
     t: Annotated[Floats, Column('s', 'time since the first state')]
     # As measured: true state plus measurement error.
@@ -119,12 +123,13 @@ class Log:
 
     def columns(self) -> dict[str, Floats | Flags]:
         """Return all arrays by name, those of `own_terms` last."""
-        return {name: getattr(self, name) for name in COLUMNS} | dict(self.own_terms)
+        return {name: getattr(self, name) for name in self.declared} | dict(self.own_terms)
 
-    def map(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Log:
+    def map(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> Self:
         """Return a log of `function(column)` for each column, such as some of its rows."""
         own = {name: function(values) for name, values in self.own_terms.items()}
-        return Log(**{name: function(getattr(self, name)) for name in COLUMNS}, own_terms=own)
+        columns = {name: function(getattr(self, name)) for name in self.declared}
+        return type(self)(**columns, own_terms=own)
 
     @property
     def terms(self) -> dict[str, Floats]:
@@ -166,11 +171,9 @@ class Log:
         UserError
             where pandas is not installed.
         """
-        columns = self.columns()
-        frame: pd.DataFrame = import_pandas().DataFrame(columns)
-        frame.attrs['units'] = {
-            name: COLUMNS[name].unit if name in COLUMNS else _TERM_UNIT for name in columns
-        }
+        frame: pd.DataFrame = import_pandas().DataFrame(self.columns())
+        units = {name: column.unit for name, column in self.declared.items()}
+        frame.attrs['units'] = dict.fromkeys(self.own_terms, _TERM_UNIT) | units
         return frame
 
     def plot(
@@ -184,9 +187,11 @@ class Log:
     def save(self, path: str | PathLike[str]) -> None:
         """Write all columns into a file, NumPy's .npz, which `Log.read` reads to the last bit."""
         with replacing(Path(path)) as part, part.open('wb') as file:
-            own = {_OWN + name: values for name, values in self.own_terms.items()}
-            arrays: dict[str, Any] = {name: getattr(self, name) for name in COLUMNS} | own
-            np.savez(file, **arrays)
+            own = self.own_terms
+            columns: Any = {
+                _OWN * (name in own) + name: each for name, each in self.columns().items()
+            }
+            np.savez(file, **columns)
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> Log:
@@ -202,8 +207,9 @@ class Log:
             _check_size(data)
             with np.load(data, allow_pickle=False) as arrays:
                 own = {name: arrays[name] for name in arrays.files if name.startswith(_OWN)}
-                return cls(
-                    **{name: arrays[name] for name in COLUMNS},
+                kind = TrackLog if 'lap_time' in arrays else Log
+                return kind(
+                    **{name: arrays[name] for name in kind.declared},
                     own_terms={name.removeprefix(_OWN): each for name, each in own.items()},
                 )
         except (ValueError, KeyError, EOFError, OSError, BadZipFile, NotImplementedError) as error:
@@ -225,6 +231,49 @@ class Log:
     def __repr__(self) -> str:
         """Return the run in a line."""
         return f'<Log: {_in_words(self)}>'
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class TrackLog(Log):
+    """A run on a track; the place on it is the true one.
+
+    Examples
+    --------
+    >>> from barc_sim import lap
+    >>> log = lap(track='oval', speed=8.0, laps=2)
+    >>> print(f'{log.best:.2f} s, at most {abs(log.e_y).max():.2f} m off the centre line')
+    28.18 s, at most 0.02 m off the centre line
+    """
+
+    s: Annotated[Floats, Column('m', 'distance along the track, over all laps', TRACK)]
+    e_y: Annotated[Floats, Column('m', 'distance to the left of the centre line', TRACK)]
+    e_psi: Annotated[Floats, Column('rad', 'heading less that of the centre line', TRACK)]
+    curvature: Annotated[Floats, Column('1/m', 'curvature of the centre line', TRACK)]
+    lap: Annotated[Floats, Column('', 'number of the lap, from 0', TRACK)]
+    lap_time: Annotated[Floats, Column('s', 'time since the lap began', TRACK)]
+
+    @property
+    def distance(self) -> Floats:
+        """True distance along the track [m], shape `(n,)`."""
+        return self.s
+
+    @property
+    def across(self) -> Floats:
+        """True distance to the left of the centre line [m], shape `(n,)`."""
+        return self.e_y
+
+    @property
+    def lap_times(self) -> Floats:
+        """Times of the finished laps [s]; one begins and ends between two states."""
+        first = np.flatnonzero(np.diff(self.lap, prepend=-1.0))
+        times: Floats = np.diff((self.t - self.lap_time)[first])
+        return times
+
+    @property
+    def best(self) -> float:
+        """The fastest lap [s] but the first, unless that is the only one; inf where none is."""
+        times = self.lap_times
+        return float(np.min(times[1:] if len(times) > 1 else times, initial=np.inf))
 
 
 _TERM_UNIT = 'm/s²'
@@ -250,19 +299,22 @@ def import_pandas() -> Any:  # noqa: ANN401 (a module)
     return pd
 
 
-def _declared() -> Iterator[tuple[str, Column]]:
-    for name, hint in get_type_hints(Log, include_extras=True).items():
+def _declared(kind: type[Log]) -> Iterator[tuple[str, Column]]:
+    for name, hint in get_type_hints(kind, include_extras=True).items():
         for column in getattr(hint, '__metadata__', ()):
             yield name, column._replace(field=column.field or name) if column.topic else column
 
 
-#: What `Log` declares, by name.
-COLUMNS: Mapping[str, Column] = MappingProxyType(dict(_declared()))
+for _kind in (Log, TrackLog):
+    _kind.declared = MappingProxyType(dict(_declared(_kind)))
+#: What every log declares, by name.
+COLUMNS = Log.declared
 
 
 def columns_of(topic: str) -> dict[str, str]:
     """Return the columns that a topic's messages hold: names by field."""
-    return {column.field: name for name, column in COLUMNS.items() if column.topic == topic}
+    columns = TrackLog.declared.items()
+    return {column.field: name for name, column in columns if column.topic == topic}
 
 
 def columns_from(topic: str, record: Any) -> dict[str, Any]:  # noqa: ANN401 (a NamedTuple)
@@ -277,6 +329,7 @@ def log_of(
     error: Any,  # noqa: ANN401
     command: Any,  # noqa: ANN401
     around: Any,  # noqa: ANN401
+    on_track: Any = None,  # noqa: ANN401
     **controller: Any,  # noqa: ANN401
 ) -> Log:
     """Return a log of steps of `period_ns`: `Observation`s, commands, and the controller's columns.
@@ -284,13 +337,15 @@ def log_of(
     The records have arrays of shape `(n,)` as fields.
     """
     n = len(around.theta)
-    return Log(
+    kind, place = (TrackLog, columns_from(TRACK, on_track)) if on_track else (Log, {})
+    return kind(
         t=np.arange(n) * period_ns / 1e9,
         **columns_from(STATE, measured),
         **columns_from(STATE_ERROR, error),
         **columns_from(COMMAND, command),
         missed=np.zeros(n, np.bool_),
         **columns_from(ENVIRONMENT, around),
+        **place,
         **controller,
     )
 

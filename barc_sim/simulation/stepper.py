@@ -354,7 +354,7 @@ class Stepper:
             self._restart()
             return
         settings, plant = self._settings, self._plant
-        if self._place is None and (self._ends or plant.state.x >= settings.distance):
+        if self._place is None and (self._ends or plant.distance >= settings.distance):
             self._end_lap()
             return
         if self._values:

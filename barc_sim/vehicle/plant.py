@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import radians, sin
+from math import floor, radians, sin
 from typing import TYPE_CHECKING, NamedTuple
 
 from barc_sim.vehicle.actuators import Actuator, Actuators
@@ -23,6 +23,18 @@ from barc_sim.vehicle.sensor import MeasurementError, NoiseLevels, Sensor
 if TYPE_CHECKING:
     from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.profile import Signal
+    from barc_sim.vehicle.track import Track
+
+
+class TrackState(NamedTuple):
+    """Where the car is on its track."""
+
+    s: float  #: [m] along the centre line; it grows over the laps
+    e_y: float  #: [m] to the left of the centre line
+    e_psi: float  #: [rad] heading less that of the centre line
+    curvature: float  #: [1/m] of the centre line there
+    lap: int  #: laps before this one; the car has passed their end, s = k · length
+    lap_time: float  #: [s] since the lap began, between two states
 
 
 class Observation(NamedTuple):
@@ -33,6 +45,7 @@ class Observation(NamedTuple):
     error: MeasurementError  #: measured minus true
     surroundings: Surroundings
     acting: Command  #: what the actuators do at this instant
+    on_track: TrackState | None = None  #: true; None without a track
 
 
 class Plant:
@@ -55,14 +68,17 @@ class Plant:
         integrator: str = 'euler',
         dynamics: str = 'kinematic',
         lateral: LateralParameters | None = None,
+        track: Track | None = None,
     ) -> None:
         """Start at rest at the beginning of `road` (the lab's), in steps of `ts` seconds.
+
+        On a `track` the road, flat unless given, counts along it, anew in each lap.
 
         Over a step acceleration and steering are held: at the mean of what the actuators do in it.
         So is the force on the car, positive forwards: `force` [N], and that of `disturbance`.
         UserError: the names are unknown, do not go together, or the step is too long.
         """
-        self.road = road or Road.lab()
+        self.road = road or (Road.flat() if track else Road.lab())
         self.vehicle = vehicle or Vehicle()
         self.ts = ts
         self.state = State()
@@ -73,6 +89,17 @@ class Plant:
         self.actuators = Actuators(motor or Actuator(), servo or Actuator(), ts)
         self._bicycle = bicycle(dynamics, integrator, model, lateral)
         self._bicycle.check(self.vehicle, ts)
+        self.track = track
+        self.on_track: TrackState | None = None
+        self._lap_began = 0.0  # [s]
+        if track:
+            self.state = State(*track.place(0.0))
+            self._locate(near=0.0)
+
+    @property
+    def distance(self) -> float:
+        """The way so far [m]: along the track, or along the road."""
+        return self.on_track.s if self.on_track else self.state.x
 
     @property
     def period_ns(self) -> int:
@@ -85,6 +112,7 @@ class Plant:
         actuators = self.actuators
         return (
             type(self) is Plant
+            and not self.track
             and self._bicycle.is_lab
             and not (self.sensor.delay or self.force or self.disturbance)
             and self.state.psi == actuators.now.servo == 0.0
@@ -100,8 +128,8 @@ class Plant:
         acting = self.actuators.now
         true = self._bicycle.motion(state, acting.servo, self.vehicle)
         measured, error = self.sensor.measure(true)
-        around = surroundings(state.v, self.road.at(state.x), self.vehicle)
-        return Observation(true, measured, error, around, acting)
+        around = surroundings(state.v, self.road.at(self._on_road(state.x)), self.vehicle)
+        return Observation(true, measured, error, around, acting, self.on_track)
 
     def advance(self, command: Command | None = None) -> None:
         """Go one step with `command`; without one, the last holds."""
@@ -129,6 +157,8 @@ class Plant:
         self.actuators.stop()
         self.sensor.forget()
         self._bicycle.reset()
+        if self.track:
+            self._locate()
 
     def brake(self, deceleration: float) -> None:
         """Go one step towards a standstill, at up to `deceleration` [m/s²], as steered last.
@@ -141,15 +171,38 @@ class Plant:
         self._held = self._held._replace(motor=motor)
         self._step(self.actuators.brake(self._held))
 
+    def _on_road(self, x: float) -> float:
+        """Return where the road is read [m] for a car at `x`: on a track, where the step began."""
+        if not self.track:
+            return x
+        return self.distance % self.track.length if self.track.is_closed else self.distance
+
     def _grade(self, x: float) -> float:
         """Return the incline [rad] at `x`."""
-        return radians(self.road.grades_deg[self.road.stretch(x)])
+        return radians(self.road.grades_deg[self.road.stretch(self._on_road(x))])
+
+    def _locate(self, near: float | None = None) -> None:
+        """Find the car on the track; without `near` [m], where it was, another lap begins."""
+        track, state, t, before = self.track, self.state, self._steps * self.ts, self.on_track
+        assert track  # noqa: S101 (a caller has checked)
+        found = track.frenet(state.x, state.y, state.psi, near)
+        lap = max(floor(found.s / track.length), 0) if track.is_closed else 0
+        if near is None or before is None:
+            self._lap_began = t
+        elif lap > before.lap:
+            over = (found.s - lap * track.length) / (found.s - before.s)
+            self._lap_began = t - over * self.ts
+        else:
+            lap = before.lap
+        self.on_track = TrackState(*found, lap, t - self._lap_began)
 
     def _step(self, held: Command) -> None:
         if self.force or self.disturbance:
             force = self.force
             if self.disturbance:
-                force += self.disturbance(self._steps * self.ts, self.state.x)
-                self._steps += 1
+                force += self.disturbance(self._steps * self.ts, self.distance)
             held = held._replace(motor=held.motor + force / self.vehicle.mass)
         self.state = self._bicycle.step(self.state, held, self._grade, self.vehicle, self.ts)
+        self._steps += 1
+        if self.on_track:
+            self._locate(self.on_track.s)

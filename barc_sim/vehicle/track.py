@@ -27,7 +27,7 @@ from barc_sim.errors import UserError
 from barc_sim.vehicle.road import read_lines, read_pairs
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from os import PathLike
 
     from numpy.typing import NDArray
@@ -100,12 +100,19 @@ class Track:
         poses = [Pose(*self.start)]
         for length, curvature in zip(self.lengths, self.curvatures, strict=True):
             if not (isfinite(length) and length > 0.0 and isfinite(curvature)):
-                raise UserError(f'a segment of {length!r} m, {curvature!r} 1/m must be ahead')
+                raise UserError(
+                    f'a segment has length {length!r} m and curvature {curvature!r} 1/m: expected '
+                    'a length above 0, and a finite curvature, 0 for a straight'
+                )
             if abs(curvature) * length > _TURN + 1e-9:
-                raise UserError(f'an arc of {length!r} m at {curvature!r} 1/m is more than a turn')
+                raise UserError(
+                    f'an arc of {length:g} m with radius {1.0 / curvature:g} m is more than a '
+                    'whole turn: make it two arcs'
+                )
             if abs(curvature) * self.width >= 2.0:  # noqa: PLR2004
                 raise UserError(
-                    f'radius {1.0 / curvature:g} m must be above half the width, {self.width:g} m'
+                    f'radius {1.0 / curvature:g} m must be above half of the width, {self.width:g} '
+                    'm: make the arc wider, or the track narrower'
                 )
             poses.append(_ahead(poses[-1], curvature, length))
         starts = tuple(accumulate(self.lengths, initial=0.0))
@@ -129,10 +136,7 @@ class Track:
             where there is no such track, or the file does not describe one.
         """
         if name in TRACKS:
-            lengths, radii = zip(*TRACKS[name], strict=True)
-            return cls(
-                lengths, tuple(1.0 / radius if radius else 0.0 for radius in radii), name=name
-            )
+            return cls._of_rows(TRACKS[name], name)
         try:
             lines = read_lines(Path(name))
         except (OSError, ValueError):
@@ -144,15 +148,15 @@ class Track:
             if _CENTRE_LINE in ''.join(lines[:1]).replace(' ', ''):
                 return _read_centre_line(lines[1:], name)
             _, lengths, radii = read_pairs(lines, 'length_m,radius_m')
-            return cls(
-                lengths, tuple(1.0 / radius if radius else 0.0 for radius in radii), name=name
-            )
+            return cls._of_rows(zip(lengths, radii, strict=True), name)
         except (ValueError, csv.Error) as error:
             raise UserError(f'track file {name!r} describes no track: {error}') from None
 
     @classmethod
-    def _of_radii(cls, lengths: Sequence[float], radii: Sequence[float], name: str) -> Track:
-        return cls(tuple(lengths), tuple(1.0 / r if r else 0.0 for r in radii), name=name)
+    def _of_rows(cls, rows: Iterable[tuple[float, float]], name: str) -> Track:
+        segments = ((length, 1.0 / radius if radius else 0.0) for length, radius in rows)
+        lengths, curvatures = zip(*segments, strict=True)
+        return cls(lengths, curvatures, name=name)
 
     @classmethod
     def of(cls, track: Track | str | PathLike[str]) -> Track:
@@ -166,13 +170,13 @@ class Track:
 
     def curvature(self, s: float) -> float:
         """Return the curvature [1/m] at `s` metres."""
-        return self.curvatures[self._segment(s)[0]]
+        return self.curvatures[self.segment(s)[0]]
 
     def place(self, s: Any, e_y: Any = 0.0, e_psi: Any = 0.0) -> Pose:  # noqa: ANN401 (or arrays)
         """Return the pose on the map of a pose on the track; arrays, of arrays."""
         if not isinstance(s, (float, int)):
             return self._place_many(s, e_y, e_psi)
-        i, distance = self._segment(s)
+        i, distance = self.segment(s)
         x, y, psi = _ahead(self._poses[i], self.curvatures[i], distance)
         return Pose(x - e_y * sin(psi), y + e_y * cos(psi), psi + e_psi)
 
@@ -187,7 +191,7 @@ class Track:
             return self._frenet_many(x, y, psi, self._nearest_many(x, y) if near is None else near)
         near = self._nearest(x, y) if near is None else near
         n, starts = len(self.lengths), self.starts
-        i, _ = self._segment(near)
+        i, _ = self.segment(near)
         for _ in range(n):
             s, e_y = self._project(i, x, y)
             step = (s >= starts[i + 1]) - (s < starts[i])
@@ -200,7 +204,7 @@ class Track:
             s += self.length * round((near - s) / self.length)
         return Frenet(s, e_y, e_psi, curvature)
 
-    def _segment(self, s: float) -> tuple[int, float]:
+    def segment(self, s: float) -> tuple[int, float]:
         """Return the number of the segment at `s`, and how far into it that is [m]."""
         if self.is_closed:
             s -= floor(s / self.length) * self.length

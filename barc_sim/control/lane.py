@@ -1,0 +1,254 @@
+"""Steering laws: the front angle for a car's place on its track; and the speed that a track allows.
+
+`steer_calculate(e_y, e_psi, speed, curvature)` is to the steering what `acc_calculate` is to the
+speed. `curvature(d)` is that of the centre line `d` metres ahead [1/m].
+
+On a circle of curvature κ the kinematic bicycle's centre of mass stays on the line where::
+
+    tan δ = L κ / √(1 - (l_r κ)²)        e_psi = -asin(l_r κ)
+
+A law that brings e_psi to zero instead keeps an error e_y on every arc.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import asin, atan2, copysign, cos, hypot, inf, sin, sqrt
+from typing import TYPE_CHECKING, Protocol
+
+from barc_sim.control.controller import Gain, check_gains
+from barc_sim.errors import UserError
+from barc_sim.vehicle.bike_model import L_F, L_R
+
+if TYPE_CHECKING:
+    from barc_sim.vehicle.track import Track
+
+#: Distance ahead [m] to the curvature of the centre line [1/m].
+Curvature = Callable[[float], float]
+STEERING_LIMIT = 0.5  #: [rad]
+_POINTS = 8  #: of the centre line between the car and the point that it pursues
+
+
+class LaneController(Protocol):
+    """A steering law, and the declaration of its gains and terms, as in `Controller`."""
+
+    gains: Mapping[str, Gain]
+    terms: Mapping[str, str]  #: [rad] parts of the output: their meaning by name
+    output_max: float  #: [rad] either way
+    saturated: bool  #: whether the limit cut the latest output
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature, /
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+
+
+def steady_turn(curvature: float, l_f: float = L_F, l_r: float = L_R) -> tuple[float, float]:
+    """Return steering angle and e_psi [rad] of the steady turn of this curvature [1/m].
+
+    Examples
+    --------
+    >>> steer, e_psi = steady_turn(1 / 20)
+    >>> print(f'{steer:.4f} {e_psi:.4f}')
+    0.1493 -0.0751
+    """
+    turn = max(-1.0, min(l_r * curvature, 1.0))
+    return atan2((l_f + l_r) * curvature, sqrt(1.0 - turn * turn)), -asin(turn)
+
+
+class LaneLaw:
+    """What the laws here have in common: gains as attributes, three terms, and a limit."""
+
+    gains: Mapping[str, Gain] = {}
+    terms: Mapping[str, str] = {
+        'feedforward': 'steering of the track ahead',
+        'of_e_y': 'for the error across the track',
+        'of_e_psi': 'for the error of the heading',
+    }
+
+    def __init__(
+        self,
+        *,
+        l_f: float = L_F,
+        l_r: float = L_R,
+        output_max: float = STEERING_LIMIT,
+        **gains: float,
+    ) -> None:
+        """Take gains by name, the distances of the axles [m], and the limit of the output [rad]."""
+        if unknown := ', '.join(gains.keys() - self.gains.keys()):
+            raise UserError(f'{unknown}: this law has no such gain, but {", ".join(self.gains)}')
+        self.l_f, self.l_r, self.output_max = l_f, l_r, output_max
+        for name, gain in self.gains.items():
+            setattr(self, name, gains.get(name, gain.default))
+        check_gains(self)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next call is the first."""
+        self.feedforward = self.of_e_y = self.of_e_psi = 0.0
+        self.saturated = False
+
+    def _limited(self, feedforward: float, of_e_y: float, of_e_psi: float) -> float:
+        self.feedforward, self.of_e_y, self.of_e_psi = feedforward, of_e_y, of_e_psi
+        steer = feedforward + of_e_y + of_e_psi
+        self.saturated = abs(steer) > self.output_max
+        return copysign(self.output_max, steer) if self.saturated else steer
+
+
+class PurePursuit(LaneLaw):
+    """Steers the rear axle along a circle through a point of the centre line ahead.
+
+    With d the distance of that point and η its direction from the car's axis (Coulter,
+    "Implementation of the pure pursuit path tracking algorithm", CMU-RI-TR-92-01)::
+
+        δ = atan(2 L sin η / d)
+
+    All of it is the term `feedforward`.
+    """
+
+    gains: Mapping[str, Gain] = {
+        'look_ahead': Gain(2.0, 'm', 'distance of the point at a standstill', 20.0, (0.1, 100.0)),
+        'look_ahead_time': Gain(0.2, 's', 'further distance by speed', 3.0, (0.0, 10.0)),
+    }
+    look_ahead: float
+    look_ahead_time: float
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        step = (self.look_ahead + self.look_ahead_time * abs(speed)) / _POINTS
+        # The centre line ahead, in the frame of its point beside the car.
+        x = y = heading = 0.0
+        for k in range(_POINTS):
+            turn = curvature((k + 0.5) * step) * step
+            x += step * cos(heading + 0.5 * turn)
+            y += step * sin(heading + 0.5 * turn)
+            heading += turn
+        x, y = x + self.l_r * cos(e_psi), y - e_y + self.l_r * sin(e_psi)  # from the rear axle
+        direction = atan2(y, x) - e_psi
+        steer = atan2(2.0 * (self.l_f + self.l_r) * sin(direction), hypot(x, y))
+        return self._limited(steer, 0.0, 0.0)
+
+
+class Stanley(LaneLaw):
+    """Steers the front wheels at the centre line (Hoffmann et al., ACC 2007).
+
+    With the errors of the front axle, which on an arc are not those of the centre of mass::
+
+        δ = -e_psi_front - atan(k e_y_front / (v_soft + v))
+    """
+
+    gains: Mapping[str, Gain] = {
+        'k': Gain(2.0, '1/s', 'gain of the error across', 10.0),
+        'v_soft': Gain(1.0, 'm/s', 'softens the law at low speed', 10.0, (1e-3, 1e3)),
+    }
+    k: float
+    v_soft: float
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        bend = curvature(0.0)
+        ahead, across = self.l_f * cos(e_psi), e_y + self.l_f * sin(e_psi)
+        a, b = bend * ahead, 1.0 - bend * across
+        front = (2.0 * across - bend * (ahead**2 + across**2)) / (1.0 + hypot(a, b))
+        of_e_y = -atan2(self.k * front, self.v_soft + abs(speed))
+        return self._limited(atan2(a, b), of_e_y, -e_psi)
+
+
+class LaneLQR(LaneLaw):
+    """The linear-quadratic regulator of the errors about the steady turn, in closed form.
+
+    For the errors e_y and e = e_psi less that of the steady turn, at a constant speed v::
+
+        e_y' = v e + (v l_r / L) u        e' = (v / L) u        δ = steady turn + u
+
+    Speed only changes the unit of time: the gains are the same at every speed, and the poles grow
+    with it. For the weights q1 = `q_e_y`, q2 = `q_e_psi`, and 1 of u²::
+
+        u = -k1 e_y - k2 e        k1 = √q1        k2 = √(q1 l_r² + q2 + 2 L √q1) - √q1 l_r
+
+    The steering of the turn is that of `preview` seconds ahead: the delay of the steering.
+    """
+
+    gains: Mapping[str, Gain] = {
+        'q_e_y': Gain(0.05, 'rad²/m²', 'weight of the error across', 1.0, (1e-6, 1e3)),
+        'q_e_psi': Gain(0.2, '-', 'weight of the error of the heading', 10.0, (0.0, 1e3)),
+        'preview': Gain(
+            0.0, 's', 'delay of the steering: the turn of so long ahead counts', 1.0, (0.0, 10.0)
+        ),
+    }
+    q_e_y: float
+    q_e_psi: float
+    preview: float
+
+    def feedback(self) -> tuple[float, float]:
+        """Return k1 [rad/m] and k2."""
+        k1 = sqrt(self.q_e_y)
+        root = self.q_e_y * self.l_r**2 + self.q_e_psi + 2.0 * (self.l_f + self.l_r) * k1
+        return k1, sqrt(root) - k1 * self.l_r
+
+    def steer_calculate(
+        self, e_y: float, e_psi: float, speed: float, curvature: Curvature
+    ) -> float:
+        """Return the front angle [rad] for errors in metres and radians, and a speed in m/s."""
+        k1, k2 = self.feedback()
+        feedforward, _ = steady_turn(curvature(self.preview * speed), self.l_f, self.l_r)
+        _, steady = steady_turn(curvature(0.0), self.l_f, self.l_r)
+        return self._limited(feedforward, -k1 * e_y, -k2 * (e_psi - steady))
+
+
+#: By the name that `--lane` takes.
+LANE_TYPES: Mapping[str, type[LaneLaw]] = {
+    'lqr': LaneLQR,
+    'stanley': Stanley,
+    'pursuit': PurePursuit,
+}
+
+
+def speed_profile(
+    track: Track, maximum: float, across: float, along: float
+) -> Callable[[float, float], float]:
+    """Return the fastest speed [m/s] over a track, as a function of time, and of s [m].
+
+    It is within `maximum` [m/s], `across` [m/s²] in arcs and ±`along` [m/s²] on the way there. On a
+    segment v² is a straight line over s, or level: the function is exact.
+
+    Examples
+    --------
+    >>> from barc_sim.vehicle.track import Track
+    >>> profile = speed_profile(Track.named('oval'), maximum=12.0, across=3.2, along=2.0)
+    >>> print(f'{profile(0.0, 0.0):.2f} {profile(0.0, 25.0):.2f} {profile(0.0, 60.0):.2f} m/s')
+    8.00 12.00 8.00 m/s
+    """
+    for name, limit in (('maximum', maximum), ('across', across), ('along', along)):
+        if not 0.0 < limit < inf:
+            raise UserError(f'{name} {limit!r} must be a number above 0')
+    n = len(track.lengths)
+    # Squares [m²/s²]: the limit on each segment, and the speed at the start of each.
+    limits = [min(maximum**2, across / abs(k) if k else inf) for k in track.curvatures]
+    starts = [min(limits[i - 1], limits[i]) for i in range(n)]
+    if not track.is_closed:
+        starts[0] = limits[0]
+    ends = [*starts[1:], starts[0] if track.is_closed else limits[-1]]
+    gains = [2.0 * along * length for length in track.lengths]
+    for i in (*range(n), *range(n)):  # twice around, as a lap begins as fast as it ends
+        ends[i] = min(ends[i], starts[i] + gains[i])
+        if track.is_closed or i + 1 < n:
+            starts[(i + 1) % n] = min(starts[(i + 1) % n], ends[i])
+    for i in reversed((*range(n), *range(n))):
+        starts[i] = min(starts[i], ends[i] + gains[i])
+        if track.is_closed or i:
+            ends[i - 1] = min(ends[i - 1], starts[i])
+
+    def profile(_: float, s: float) -> float:
+        i, ahead = track.segment(s)
+        left = 2.0 * along * (track.lengths[i] - ahead)
+        return sqrt(max(min(limits[i], starts[i] + 2.0 * along * ahead, ends[i] + left), 0.0))
+
+    return profile

@@ -1,0 +1,173 @@
+"""Steering laws and the speed profile: against closed forms, on circles and whole laps."""
+
+from __future__ import annotations
+
+from math import asin, atan2, hypot, pi, sin, sqrt
+
+import numpy as np
+import pytest
+
+from barc_sim.control.lane import (
+    LANE_TYPES,
+    LaneLaw,
+    LaneLQR,
+    PurePursuit,
+    Stanley,
+    speed_profile,
+    steady_turn,
+)
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import lap
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import Command, State, Vehicle
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.track import Track
+
+L, L_R = 3.0, 1.5
+FREE = Vehicle(air_drag_coeff=0.0, friction=0.0)
+
+
+def on_circle(radius: float, v: float, e_psi: float, integrator: str, steer: float) -> Plant:
+    """Return a car that has driven 480 m with one steering angle, from the centre line on."""
+    track = Track((2.0 * pi * radius,), (1.0 / radius,))
+    plant = Plant(track=track, vehicle=FREE, integrator=integrator)
+    plant.place(State(*track.place(0.0, 0.0, e_psi), v=v))
+    for _ in range(round(480.0 / v / plant.ts)):
+        plant.advance(Command(0.0, steer))
+        assert plant.on_track
+        assert abs(plant.on_track.e_y) < 1e-8
+        assert abs(plant.on_track.e_psi - e_psi) < 1e-8
+    return plant
+
+
+@pytest.mark.parametrize('radius', [8.0, 20.0])
+def test_steady_turn_keeps_the_car_on_the_circle(radius: float) -> None:
+    steer, e_psi = steady_turn(1.0 / radius)
+    assert steer == pytest.approx(atan2(L, sqrt(radius**2 - L_R**2)))
+    assert e_psi == pytest.approx(-asin(L_R / radius))
+    assert steady_turn(-1.0 / radius) == (-steer, -e_psi)
+    plant = on_circle(radius, 8.0, e_psi, 'rk4', steer)
+    assert plant.distance == pytest.approx(480.0, abs=1e-6)
+    assert plant.observe().on_track == plant.on_track
+
+
+def test_forward_euler_drives_a_polygon_of_its_own_radius() -> None:
+    v, ts = 8.0, 0.02
+    steer, e_psi = steady_turn(1.0 / 20.0)
+    turn = v * ts * sin(-e_psi) / L_R
+    radius = v * ts / (2.0 * sin(0.5 * turn))
+    on_circle(radius, v, 0.5 * turn + e_psi, 'euler', steer)
+    assert radius == pytest.approx(20.0000533, abs=1e-6)
+
+
+@pytest.mark.parametrize(('q_e_y', 'q_e_psi'), [(0.05, 0.2), (3.0, 0.0), (1e-4, 20.0)])
+@pytest.mark.parametrize('speed', [1.0, 13.0])
+def test_gains_are_those_of_the_riccati_equation_at_every_speed(
+    q_e_y: float, q_e_psi: float, speed: float
+) -> None:
+    linalg = pytest.importorskip('scipy.linalg')
+    a = speed * np.array([[0.0, 1.0], [0.0, 0.0]])
+    b = speed * np.array([[L_R / L], [1.0 / L]])
+    cost = linalg.solve_continuous_are(a, b, np.diag([q_e_y, q_e_psi]), np.eye(1))
+    law = LaneLQR(q_e_y=q_e_y, q_e_psi=q_e_psi)
+    assert law.feedback() == pytest.approx(tuple((b.T @ cost)[0]), rel=1e-12)
+
+
+def test_terms_sum_to_the_angle_up_to_the_limit() -> None:
+    law = LaneLQR(preview=0.5)
+    k1, k2 = law.feedback()
+    steer = law.steer_calculate(0.3, -0.1, 6.0, lambda d: 0.05 if d == 3.0 else 0.0)
+    assert law.feedforward == steady_turn(0.05)[0]
+    assert (law.of_e_y, law.of_e_psi) == pytest.approx((-k1 * 0.3, k2 * 0.1))
+    assert steer == law.feedforward + law.of_e_y + law.of_e_psi
+    assert not law.saturated
+    assert law.steer_calculate(-9.0, 0.0, 6.0, lambda _: 0.0) == 0.5
+    assert law.saturated
+    law.reset()
+    assert (law.feedforward, law.of_e_y, law.of_e_psi, law.saturated) == (0.0, 0.0, 0.0, False)
+
+
+def test_pursuit_steers_the_circle_through_its_point() -> None:
+    law = PurePursuit(look_ahead=4.0, look_ahead_time=0.5)
+    steer = law.steer_calculate(1.0, 0.0, 2.0, lambda _: 0.0)
+    x, y = 5.0 + L_R, -1.0  # of the point, from the rear axle
+    assert steer == pytest.approx(atan2(2.0 * L * y / hypot(x, y), hypot(x, y)))
+
+
+def test_stanley_aims_at_the_front_axles_point() -> None:
+    law = Stanley(k=2.0, v_soft=1.0)
+    assert law.steer_calculate(0.0, 0.2, 5.0, lambda _: 0.0) == pytest.approx(
+        -0.2 - atan2(2.0 * 1.5 * sin(0.2), 6.0)
+    )
+    assert law.steer_calculate(0.0, 0.0, 5.0, lambda _: 0.0) == 0.0
+
+
+def test_a_law_without_feedforward_keeps_its_error_on_a_circle() -> None:
+    class Feedback(LaneLQR):
+        def steer_calculate(self, e_y: float, e_psi: float, *_: object) -> float:
+            k1, k2 = self.feedback()
+            return -k1 * e_y - k2 * e_psi
+
+    log = lap(Feedback(), 'circle', integrator='rk4')
+    k1, k2 = LaneLQR().feedback()
+    steer, e_psi = steady_turn(1.0 / (20.0 - log.e_y[-1]))
+    assert log.e_y[-1] == pytest.approx(-(steer + k2 * e_psi) / k1, abs=1e-6)
+    assert log.e_y[-1] < -0.3
+
+
+@pytest.mark.parametrize('kind', LANE_TYPES)
+def test_each_law_keeps_to_the_track_and_is_the_same_to_either_side(kind: str) -> None:
+    track = Track.named('figure-eight')
+    mirror = Track(track.lengths, tuple(-each for each in track.curvatures))
+    ours, mirrored = (lap(LANE_TYPES[kind](), each, laps=1, e_y=0.5) for each in (track, mirror))
+    assert np.abs(ours.e_y[200:]).max() < 0.3
+    flipped = lap(LANE_TYPES[kind](), mirror, laps=1, e_y=-0.5)
+    assert (ours.e_y == -flipped.e_y).all()
+    assert (ours.servo == -flipped.servo).all()
+    assert not (ours.e_y == -mirrored.e_y).all()
+
+
+def test_from_1_m_beside_the_lane_the_lqr_returns_within_30_m() -> None:
+    log = lap(track='L', laps=1, e_y=1.0, servo=Actuator())
+    assert log.e_y[0] == pytest.approx(1.0)
+    beyond = log.e_y[:300]
+    assert beyond.min() > -0.2
+    assert np.abs(log.e_y[(log.s > 20.0) & (log.s < 22.0)]).max() < 0.1
+
+
+def test_a_profile_is_as_fast_as_its_limits_allow() -> None:
+    oval = Track.named('oval')
+    profile = speed_profile(oval, maximum=12.0, across=3.2, along=2.0)
+    s = (np.arange(100_000) + 0.5) * oval.length / 100_000
+    speed = np.array([profile(0.0, each) for each in s.tolist()])
+    corner = sqrt(3.2 * 20.0)
+    level = 50.0 - 2.0 * (12.0**2 - corner**2) / (2.0 * 2.0)  # [m] of each straight at 12 m/s
+    time = 2.0 * (2.0 * (12.0 - corner) / 2.0 + level / 12.0) + 2.0 * pi * 20.0 / corner
+    assert np.sum(oval.length / len(s) / speed) == pytest.approx(time, rel=1e-6)
+    log = lap(track=oval, speed=profile)
+    assert log.best == pytest.approx(time, abs=0.05)
+    assert np.abs(log.speed_error[log.t > 8.0]).max() < 0.1
+
+
+def test_a_profile_brakes_over_several_segments_and_an_open_track_has_free_ends() -> None:
+    track = Track((10.0, 10.0, 10.0, pi * 6.0), (0.0, 0.0, 0.0, 1.0 / 6.0))
+    profile = speed_profile(track, maximum=30.0, across=6.0, along=2.0)
+    corner = 6.0
+    for s in (0.0, 9.0, 15.0, 30.0):
+        assert profile(0.0, s) == pytest.approx(sqrt(corner**2 + 4.0 * (30.0 - s)))
+    assert profile(0.0, track.length) == pytest.approx(corner)
+
+
+@pytest.mark.parametrize('kind', LANE_TYPES.values())
+def test_gains_are_checked(kind: type[LaneLaw]) -> None:
+    name, gain = next(iter(kind.gains.items()))
+    with pytest.raises(UserError, match=f'{name}: -1 is not a number from'):
+        kind(**{name: -1.0})
+    with pytest.raises(UserError, match=f'kp: this law has no such gain, but {name}'):
+        kind(kp=1.0)
+    assert getattr(kind(), name) == gain.default
+
+
+def test_limits_of_a_profile_are_above_zero() -> None:
+    with pytest.raises(UserError, match=r'across 0.0 must be a number above 0'):
+        speed_profile(Track.named('L'), 6.0, 0.0, 1.0)

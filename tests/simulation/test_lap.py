@@ -1,0 +1,140 @@
+"""`lap`: laps of a track, and their log."""
+
+from __future__ import annotations
+
+from math import nan, radians, sin
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from barc_sim.control.lane import LaneLQR
+from barc_sim.control.lqr import LQR
+from barc_sim.errors import UserError
+from barc_sim.simulation.closed_loop import lap, simulate
+from barc_sim.simulation.log import Log, TrackLog
+from barc_sim.simulation.metrics import summary
+from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bike_model import State
+from barc_sim.vehicle.plant import Plant
+from barc_sim.vehicle.road import Road
+from barc_sim.vehicle.track import Track
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope='module')
+def three() -> TrackLog:
+    return lap(dynamics='dynamic')
+
+
+def test_the_lqr_keeps_the_lane_of_the_l_at_6_m_s(three: TrackLog) -> None:
+    assert np.abs(three.e_y).max() < 0.25
+    assert three.best == pytest.approx(29.2, abs=0.5)
+    assert summary(three).max_error_after_run_up < 0.05
+
+
+@pytest.mark.parametrize('integrator', ['euler', 'rk4'])
+def test_a_preview_makes_up_for_a_delay(integrator: str) -> None:
+    late: dict[str, Any] = {'dynamics': 'dynamic', 'laps': 2, 'integrator': integrator}
+    late['servo'] = Actuator(delay=0.1, lag=0.1, rate=1.0)
+    assert np.abs(lap(LaneLQR(preview=0.1), **late).e_y).max() < 0.25
+    assert np.abs(lap(LaneLQR(), **late).e_y).max() > 0.4
+    assert lap(laps=1, delay=0.1) == lap(laps=1, delay=0.1, servo=late['servo'])
+
+
+def test_laps_are_flying_and_split_where_s_passes_the_line(three: TrackLog) -> None:
+    length = Track.named('L').length
+    first, second, third = three.lap_times
+    assert first > second == pytest.approx(third, abs=1e-3)
+    assert three.best == min(second, third)
+    assert [*np.unique(three.lap)] == [0.0, 1.0, 2.0, 3.0]
+    assert (three.lap == np.floor(three.s / length)).all()
+    assert three.s[-1] >= 3.0 * length > three.s[-2]
+    for k in (1, 2, 3):
+        (i,) = np.flatnonzero(np.diff(three.lap) == 1.0)[k - 1 : k] + 1
+        over = three.s[i] - k * length
+        assert three.lap_time[i] == pytest.approx(0.02 * over / (three.s[i] - three.s[i - 1]))
+    assert first == pytest.approx(np.interp(length, three.s, three.t), abs=1e-9)
+
+
+def test_the_log_is_a_log_with_the_place_on_the_track(three: TrackLog, tmp_path: Path) -> None:
+    assert three.columns().keys() - Log.declared.keys() == {
+        *('s', 'e_y', 'e_psi', 'curvature', 'lap', 'lap_time')
+    }
+    three.save(tmp_path / 'laps.npz')
+    copy = Log.read(tmp_path / 'laps.npz')
+    assert (type(copy), copy) == (TrackLog, three)
+    half = three.map(lambda column: column[::2])
+    assert (half.distance == three.s[::2]).all()
+    assert (half.across == three.e_y[::2]).all()
+    found = Track.named('L').frenet(three.x, three.y, three.psi, three.s)
+    assert np.abs(found.s - three.s).max() < 1e-9
+    assert np.abs(found.e_psi - three.e_psi).max() < 1e-9
+    assert (found.curvature == three.curvature).all()
+    assert three.to_frame().attrs['units']['curvature'] == '1/m'
+
+
+def test_noise_reaches_the_law_and_the_log_has_the_true_place() -> None:
+    log = lap(track='oval', laps=1, noise=0.1, seed=3)
+    again, other = (lap(track='oval', laps=1, noise=0.1, seed=seed) for seed in (3, 4))
+    assert log == again != other
+    true = Track.named('oval').frenet(log.x, log.y, log.psi, log.s)
+    assert np.abs(true.e_y - log.e_y).max() < 1e-9  # of the speed alone
+
+
+def test_any_controller_of_the_speed_drives() -> None:
+    log = lap(track='oval', laps=1, controller=LQR(), speed=lambda _, s: 5.0 if s < 80.0 else 7.0)
+    assert set(log.own_terms) == set(LQR.terms)
+    assert (log.reference == np.where(log.s < 80.0, 5.0, 7.0)).all()
+
+
+def test_a_car_beyond_the_edge_ends_the_run() -> None:
+    class Straight:
+        def steer_calculate(self, *_: object) -> float:
+            return 0.0
+
+    log = lap(Straight())  # type: ignore[arg-type]
+    assert abs(log.e_y[-1]) > 3.0 > abs(log.e_y[-2])
+    assert (len(log.lap_times), log.best) == (0, np.inf)
+
+
+def test_a_road_counts_along_the_track_anew_in_each_lap() -> None:
+    road = Road((0.0, 60.0, 100.0), (0.0, 4.0, 0.0))
+    log = lap(track='oval', laps=2, road=road)
+    on_hill = (log.s % Track.named('oval').length >= 60.0) & (
+        log.s % Track.named('oval').length < 100.0
+    )
+    assert (log.theta_deg == np.where(on_hill, 4.0, 0.0)).all()
+    assert log.gravity[on_hill] == pytest.approx(-19600.0 * sin(radians(4.0)))
+    assert log.motor[on_hill].mean() > 0.5
+
+
+def test_a_placed_car_begins_a_lap_where_it_is_nearest() -> None:
+    plant = Plant(track=Track.named('circle'))
+    plant.place(State(20.0, 20.0, 1.5, 5.0))
+    assert plant.on_track
+    assert plant.distance == pytest.approx(31.4159, abs=1e-3)
+    assert (plant.on_track.lap, plant.on_track.lap_time) == (0, 0.0)
+    assert not plant.has_fast_path
+
+
+@pytest.mark.parametrize(
+    ('options', 'complaint'),
+    [
+        ({'track': 'M'}, "track 'M' is neither"),
+        ({'track': Track((10.0,), (0.0,)), 'laps': 2}, "'track' is not closed: expected laps 1"),
+        ({'laps': 0}, 'laps: 0 is not a whole number from 1'),
+        ({'speed': nan}, 'reference: nan is not a number'),
+        ({'lane': object()}, 'has no method steer_calculate'),
+        ({'ts': 0.0}, 'ts: 0 is not a number'),
+    ],
+)
+def test_what_is_no_lap_is_refused(options: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(UserError, match=complaint):
+        lap(**options)
+
+
+def test_without_a_track_nothing_steers() -> None:
+    assert simulate(distance=30.0, lane=LaneLQR()) == simulate(distance=30.0)
