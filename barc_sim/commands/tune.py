@@ -52,11 +52,17 @@ def add_arguments(parser: Parser) -> None:
     parser.description = 'Search the gains that hold the speed best.'
     parser.add_argument(
         '--cost',
+        choices=('rms', 'max', 'overshoot', 'effort'),
         default='rms',
-        metavar='COST',
         help='what to minimise: rms or max, the speed error after the first 10 m [m/s]; '
-        'overshoot, a share of the speed; effort, the RMS command [m/s²]; or a weighted sum such '
-        "as 'rms+0.01*effort' (rms)",
+        'overshoot, a share of the speed; or effort, the RMS command [m/s²] (rms)',
+    )
+    parser.add_argument(
+        '--effort',
+        type=number(0.0, _MAX_GAIN),
+        default=0.0,
+        metavar='WEIGHT',
+        help='add this times the effort to the cost (0)',
     )
     parser.add_argument(
         '--road',
@@ -189,7 +195,7 @@ def _goal(options: Namespace) -> Goal:
         for name in options.road or [_ROAD]
     )
     new = partial(controller_of, options.controller) if options.controller else None
-    return Goal(courses, Cost.parse(options.cost), new)
+    return Goal(courses, Cost(options.cost, options.effort), new)
 
 
 def _ranges(options: Namespace) -> tuple[Floats, Floats]:

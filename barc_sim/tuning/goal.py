@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from copy import deepcopy
 from dataclasses import dataclass, fields
-from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -30,8 +28,6 @@ if TYPE_CHECKING:
     from barc_sim.tuning.batch import Sums
 
     Floats = NDArray[np.float64]
-
-_TERM = re.compile(r'(?:(?P<weight>[^*]+)\*)?(?P<name>[^*]+)')
 
 
 class Scores(NamedTuple):
@@ -71,56 +67,26 @@ def scores(course: Course, sums: Sums) -> Scores:
         )
 
 
-@dataclass(frozen=True)
-class Cost:
-    """A weighted sum of scores."""
+class Cost(NamedTuple):
+    """A score, and a weight of the effort beside it."""
 
-    weights: tuple[float, float, float, float]  #: in the order of `Scores`
-    text: str
-
-    @classmethod
-    def parse(cls, text: str) -> Cost:
-        """Return the cost written as `rms`, or as a sum such as `rms+0.01*effort`."""
-        weights = dict.fromkeys(Scores._fields, 0.0)
-        # The plus of an exponent, as in 1e+3, separates no terms.
-        for term in re.split(r'(?<![eE])\+', ''.join(text.split())):
-            match = _TERM.fullmatch(term)
-            if not match or match['name'] not in weights:
-                *others, last = Scores._fields
-                raise UserError(
-                    f'term {term!r} of cost {text!r} must be one of {", ".join(others)} or {last}, '
-                    'or a number times that, such as 0.01*effort'
-                )
-            weights[match['name']] += _weight(match['weight'] or '1', text)
-        return cls(tuple(weights.values()), text)  # type: ignore[arg-type]
+    score: str = 'rms'  #: one of `Scores`
+    effort: float = 0.0  #: weight
 
     def of(self, scored: Scores) -> Floats:
         """Return what each loop costs, shape `(n,)`."""
-        weighted = zip(self.weights, scored, strict=True)
+        cost: Floats = getattr(scored, self.score)
         # A weight of zero times an infinite score would be NaN.
-        terms = [weight * score for weight, score in weighted if weight]
-        return np.asarray(np.sum(terms, axis=0))
+        return cost + self.effort * scored.effort if self.effort else cost
 
     @property
     def label(self) -> str:
         """The label of an axis with this cost."""
-        if sorted(self.weights) != [0.0, 0.0, 0.0, 1.0]:
-            return f'Cost: {self.text}'
-        return LABELS[self.weights.index(1.0)]
+        return f'Cost: {self}' if self.effort else LABELS[Scores._fields.index(self.score)]
 
     def __str__(self) -> str:
-        """Return the text that it was parsed from."""
-        return self.text
-
-
-def _weight(text: str, cost: str) -> float:
-    try:
-        weight = float(text)
-    except ValueError:
-        weight = 0.0
-    if not (isfinite(weight) and weight > 0.0):
-        raise UserError(f'weight {text!r} in cost {cost!r} must be a positive number')
-    return weight
+        """Return the sum in a line."""
+        return f'{self.score} + {self.effort:g} effort' if self.effort else self.score
 
 
 @dataclass(frozen=True)

@@ -29,57 +29,18 @@ def test_a_car_that_never_arrives_costs_infinitely_much() -> None:
     ours = scores(course, batch.run_batch(course, GAINS))
     for score in ours:
         assert np.isinf(score).tolist() == [False, False, True]
-    assert np.isinf(Cost.parse('rms + 2*max').of(ours)).tolist() == [False, False, True]
+    assert np.isinf(Cost('rms', 2.0).of(ours)).tolist() == [False, False, True]
 
 
 SCORES = Scores(*(np.array([value, 10.0 * value]) for value in (1.0, 2.0, 3.0, 4.0)))
 
 
-@pytest.mark.parametrize(
-    ('text', 'cost'),
-    [
-        ('rms', 1.0),
-        ('max', 2.0),
-        ('overshoot', 3.0),
-        ('effort', 4.0),
-        ('rms+0.01*effort', 1.04),
-        (' 2 * rms + max ', 4.0),
-        ('1e+1*rms+1e-1*max', 10.2),
-        ('rms+rms', 2.0),
-    ],
-)
-def test_a_cost_is_a_weighted_sum(text: str, cost: float) -> None:
-    parsed = Cost.parse(text)
-    assert parsed.of(SCORES) == pytest.approx([cost, 10.0 * cost])
-    assert str(parsed) == text
-
-
-@pytest.mark.parametrize(
-    ('text', 'complaint'),
-    [
-        ('', "term '' of cost ''"),
-        ('speed', "term 'speed' of cost 'speed' must be one of rms, max, overshoot or effort"),
-        ('rms+', "term '' of cost"),
-        ('rms-max', "term 'rms-max'"),
-        ('rms*2', "term 'rms*2'"),
-        ('2*3*rms', "term '2*3*rms'"),
-        ('x*rms', "weight 'x' in cost 'x*rms' must be a positive number"),
-        ('-1*rms', "weight '-1'"),
-        ('0*rms', "weight '0'"),
-        ('nan*rms', "weight 'nan'"),
-        ('inf*rms', "weight 'inf'"),
-    ],
-)
-def test_a_cost_that_is_none_is_refused(text: str, complaint: str) -> None:
-    with pytest.raises(UserError) as error:
-        Cost.parse(text)
-    assert complaint in str(error.value)
-
-
-def test_an_axis_names_a_plain_score_with_its_unit_and_else_the_sum() -> None:
-    assert Cost.parse('rms').label == 'RMS speed error [m/s]'
-    assert Cost.parse('2*rms').label == 'Cost: 2*rms'
-    assert Cost.parse('rms+max').label == 'Cost: rms+max'
+def test_a_cost_is_a_score_and_a_share_of_the_effort() -> None:
+    for score, expected in zip(Scores._fields, SCORES, strict=True):
+        assert Cost(score).of(SCORES).tolist() == expected.tolist()
+    assert Cost('max', 0.5).of(SCORES) == pytest.approx([4.0, 40.0])
+    assert Cost('rms').label == 'RMS speed error [m/s]'
+    assert Cost('max', 0.5).label == 'Cost: max + 0.5 effort'
 
 
 #: The PID of the run, once more, which prints at every step.
@@ -104,7 +65,7 @@ def controller(tmp_path: Path) -> Path:
 
 
 def goal_of(path: Path, course: Course | None = None) -> Goal:
-    return Goal((course or Course(),), Cost.parse('rms'), partial(controller_of, path))
+    return Goal((course or Course(),), Cost(), partial(controller_of, path))
 
 
 @pytest.mark.parametrize('course', [Course(), Course(noise=0.1, seed=3, delay=0.04)])
@@ -112,7 +73,7 @@ def test_the_runs_own_pid_in_a_file_scores_as_it_does_in_batches(
     controller: Path, course: Course, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ours = goal_of(controller, course).scores(course, GAINS)
-    theirs = Goal((course,), Cost.parse('rms')).scores(course, GAINS)
+    theirs = Goal((course,), Cost()).scores(course, GAINS)
     np.testing.assert_allclose(np.array(ours), np.array(theirs), rtol=1e-11)
     assert np.isinf(ours.rms).tolist() == [False, False, True]
     assert capsys.readouterr().out == ''

@@ -85,7 +85,7 @@ def test_gains_have_four_significant_digits() -> None:
 
 
 def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
-    goal = Goal((Course(),), Cost.parse('rms'))
+    goal = Goal((Course(),), Cost())
     start, high = np.array([*GAINS.values()]).T
     found = search(goal, np.zeros(3), high, start, seed=1)
     assert 0.0066 <= found.cost <= 0.0085
@@ -94,7 +94,7 @@ def test_the_labs_road_is_held_to_8_5_mm_s_and_no_better_than_can_be() -> None:
 def test_a_goal_over_several_courses_is_their_mean() -> None:
     courses = (Course(), Course(noise=0.1), Course(delay=0.04))
     gains = np.array([[20.0, 100.0, 0.1], [10.0, 20.0, 0.0]])
-    cost = Cost.parse('rms+0.1*max')
+    cost = Cost('max', 0.1)
     alone = [Goal((course,), cost)(gains) for course in courses]
     assert Goal(courses, cost)(gains) == pytest.approx(np.mean(alone, axis=0))
 
