@@ -29,6 +29,7 @@ from barc_sim.simulation.pid_loop import pid_log
 from barc_sim.simulation.stepper import DISTANCE as END
 from barc_sim.simulation.stepper import LAPS
 from barc_sim.vehicle.actuators import Actuator
+from barc_sim.vehicle.bicycles import LateralParameters
 from barc_sim.vehicle.bike_model import Command, State, Vehicle, bikeFE
 from barc_sim.vehicle.limits import Parameter
 from barc_sim.vehicle.parameters import FORCE_COLUMN, NANOSECONDS, ROWS
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from barc_sim.control.lane import LaneController
     from barc_sim.simulation.log import Log, TrackLog
     from barc_sim.simulation.progress import Progress
-    from barc_sim.vehicle.bicycles import LateralParameters
     from barc_sim.vehicle.bike_model import Model
     from barc_sim.vehicle.plant import Observation
     from barc_sim.vehicle.profile import Signal
@@ -70,6 +70,7 @@ LIMITS = {
     'delay': ROWS['motor_delay'],
     'sensor_delay': ROWS['sensor_delay'],
     'ts': Parameter('ts', 0.02, 'step [s]', (0.001, 1.0)),
+    'e_y': Parameter('e_y', 0.0, 'where the car starts, to the left [m]', (-1e3, 1e3)),
 }
 
 
@@ -189,9 +190,22 @@ def simulate(
         delay=delay,
         sensor_delay=sensor_delay,
         ts=ts,
+        e_y=e_y,
     )
-    if not isinstance(vehicle, Vehicle | None):
-        raise UserError(f'vehicle {vehicle!r} must be a Vehicle, such as Vehicle(mass=1200.0)')
+    for name, value, kind in (
+        ('vehicle', vehicle, Vehicle),
+        ('lateral', lateral, LateralParameters),
+        ('servo', servo, Actuator),
+    ):
+        if value is not None and not isinstance(value, kind):
+            field = kind._fields[0]
+            example = f'{kind.__name__}({field}={getattr(kind(), field)})'
+            raise UserError(f'{name} {value!r} must be of type {kind.__name__}, such as {example}')
+    if isinstance(lane, type) or (lane and not callable(getattr(lane, 'steer_calculate', None))):
+        raise UserError(
+            f'lane={lane!r} must be an object with a method steer_calculate(e_y, e_psi, speed, '
+            'curvature), such as LaneLQR()'
+        )
     if reference is None:
         check_ahead(speed_reference, distance)
     force = signal(disturbance, ROWS['disturbance'], FORCE_COLUMN)
@@ -279,11 +293,6 @@ def lap(
     LAPS._replace(between=(1, 10**6)).check(laps)
     if laps > 1 and not road.is_closed:
         raise UserError(f'track {road.name!r} is not closed: expected laps 1, not {laps}')
-    if lane and not callable(getattr(lane, 'steer_calculate', None)):
-        raise UserError(
-            f'lane={lane!r} has no method steer_calculate(e_y, e_psi, speed, curvature): expected '
-            'an object with one'
-        )
     return simulate(  # type: ignore[return-value]  # on a track
         track=road,
         lane=lane or LaneLQR(),

@@ -127,7 +127,10 @@ def test_a_placed_car_begins_a_lap_where_it_is_nearest() -> None:
         ({'track': Track((10.0,), (0.0,)), 'laps': 2}, "'track' is not closed: expected laps 1"),
         ({'laps': 0}, 'laps: 0 is not a whole number from 1'),
         ({'speed': nan}, 'reference: nan is not a number'),
-        ({'lane': object()}, 'has no method steer_calculate'),
+        ({'lane': object()}, 'must be an object with a method steer_calculate'),
+        ({'lane': LaneLQR}, 'must be an object with a method steer_calculate'),
+        ({'e_y': nan}, 'e_y: nan is not a number'),
+        ({'servo': 0.1}, r'servo 0.1 must be of type Actuator, such as Actuator\(delay=0.0\)'),
         ({'ts': 0.0}, 'ts: 0 is not a number'),
     ],
 )

@@ -101,7 +101,7 @@ def test_gains_beside_a_controller_are_refused() -> None:
 
 
 def test_a_vehicle_that_is_none_is_refused() -> None:
-    with pytest.raises(UserError, match="vehicle 'x' must be a Vehicle"):
+    with pytest.raises(UserError, match="vehicle 'x' must be of type Vehicle"):
         simulate(vehicle='x')  # type: ignore[arg-type]
 
 
