@@ -28,7 +28,7 @@ def add_arguments(parser: Parser) -> None:
         'Publish the messages of a bag of any ROS 2 recorder on their topics, with their quality '
         'of service and spacing, as `ros2 bag play` does.'
     )
-    parser.epilog = 'Keys: space pauses and goes on, the right arrow steps one message, q ends.'
+    parser.epilog = 'Keys: space pauses and resumes, the right arrow steps one message, q ends.'
     parser.add_argument('bag', type=Path, metavar='BAG', help='directory of the bag, or a file')
     parser.add_argument(
         '-r',

@@ -36,7 +36,7 @@ RESET = 'reset: the car is back at the start'
 DISTANCE = Parameter(
     'distance', 0.0, 'a lap ends here [m]; 0: it does not end', (0.0, 1e6), read_only=True
 )
-LAPS = Parameter('laps', 1, 'the run ends after so many; 0: it goes on', (0, 10**6), read_only=True)
+LAPS = Parameter('laps', 1, 'number of laps; 0: no end', (0, 10**6), read_only=True)
 _NANOSECONDS = 1_000_000_000
 
 
@@ -45,7 +45,7 @@ class Settings(NamedTuple):
 
     realtime_factor: float = 1.0  #: simulated seconds per second; 0: lock-step
     distance: float = inf  #: [m] a lap ends here
-    laps: int = 1  #: the run ends after so many; 0: it goes on
+    laps: int = 1  #: number of laps; 0: no end
     command_timeout: float = 0.0  #: [s] without a command, after which the car brakes; 0: never
     timeout_braking: float = 8.0  #: [m/s²] deceleration then
     max_command: Command = Command(100.0, 1.5)  #: a command beyond is refused

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[2]
+#: Modules for users; `import barc_sim` offers what others have for them.
+PUBLIC = ('bags.reader', 'nodes', 'ros.executor.executor')
 #: Characters of a signature that is shown.
 _LONGEST = 600
 
@@ -64,7 +66,10 @@ class Room(Generated):
             if any(part.startswith('_') or part == 'templates' for part in name.split('.')):
                 continue
             short = name.removeprefix('barc_sim.')
-            yield from ('', short, '~' * len(short), '', f'.. automodule:: {name}', '')
+            head = ('', short, '~' * len(short), '')
+            public = any(short == each or short.startswith(f'{each}.') for each in PUBLIC)
+            hidden = () if public else ('   :no-index:',)  # of the index, and the search for names
+            yield from (*head, f'.. automodule:: {name}', *hidden, '')
 
 
 class Exports(Generated):
