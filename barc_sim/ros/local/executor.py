@@ -281,9 +281,6 @@ class Executor:
             self._ready = deque(each for each in self._ready if each.node is not node)
             node.executor = None
 
-    def get_nodes(self) -> list[Any]:
-        return [*self._nodes]
-
     def push(self, receiver: Any) -> None:
         """Call `receiver` once it is its turn; from any thread."""
         self._ready.append(receiver)
@@ -360,7 +357,7 @@ class Executor:
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         del timeout_sec
         self._is_shutdown = True
-        for node in self.get_nodes():
+        for node in [*self._nodes]:
             self.remove_node(node)
         self._awake.set()
         return True

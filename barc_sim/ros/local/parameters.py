@@ -103,19 +103,16 @@ class Parameters:
         self._on_set: list[Callable[[list[Parameter]], Any]] = []
         self._after: list[Callable[[list[Parameter]], object]] = []
 
-    def declare_parameter(
-        self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
-    ) -> Parameter:
+    def declare_parameter(self, name: str, value: Any = None, descriptor: Any = None) -> Parameter:
         if name in self._parameters:
             raise ParameterAlreadyDeclaredException(f'Parameter(s) already declared: {[name]}')
         descriptor = descriptor or _interface('ParameterDescriptor')()
         if value is None or isinstance(value, Type) or descriptor.dynamic_typing:
             raise ValueError(f'parameter {name!r} without a value or of any type {LACKS}')
         descriptor.name, descriptor.type = name, Type.from_parameter_value(value).value
-        if not ignore_override:
-            value = self._overrides.get(name, value)
+        value = self._overrides.get(name, value)
         parameter = Parameter(name, value=value)
-        result = self._set([parameter], {name: descriptor})
+        result = self._set(parameter, descriptor)
         if result.reason.startswith('Wrong parameter type'):
             given = f"Trying to set parameter '{name}' to '{value}' of type "
             kinds = f"'{parameter.type_.name}', expecting type '{Type(descriptor.type).name}'"
@@ -148,35 +145,29 @@ class Parameters:
         return _interface('ListParametersResult')(names=names)
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
-        return [self.set_parameters_atomically([each]) for each in parameter_list]
-
-    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
         self.get_parameters([each.name for each in parameter_list])
-        return self._set(parameter_list, {})
+        return [self._set(each) for each in parameter_list]
 
-    def _set(self, parameters: list[Parameter], declared: dict[str, Any]) -> Any:
-        """Check and set parameters, with the descriptors of those that are being declared."""
-        descriptors = self._descriptors | declared
-        for each in parameters:
-            descriptor = descriptors[each.name]
-            if descriptor.read_only and not declared:
-                return _result(f'Trying to set a read-only parameter: {each.name}.')
-            if reason := _fault(each, descriptor):
-                return _result(reason)
+    def _set(self, parameter: Parameter, declared: Any = None) -> Any:
+        """Check and set a parameter, with its descriptor where it is `declared` now."""
+        name = parameter.name
+        descriptor = declared or self._descriptors[name]
+        if descriptor.read_only and not declared:
+            return _result(f'Trying to set a read-only parameter: {name}.')
+        if reason := _fault(parameter, descriptor):
+            return _result(reason)
         for callback in self._on_set:
-            result = callback(parameters)
+            result = callback([parameter])
             if not result.successful:
                 return result
-        self._descriptors = descriptors
+        self._parameters[name], self._descriptors[name] = parameter, descriptor
         event = _interface('ParameterEvent')(node=self.get_fully_qualified_name())
         event.stamp = self.get_clock().now().to_msg()
         kind = event.new_parameters if declared else event.changed_parameters
-        for each in parameters:
-            kind.append(each.to_parameter_msg())
-            self._parameters[each.name] = each
+        kind.append(parameter.to_parameter_msg())
         self._events.publish(event)
         for after in self._after:
-            after(parameters)
+            after([parameter])
         return _result()
 
     def add_on_set_parameters_callback(self, callback: Any) -> None:

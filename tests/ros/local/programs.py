@@ -188,7 +188,7 @@ def callbacks_of_parameters(node: Node) -> None:
     node.add_on_set_parameters_callback(check)
     node.add_post_set_parameters_callback(lambda p: said.append(f'after {p[0].value}'))
     for value in (2.0, -1.0):
-        print(node.set_parameters_atomically([Parameter('kp', value=value)]))
+        print(node.set_parameters([Parameter('kp', value=value)]))
     attempt(lambda: node.declare_parameter('ki', -5.0))
     print(said, node.get_parameter('kp').value, node.has_parameter('ki'))
 
